@@ -78,7 +78,7 @@ BINARY: Final[dict[str, JsonValue]] = {
 _Readings = Annotated[
     list[UploadFile],
     File(
-        description="Tables and lists of points: text or Excel, each with its name.",
+        description="Tables and lists of points as text or Excel files, each with its file name.",
         min_length=1,
         max_length=MAX_FILES,
         examples=[_IMPORT["files"]],
@@ -94,7 +94,7 @@ _PROGRAM: Final = PROGRAM.examples["milling"]
 _Program = Annotated[
     list[UploadFile],
     File(
-        description="The program, each file with its name; and the table of loads, if any.",
+        description="Files of the program, each with its file name, and the table of loads, if any.",
         min_length=1,
         max_length=MAX_PROGRAM_FILES,
         examples=[_PROGRAM["files"]],

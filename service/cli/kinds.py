@@ -60,8 +60,8 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             str,
             typer.Argument(
                 metavar="ROBOT_OR_CAMPAIGN",
-                help="To begin a campaign: file of a robot, URDF, or name of an arm of the catalogue. To "
-                "continue a campaign: its file.",
+                help="Robot of a new campaign: a file, a URDF, or the name of an arm of the catalogue. To "
+                "continue a campaign, its file.",
             ),
         ]
     },
@@ -70,8 +70,8 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             str,
             typer.Argument(
                 metavar="CAMPAIGN_OR_ROBOT",
-                help="File of a campaign. If none is measured: file of a robot, or name of an arm of the "
-                "catalogue.",
+                help="File of a campaign. If no campaign was measured: file of a robot, or name of an arm "
+                "of the catalogue.",
             ),
         ]
     },
@@ -259,7 +259,8 @@ def _refuse_exchanged(source: Path, table: Path, order: str) -> None:
     is_exchanged = source.suffix.lower() in (".csv", ".parquet") and table.suffix.lower() == ".json"
     if is_exchanged:
         raise cli.print_failure(
-            f"{source} and {table} are exchanged: the order is {order}", f"write {table} {source}"
+            f"{source} and {table} are in the wrong order: the right order is {order}",
+            f"write {table} {source}",
         )
 
 
@@ -530,7 +531,9 @@ def _read_geometry(path: Path | None) -> Any:  # noqa: ANN401 - a Geometry or No
 def _check_paper(values: _Values, _sources: Sequence[Any]) -> Sequence[Path | None]:
     """Return the path of the file of --paper; refuse another ending, a PDF without Typst, or no such file."""
     if values["geometry"] is not None and values["paper"] is None:
-        raise typer.BadParameter("is for Table I of --paper: add --paper", param_hint="--geometry")
+        raise typer.BadParameter(
+            "applies only to Table I of the option --paper: add --paper", param_hint="--geometry"
+        )
     _read_geometry(values["geometry"])
     if values["paper"] is not None:
         cli.check_ending(values["paper"], [".pdf", ".html", ".svg", ".csv"])
@@ -642,17 +645,16 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
             "apply": _make_optional_parameter(
                 typer.Option(
                     metavar="ACTION",
-                    help="Apply an action that a reason of the verdict recommends, such as "
-                    "exchange_columns or convert_units: write the corrected campaign to a new file, and "
-                    "identify this campaign.",
+                    help="Apply an action that a reason of the verdict recommends, such as exchange_columns "
+                    "or convert_units. The corrected campaign is written to a new file and identified.",
                 ),
                 str,
             ),
             "payload": _make_optional_parameter(
                 typer.Option(
                     metavar="KG",
-                    help="State the largest payload of the robot by its maker [kg], if the verdict requests "
-                    "it: write the campaign with the payload to a new file, and identify this campaign.",
+                    help="State the largest payload by the robot's maker [kg], if the verdict requests it. "
+                    "The campaign with this payload is written to a new file and identified.",
                 ),
                 float,
             ),
@@ -734,8 +736,8 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
                     bool,
                     typer.Option(
                         "--explain",
-                        help="Only print target, base and tool of each move, and the reason why a move is "
-                        "not corrected.",
+                        help="Only print the target, base and tool of each move, and the reason why a move "
+                        "is not corrected.",
                     ),
                 ],
                 False,

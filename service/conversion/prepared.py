@@ -256,7 +256,8 @@ def prepare_robot(document: RobotDocument) -> PreparedRobot:
     model = document.model
     if isinstance(model, GeometryModel):
         raise RobotError(
-            f"the stored geometry '{model.geometry_id}' cannot be used here",
+            f"the stored geometry '{model.geometry_id}' can be used only in the service that stores the "
+            "geometry",
             where="model.geometry_id",
             remedy="store the robot in a service, and give its `robot_id`",
         )
@@ -441,7 +442,8 @@ def resolve_stated_frame(document: MeasurementSetDocument) -> ResolvedFrame | No
         return None
     if frame.geometry_id is not None:
         raise RequestError(
-            f"the geometry '{frame.geometry_id}' cannot be used from a file",
+            f"the geometry '{frame.geometry_id}' can be used only in the service that stores the geometry, "
+            "not from a file",
             remedy="give the frame's rotation and translation, or use a service",
             where="frame.geometry_id",
         )

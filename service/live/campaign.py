@@ -94,7 +94,7 @@ class Declaration:
             refuse_informed_controller(header.noise)
         if isinstance(options.goal, DeflectionGoal | DecisionGoal) and options.work_area is None:
             raise RequestError(
-                "the goal is about deflections, but the request has no work area",
+                "the goal concerns deflections in a work area, but the request has no work area",
                 where="open.work_area",
                 remedy="give `work_area`, two corners of the box in which deflections matter (frame R0), or "
                 "a goal for the joints",

@@ -740,7 +740,7 @@ class Lines(Source):
             if target is not None:
                 self._keep(target, point)
         raise SourceError(
-            f"the source sent {_MOST_USELESS_LINES} lines that are no readings",
+            f"the source sent {_MOST_USELESS_LINES} lines that contain no reading",
             remedy="state the form of a line with `columns` or `pattern`",
         )
 

@@ -192,7 +192,8 @@ def _exchange_load_point_and_target(measurement_set: _Set, action: AdvisedAction
         )
     if measurement_set.load_point_target is not None:
         raise RequestError(
-            f"the reading of target '{measurement_set.load_point_target}' gives the load point",
+            "the load point cannot be exchanged with a target, because the reading of target "
+            f"'{measurement_set.load_point_target}' gives the load point",
             where="measurement_set.load_point_target",
             remedy="check which target was on the hook, and correct its name in the set",
         )

@@ -243,8 +243,8 @@ def _choose_own_weight(
         model = None if run.result is None else run.result.model
         if model is None or model.weight is None or masses:
             raise RequestError(
-                f"`absolute` needs own weight in run '{run.id}', and no `masses` in the request; one of "
-                "these conditions is not met",
+                f"`absolute` needs a run with own weight and a request without `masses`, but run '{run.id}' "
+                "has no own weight, or the request has `masses`",
                 where="absolute",
                 remedy="choose a run with `weight` and without balancers, and leave `masses` out",
             )

@@ -17,12 +17,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 from math import isfinite
-from typing import Final
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from scipy import special
 from scipy.optimize import nnls
 
+from jointstiff.schemas.finding import Verdict
 from jointstiff.schemas.run import JointResult
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
@@ -52,6 +53,21 @@ _AGAINST_LEVEL: Final = 1e-3
 and whether they see something else than the difference of two runs."""
 
 
+JointStatus = Literal["identified", "uncertain", "at_bound"]
+PartName = Literal["gearboxes", "structure"]
+"""Part of a joint: its gearbox, or what bends behind it, such as bearings and housings."""
+
+
+@dataclass(frozen=True, eq=False)
+class PartOfJoints:
+    """Compliances of one part of m joints."""
+
+    joints: IndexArray  #: (m,) indices of the joints
+    compliance: FloatArray  #: (m,) at least zero [rad/(N·m)]
+    uncertainty: FloatArray  #: (m,) standard uncertainties of the free compliances [rad/(N·m)]
+    interval: FloatArray  #: (m, 2) intervals of the compliances [rad/(N·m)]
+
+
 @dataclass(frozen=True, eq=False)
 class Apart:
     """Compliances of m joints in front of their encoders and behind them."""
@@ -68,6 +84,11 @@ class Apart:
     #: (m,) by how much more an encoder shows than the difference of two runs, in standard uncertainties;
     #: zeros for a single run
     excess: FloatArray
+
+    def select_part(self, name: PartName) -> PartOfJoints:
+        """Return the compliances of one part of all m joints."""
+        part = 0 if name == "gearboxes" else 1
+        return PartOfJoints(self.joints, self.compliance[part], self.uncertainty[part], self.interval[part])
 
     @property
     def shows_structure(self) -> bool:
@@ -88,35 +109,49 @@ class Apart:
         return np.asarray(self.joints[p_values < _AGAINST_LEVEL])
 
 
-def build_parts(apart: Apart | None, part: int, names: Sequence[str]) -> list[JointResult]:
+def build_parts(apart: Apart | None, name: PartName, names: Sequence[str]) -> list[JointResult]:
     """Build one message for each joint that is taken apart.
 
     Args:
         apart: gearboxes and structure; None without any.
-        part: 0 for gearboxes, 1 for structure.
+        name: which of the two parts.
         names: names of the n joints.
     """
     if apart is None:
         return []
+    part = apart.select_part(name)
     messages = []
-    for k, joint in enumerate(apart.joints.tolist()):
-        compliance = float(apart.compliance[part, k])
-        lower, upper = apart.interval[part, k].tolist()
-        is_certain = lower > 0.0
-        messages.append(
-            JointResult(
-                name=names[joint],
-                status="identified" if is_certain else "uncertain" if compliance > 0.0 else "at_bound",
-                verdict="use" if is_certain else "use_with_care",
-                compliance=compliance,
-                stiffness=invert_compliance(compliance),
-                standard_uncertainty=float(apart.uncertainty[part, k]),
-                compliance_interval=(lower, upper),
-                stiffness_interval=stiffness_interval((lower, upper)),
-                reason=None,
-            )
-        )
+    for k, joint in enumerate(part.joints.tolist()):
+        compliance, uncertainty = float(part.compliance[k]), float(part.uncertainty[k])
+        messages.append(_build_part(names[joint], compliance, uncertainty, part.interval[k]))
     return messages
+
+
+def _build_part(name: str, compliance: float, uncertainty: float, interval: FloatArray) -> JointResult:
+    """Build the message of one part of a joint.
+
+    Args:
+        name: name of the joint.
+        compliance: of the part, at least zero [rad/(N·m)].
+        uncertainty: standard uncertainty of the compliance [rad/(N·m)].
+        interval: (2,) of the compliance [rad/(N·m)]; an interval with zero leaves open whether it bends.
+    """
+    lower, upper = interval.tolist()
+    status: JointStatus = "uncertain" if compliance > 0.0 else "at_bound"
+    verdict: Verdict = "use_with_care"
+    if lower > 0.0:
+        status, verdict = "identified", "use"
+    return JointResult(
+        name=name,
+        status=status,
+        verdict=verdict,
+        compliance=compliance,
+        stiffness=invert_compliance(compliance),
+        standard_uncertainty=uncertainty,
+        compliance_interval=(lower, upper),
+        stiffness_interval=stiffness_interval((lower, upper)),
+        reason=None,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,13 +187,27 @@ def take_apart(rows: Rows, of_targets: Estimate, confidence: float) -> Apart | N
     joints = _find_joints(run, is_seen)
     if not len(joints):
         return None
-    scale = FORCE_SCALE.prior(measurements.common_uncertainty)
     try:
-        equations = _state_motor_run(run, joints, _list_errors(measurements))
-        is_behind = np.isin(np.arange(rows.robot.n), joints)
-        return _Problem.of(equations, joints, is_seen, is_behind).solve(confidence, sum(scale))
+        return _fit_one_run(run, joints, confidence)
     except (SolverError, np.linalg.LinAlgError):
         return None
+
+
+def _fit_one_run(run: TargetsEstimate, joints: IndexArray, confidence: float) -> Apart:
+    """Fit gearboxes and structure of some joints (m,) to the targets and encoders of one run.
+
+    Other joints have one compliance, because the targets show only the sum of both of their parts.
+
+    Raises:
+        SolverError: the fit has no certified optimum.
+        LinAlgError: the readings do not determine all unknowns.
+    """
+    measurements = run.rows.measurements
+    equations = _state_motor_run(run, joints, _list_errors(measurements))
+    has_structure = np.isin(np.arange(run.rows.robot.n), joints)
+    uncertainty_of_scale = sum(FORCE_SCALE.prior(measurements.common_uncertainty))
+    problem = _Problem.of(equations, joints, run.is_seen, has_structure)
+    return problem.solve(confidence, uncertainty_of_scale)
 
 
 def take_two_runs_apart(
@@ -181,18 +230,40 @@ def take_two_runs_apart(
     joints = _find_joints(motor, motor.is_seen & secondary.is_seen)
     if not len(joints):
         return None
-    measured = [run.rows.measurements for run in (motor, secondary)]
-    scale = measured[0].common_uncertainty.scale if same_cell else 0.0
-    errors = [_list_errors(each, with_scale=not same_cell) for each in measured]
-    shared = [LOAD_POINT.name] if same_load else []
+    # A scale that both runs share changes all compliances alike: it is no unknown, but widens the intervals.
+    scale = motor.rows.measurements.common_uncertainty.scale if same_cell else 0.0
     freedom = min(motor.degrees_of_freedom, secondary.degrees_of_freedom)
     try:
-        first = _state_motor_run(motor, joints, errors[0])
-        second = _state_secondary_run(secondary, errors[1], shared)
-        problem = _Problem.of(first.join(second, shared), joints, motor.is_seen, secondary.is_seen)
+        equations = _join_runs(motor, secondary, joints, same_load=same_load, same_cell=same_cell)
+        problem = _Problem.of(equations, joints, motor.is_seen, secondary.is_seen)
         return problem.solve(confidence, scale, freedom)
     except (SolverError, np.linalg.LinAlgError):
         return None
+
+
+def _join_runs(
+    motor: TargetsEstimate,
+    secondary: TargetsEstimate,
+    joints: IndexArray,
+    *,
+    same_load: bool,
+    same_cell: bool,
+) -> _Equations:
+    """Return the equations of two runs, in which errors that both runs share are one unknown.
+
+    Args:
+        motor: run in which the encoders of the motors close the position loop.
+        secondary: run in which the encoders behind the gearboxes close the position loop.
+        joints: (m,) joints that are taken apart.
+        same_load: whether the error of the load point is the same in both runs.
+        same_cell: whether the error of the scale of all loads is the same; then it is no unknown.
+    """
+    errors_of_motor = _list_errors(motor.rows.measurements, with_scale=not same_cell)
+    errors_of_secondary = _list_errors(secondary.rows.measurements, with_scale=not same_cell)
+    shared = [LOAD_POINT.name] if same_load else []
+    of_motor = _state_motor_run(motor, joints, errors_of_motor)
+    of_secondary = _state_secondary_run(secondary, errors_of_secondary, shared)
+    return of_motor.join(of_secondary, shared)
 
 
 def _find_joints(motor: TargetsEstimate, is_seen: BoolArray) -> IndexArray:
@@ -241,24 +312,15 @@ class _Equations:
         """
         measurements = rows.measurements
         sigma = measurements.sigma or 1.0
-        generated = iter(generated)
-        first = next(generated)
-        triangle = Triangle(**first.widths)
-        for of_block in chain([first], generated):
-            triangle.add(of_block.flat, count=int(of_block.read.sum()))
+        triangle = _compress_blocks(generated)
+        uncertainties = _list_uncertainties(errors, triangle, measurements)
         unit = np.ones(triangle.matrix.shape[1])
-        for term in errors:
-            uncertainty = term.prior(measurements.common_uncertainty)
-            if not any(uncertainty):
-                continue  # fitted without a statement
-            columns = triangle.span[term.name]
-            if term.name in unstated:
-                unit[columns] = np.resize(uncertainty, len(columns))
+        for name, uncertainty in uncertainties.items():
+            if name in unstated:
+                unit[triangle.span[name]] = uncertainty
             else:
-                triangle = triangle.state(term.name, np.resize(uncertainty, len(columns)), sigma)
-        encoders = measurements.encoders
-        stated_noise = 0.0 if encoders is None else encoders.sigma
-        noise = stated_noise * np.array(measurements.scatter.encoders or (1.0,) * rows.robot.n)
+                triangle = triangle.state(name, uncertainty, sigma)
+        noise = _list_encoder_noise(measurements, rows.robot.n)
         return cls(triangle.matrix * unit / sigma, triangle.rhs / sigma, triangle.span, noise)
 
     def join(self, second: _Equations, shared: Collection[str]) -> _Equations:
@@ -282,6 +344,38 @@ class _Equations:
         of_second[height:] = second.matrix[:, second.span[JOINTS.name]]
         rhs = np.concatenate([self.rhs, second.rhs])
         return _Equations(matrix, rhs, self.span, self.noise, of_second)
+
+
+def _compress_blocks(generated: Iterable[BlockRows]) -> Triangle:
+    """Return the triangular factor of the rows of all blocks: fits to it are fits to the rows."""
+    remaining = iter(generated)
+    first = next(remaining)
+    triangle = Triangle(**first.widths)
+    for of_block in chain([first], remaining):
+        triangle.add(of_block.flat, count=int(of_block.read.sum()))
+    return triangle
+
+
+def _list_uncertainties(
+    errors: Sequence[Term], triangle: Triangle, measurements: Measurements
+) -> dict[str, FloatArray]:
+    """Return name of an error → standard uncertainties (k,) of its k unknowns, as the measurements state.
+
+    Errors of which nothing is stated are left out: they are fitted freely.
+    """
+    uncertainties = {}
+    for term in errors:
+        stated = term.prior(measurements.common_uncertainty)
+        if any(stated):
+            uncertainties[term.name] = np.resize(stated, len(triangle.span[term.name]))
+    return uncertainties
+
+
+def _list_encoder_noise(measurements: Measurements, joint_count: int) -> FloatArray:
+    """Return the noise (n,) of the encoders of n joints [rad]: the stated one times what residuals show."""
+    stated_noise = 0.0 if measurements.encoders is None else measurements.encoders.sigma
+    factors = measurements.scatter.encoders or (1.0,) * joint_count
+    return stated_noise * np.array(factors)
 
 
 def _state_motor_run(run: TargetsEstimate, joints: IndexArray, errors: Sequence[Term]) -> _Equations:
@@ -361,34 +455,67 @@ class _Problem:
             scale: standard uncertainty of a scale of all loads, which is none of the unknowns.
             degrees_of_freedom: degrees of freedom of the noise; inf if it was given.
         """
-        matrix, rhs = self.equations.matrix[:, self.columns], self.equations.rhs
+        matrix = self.equations.matrix[:, self.columns]
         unit = 1.0 / np.linalg.norm(matrix, axis=0)
-        is_compliance = np.arange(len(unit)) < self.compliance_count
-        bounds = Bounds(np.where(is_compliance, 0.0, -np.inf), np.full(len(unit), np.inf))
-        scaled = matrix * unit
-        best = solve(IdentificationProblem(scaled, rhs, bounds)).compliance
-        free, covariance = _fit_freely(scaled, rhs)
-        # A scale of all loads changes all compliances alike, which no reading shows.
-        response = np.where(is_compliance, free, 0.0) * scale
-        likelihood = Likelihood(np.arange(len(free)), free, covariance).add_common_errors(response[:, None])
-        wanted = np.concatenate([self.of_gearboxes, self.of_structure])
-        freedom = degrees_of_freedom if isfinite(degrees_of_freedom) else None
-        radius = np.array([student_quantile(0.5 * (1.0 + confidence), freedom)])
-        functions = np.eye(len(free))[wanted]
-        ends = compute_interval_ends(likelihood, Constraints(bounds), functions, radius, best[wanted])[0]
-        deviation = np.sqrt(np.diagonal(likelihood.covariance)[wanted])
-        shape = (2, len(self.joints))
-        structure = self.of_structure
+        scaled = IdentificationProblem(matrix * unit, self.equations.rhs, self._bounds)
+        best = solve(scaled).compliance
+        free = _fit_freely(scaled.R, scaled.z)
+        likelihood = self._add_scale_of_loads(free, scale)
+        radius = _find_radius(confidence, degrees_of_freedom)
         return Apart(
             joints=self.joints,
-            compliance=(unit[wanted] * best[wanted]).reshape(shape),
-            free_compliance=(unit[wanted] * free[wanted]).reshape(shape),
-            uncertainty=(unit[wanted] * deviation).reshape(shape),
-            interval=(unit[wanted][:, None] * ends).reshape(*shape, 2),
+            compliance=self._split_parts(unit * best),
+            free_compliance=self._split_parts(unit * free.unknowns),
+            uncertainty=self._split_parts(unit * np.sqrt(np.diagonal(likelihood.covariance))),
+            interval=self._split_parts(unit)[..., None] * self._compute_intervals(likelihood, best, radius),
             noise=self.equations.noise[self.joints],
-            p_value=_test_for_structure(free[structure], covariance[np.ix_(structure, structure)]),
-            excess=self._compare_runs(scaled),
+            p_value=_test_for_structure(free.select(self.of_structure)),
+            excess=self._compare_runs(scaled.R),
         )
+
+    @property
+    def _is_compliance(self) -> BoolArray:
+        """(K,) mask of the compliances among the unknowns; the other unknowns are errors."""
+        return np.arange(len(self.columns)) < self.compliance_count
+
+    @property
+    def _bounds(self) -> Bounds:
+        """Bounds of the K unknowns: compliances are at least zero, and errors have any sign."""
+        lower = np.where(self._is_compliance, 0.0, -np.inf)
+        return Bounds(lower, np.full(len(self.columns), np.inf))
+
+    @property
+    def _places_of_parts(self) -> IndexArray:
+        """(2, m) positions among the K unknowns: of m gearboxes, then of the structure behind them."""
+        return np.stack([self.of_gearboxes, self.of_structure])
+
+    def _split_parts(self, of_unknowns: FloatArray) -> FloatArray:
+        """Return the values (2, m) of m gearboxes and of their structure, from those of all unknowns (K,)."""
+        return of_unknowns[self._places_of_parts]
+
+    def _add_scale_of_loads(self, free: _FreeFit, scale: float) -> Likelihood:
+        """Return the likelihood of the K unknowns, widened by an error of the scale of all loads.
+
+        Loads that are larger by one percent make all compliances smaller by one percent, which no reading
+        shows. `scale` is the standard uncertainty of that factor; errors do not depend on it.
+        """
+        response = np.where(self._is_compliance, free.unknowns, 0.0) * scale
+        unknowns = np.arange(len(free.unknowns))
+        return Likelihood(unknowns, free.unknowns, free.covariance).add_common_errors(response[:, None])
+
+    def _compute_intervals(self, likelihood: Likelihood, best: FloatArray, radius: float) -> FloatArray:
+        """Return the intervals (2, m, 2) of the scaled compliances of m gearboxes and of their structure.
+
+        Args:
+            likelihood: likelihood of the K unknowns.
+            best: (K,) estimates, with compliances of at least zero.
+            radius: half-width of an interval, in standard uncertainties.
+        """
+        places = self._places_of_parts.ravel()
+        selection = np.eye(len(best))[places]  # each row selects one compliance
+        constraints = Constraints(self._bounds)
+        (ends,) = compute_interval_ends(likelihood, constraints, selection, np.array([radius]), best[places])
+        return np.reshape(ends, (2, len(self.joints), 2))
 
     def _compare_runs(self, scaled: FloatArray) -> FloatArray:
         """Return how much more than the difference of two runs the encoders show [standard uncertainties].
@@ -406,34 +533,54 @@ class _Problem:
             return np.zeros(len(self.joints))
         further = second[:, self.joints]
         further = further / np.linalg.norm(further, axis=0)
-        free, covariance = _fit_freely(np.concatenate([further, scaled], axis=1), self.equations.rhs)
-        return (free / np.sqrt(np.diagonal(covariance)))[: len(self.joints)]
+        free = _fit_freely(np.concatenate([further, scaled], axis=1), self.equations.rhs)
+        return (free.unknowns / np.sqrt(np.diagonal(free.covariance)))[: len(self.joints)]
 
 
-def _fit_freely(matrix: FloatArray, rhs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the unknowns (K,) of equations without constraints, and their covariance (K, K)."""
-    free = np.asarray(np.linalg.lstsq(matrix, rhs, rcond=None)[0])
+class _FreeFit(NamedTuple):
+    """Least-squares fit without constraints."""
+
+    unknowns: FloatArray  # (K,)
+    covariance: FloatArray  # (K, K) of the unknowns
+
+    def select(self, places: IndexArray) -> _FreeFit:
+        """Return the fit of some of the unknowns, given by their positions."""
+        return _FreeFit(self.unknowns[places], self.covariance[np.ix_(places, places)])
+
+
+def _fit_freely(matrix: FloatArray, rhs: FloatArray) -> _FreeFit:
+    """Fit the unknowns (K,) of equations ``matrix (k, K) · unknowns = rhs (k,)`` by least squares.
+
+    The equations are in units of their noise, so that the covariance is the inverse of ``matrixᵀ matrix``.
+    """
+    unknowns = np.asarray(np.linalg.lstsq(matrix, rhs, rcond=None)[0])
     inverse = np.linalg.inv(np.linalg.qr(matrix)[1])
-    return free, inverse @ inverse.T
+    return _FreeFit(unknowns, inverse @ inverse.T)
 
 
-def _test_for_structure(free: FloatArray, covariance: FloatArray) -> float:
+def _find_radius(confidence: float, degrees_of_freedom: float) -> float:
+    """Return the half-width of an interval of some confidence, in standard uncertainties (Student's t)."""
+    freedom = degrees_of_freedom if isfinite(degrees_of_freedom) else None
+    return student_quantile(0.5 * (1.0 + confidence), freedom)
+
+
+def _test_for_structure(free: _FreeFit) -> float:
     """Return the p-value of the hypothesis that no structure bends, against compliances of at least zero.
 
     The likelihood ratio statistic has the distribution ``Σ_k w_k χ²_k`` (Kudo, *Biometrika* 50, 1963); w_k is
     the probability that k of m compliances are positive, here of independent ones.
 
     Args:
-        free: (m,) compliances of structure without the constraint.
-        covariance: (m, m) of these compliances.
+        free: compliances of structure of m joints, fitted without the constraint.
     """
-    root = np.linalg.inv(np.linalg.cholesky(covariance))
-    _, distance = nnls(root, root @ free)
-    statistic = float(np.square(root @ free).sum()) - distance**2
+    count = len(free.unknowns)
+    root = np.linalg.inv(np.linalg.cholesky(free.covariance))
+    _, distance = nnls(root, root @ free.unknowns)
+    statistic = float(np.square(root @ free.unknowns).sum()) - distance**2
     if statistic <= 0.0:
         return 1.0
-    number = np.arange(1, len(free) + 1)
-    weights = special.comb(len(free), number) / 2.0 ** len(free)
+    number = np.arange(1, count + 1)
+    weights = special.comb(count, number) / 2.0**count
     return float(weights @ special.chdtrc(number, statistic))
 
 

@@ -65,20 +65,11 @@ def decide(interpretations: Sequence[Interpretation]) -> Decision:
     Args:
         interpretations: by residual, the smallest first.
     """
-    if not interpretations:
-        return Decision(None, None, (), "no columns fit the robot")
     right_handed = [each for each in interpretations if not each.fit.frame.is_mirrored]
-    if not right_handed:
-        return Decision(None, interpretations[0], (), "the positions fit only in a left-handed frame")
     fitting = [each for each in right_handed if fits(each)]
-    if not fitting:
-        nearest = right_handed[0]
-        distance = f"{nearest.fit.typical * 1e3:.3g} mm"
-        return Decision(None, nearest, (), f"no columns fit the robot (best {distance})")
     measured = _leave_out_computed_positions(fitting)
     if not measured:
-        reason = "the positions were computed from the joints, so that they are no readings"
-        return Decision(None, fitting[0], (), reason)
+        return _explain_missing_fit(interpretations, right_handed, fitting)
     best = _choose_simplest(measured)
     equals = tuple(each for each in right_handed if each is not best and _have_same_effect(each, best))
     shifted = tuple(each for each in measured if _is_shifted(each, (best, *equals)))
@@ -88,6 +79,30 @@ def decide(interpretations: Sequence[Interpretation]) -> Decision:
     if reason:
         return Decision(None, rival or best, equals, reason)
     return Decision(best, rival, equals, "", shifted)
+
+
+def _explain_missing_fit(
+    interpretations: Sequence[Interpretation],
+    right_handed: Sequence[Interpretation],
+    fitting: Sequence[Interpretation],
+) -> Decision:
+    """Return the decision that no interpretation fits, with the reason and the one that comes nearest.
+
+    Args:
+        interpretations: all of them, the smallest residual first.
+        right_handed: those whose frame is right-handed.
+        fitting: those of the right-handed ones that fit; their positions were computed, not measured.
+    """
+    if not interpretations:
+        return Decision(None, None, (), "no columns fit the robot")
+    if not right_handed:
+        return Decision(None, interpretations[0], (), "the positions fit only in a left-handed frame")
+    if not fitting:
+        nearest = right_handed[0]
+        distance = f"{nearest.fit.typical * 1e3:.3g} mm"
+        return Decision(None, nearest, (), f"no columns fit the robot (best {distance})")
+    reason = "the positions were computed from the joints, so that they are no readings"
+    return Decision(None, fitting[0], (), reason)
 
 
 def _leave_out_computed_positions(fitting: Sequence[Interpretation]) -> list[Interpretation]:

@@ -59,8 +59,7 @@ def list_countings(robot: Robot) -> list[JointCounting]:
     """Return the ways in which controllers count joints: the maker's own, then those of other makers.
 
     Each is a map ``q = M q_c + o`` from the controller's joints q_c to the model's joints q, with M and o in
-    this order. Makers differ in the signs of joints, and in whether J3 is counted from the upper arm or from
-    the horizontal. Ways that are equal for this robot are returned once.
+    this order. Ways that are equal for this robot are returned once.
     """
     own, offset, n = robot.joint_map.matrix, robot.joint_map.offset, robot.n
     countings = [
@@ -68,25 +67,42 @@ def list_countings(robot: Robot) -> list[JointCounting]:
         JointCounting("as the model counts", np.eye(n), np.zeros(n)),
     ]
     if n == 6:
-        j2, j3 = 1, 2  # indices of the joints
-        add_j2, subtract_j2 = np.eye(6), np.eye(6)
-        add_j2[j3, j2], subtract_j2[j3, j2] = 1.0, -1.0
-        kuka = np.diag([-1.0, 1.0, 1.0, -1.0, 1.0, -1.0])
-        yaskawa = np.diag([1.0, 1.0, -1.0, -1.0, -1.0, -1.0])
-        fanuc = yaskawa.copy()
-        fanuc[j3, j2] = -1.0  # J3 from the horizontal
-        countings += [
-            JointCounting("with J3 from the horizontal (J3 + J2)", own @ add_j2, offset),
-            JointCounting("with J3 from the horizontal (J3 − J2)", own @ subtract_j2, offset),
-            JointCounting("with J1, J4, J6 reversed, as KUKA", own @ kuka, offset),
-            JointCounting("with J3 to J6 reversed, as Yaskawa", own @ yaskawa, offset),
-            JointCounting("as FANUC counts", fanuc, np.zeros(6)),
-        ]
+        countings += _list_countings_of_makers(own, offset)
     different: list[JointCounting] = []
     for counting in countings:
         if not any(_are_equal(counting, earlier) for earlier in different):
             different.append(counting)
     return different
+
+
+def _list_countings_of_makers(own: FloatArray, offset: FloatArray) -> list[JointCounting]:
+    """Return the ways in which makers of six-axis arms count joints.
+
+    Makers differ in the signs of joints, and in whether J3 is counted from the upper arm or from the
+    horizontal: then the controller's J3 stays when J2 turns, and the model's J3 is J3 + J2 or J3 − J2.
+
+    Args:
+        own: M (6, 6) of the robot's own maker.
+        offset: o (6,) of the robot's own maker [rad].
+    """
+    kuka = np.diag([-1.0, 1.0, 1.0, -1.0, 1.0, -1.0])
+    yaskawa = np.diag([1.0, 1.0, -1.0, -1.0, -1.0, -1.0])
+    fanuc = _add_j2_to_j3(yaskawa, -1.0)
+    return [
+        JointCounting("with J3 from the horizontal (J3 + J2)", own @ _add_j2_to_j3(np.eye(6), 1.0), offset),
+        JointCounting("with J3 from the horizontal (J3 − J2)", own @ _add_j2_to_j3(np.eye(6), -1.0), offset),
+        JointCounting("with J1, J4, J6 reversed, as KUKA", own @ kuka, offset),
+        JointCounting("with J3 to J6 reversed, as Yaskawa", own @ yaskawa, offset),
+        JointCounting("as FANUC counts", fanuc, np.zeros(6)),
+    ]
+
+
+def _add_j2_to_j3(matrix: FloatArray, factor: float) -> FloatArray:
+    """Return a map (6, 6) of joints that adds `factor` times J2 to J3."""
+    j2, j3 = 1, 2  # indices of the joints
+    coupled = matrix.copy()
+    coupled[j3, j2] = factor
+    return coupled
 
 
 def _are_equal(first: JointCounting, second: JointCounting) -> bool:
@@ -98,17 +114,13 @@ def _are_equal(first: JointCounting, second: JointCounting) -> bool:
 def find_windows(table: Table, n: int) -> list[tuple[int, ...]]:
     """Return the runs of n columns that can be the joints, from base to flange or in reverse order.
 
-    All rows must have numbers no larger than angles in degrees, and three columns or more must change. If the
-    headers name the joints, only these columns are returned.
+    At least three columns of a run must change, or all of fewer joints. If the headers name the joints, only
+    these columns are returned.
     """
     if len(table.joints) == n:
         return [table.joints]
     is_moving = find_moving_columns(table.numbers)
-    is_complete = np.isfinite(table.numbers).all(axis=0)
-    size = np.nanpercentile(np.abs(np.nan_to_num(table.numbers)), _ORDINARY, axis=0)
-    can_be_joint: list[bool] = (is_complete & (size <= _LARGEST_DEGREES)).tolist()
-    for column in table.others:
-        can_be_joint[column] = False
+    can_be_joint = _find_possible_joints(table)
     least_moving = min(3, n)
     windows: list[tuple[int, ...]] = []
     for first in range(len(can_be_joint) - n + 1):
@@ -118,6 +130,19 @@ def find_windows(table: Table, n: int) -> list[tuple[int, ...]]:
         if all_can_be_joints and moving_count >= least_moving:
             windows += [window, window[::-1]]
     return windows
+
+
+def _find_possible_joints(table: Table) -> list[bool]:
+    """Return for each column whether it can be a joint: a number in each row, none larger than an angle.
+
+    A few damaged numbers may be larger. Columns that a header names otherwise are no joints.
+    """
+    is_complete = np.isfinite(table.numbers).all(axis=0)
+    size = np.nanpercentile(np.abs(np.nan_to_num(table.numbers)), _ORDINARY, axis=0)
+    can_be_joint: list[bool] = (is_complete & (size <= _LARGEST_DEGREES)).tolist()
+    for column in table.others:
+        can_be_joint[column] = False
+    return can_be_joint
 
 
 def find_repeats(table: Table, window: Sequence[int]) -> list[RowGroups]:

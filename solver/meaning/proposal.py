@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.meaning.decision import (
     LARGEST_PART,
     LARGEST_RESIDUAL,
@@ -22,7 +22,7 @@ from jointstiff.solver.meaning.decision import (
 )
 from jointstiff.solver.meaning.hypotheses import build_joints, build_points
 from jointstiff.solver.meaning.kinematics import FlangeModel
-from jointstiff.solver.meaning.refinement import FramePlacement, fit_frame, fit_targets
+from jointstiff.solver.meaning.refinement import FramePlacement, RigidFit, fit_frame, fit_targets
 from jointstiff.solver.meaning.search import (
     MOST_INTERPRETATIONS,
     REFINED_ROWS,
@@ -127,23 +127,34 @@ def _list_neighbours(tables: Sequence[Table], interpretation: Interpretation) ->
     well, in a frame with exchanged axes. Rows with damaged numbers may have hidden the right columns.
     """
     table = next(table for table in tables if table.name == interpretation.joints.table)
-    rotation, place = place_flange(table, interpretation)
-    rows = choose_rows(len(place), REFINED_ROWS)
-    chosen = interpretation.points
-    fit = interpretation.fit
+    flange = place_flange(table, interpretation)
+    rows = choose_rows(len(flange.place), REFINED_ROWS)
     hypotheses = list(build_points(tables, table, interpretation.joints.groups, rows))
     for shift in (-1, 1):
-        first, second, third = (column + shift for column in chosen.columns)
-        wanted = replace(chosen, columns=(first, second, third))
+        first, second, third = (column + shift for column in interpretation.points.columns)
+        wanted = replace(interpretation.points, columns=(first, second, third))
         points = next((each.points for each in hypotheses if each.columns == wanted), None)
-        if points is None or not _is_free(wanted, (), interpretation.joints):
-            continue
-        exchanged_axes = np.roll(np.eye(3), -shift, axis=1)  # coordinate i is coordinate i − shift
-        matrix = fit.frame.scale * fit.frame.rotation @ exchanged_axes
-        shifted_fit = fit_frame(rotation[rows], place[rows], points, matrix, fit.targets)
-        neighbour = replace(interpretation, points=wanted, fit=shifted_fit)
-        if fits(neighbour) and not is_computed(neighbour):
-            yield neighbour
+        if points is not None and _is_free(wanted, (), interpretation.joints):
+            fit = _fit_shifted(interpretation.fit, flange.select(rows), points, shift)
+            neighbour = replace(interpretation, points=wanted, fit=fit)
+            if fits(neighbour) and not is_computed(neighbour):
+                yield neighbour
+
+
+def _fit_shifted(fit: RigidFit, flange: FlangePlacement, points: FloatArray, shift: int) -> RigidFit:
+    """Fit the frame of positions whose columns are `shift` columns away from those of another fit.
+
+    Column i then has the coordinate of column i − shift, so that the fit begins with exchanged axes.
+
+    Args:
+        fit: the other fit.
+        flange: flange in N postures.
+        points: (N, K, 3) positions in the unit of the file.
+        shift: −1 or 1.
+    """
+    exchanged_axes = np.roll(np.eye(3), -shift, axis=1)
+    matrix = fit.frame.scale * fit.frame.rotation @ exchanged_axes
+    return fit_frame(flange.rotation, flange.place, points, matrix, fit.targets)
 
 
 def _build_proposal(
@@ -155,8 +166,7 @@ def _build_proposal(
     """Build a proposal from an interpretation of one triple of columns as the positions of a target.
 
     All other triples of columns that fit with the same joints and the same frame are further targets, or the
-    same target in another state, such as under load. A position counts as fitting if its distance from where
-    the robot would put the target is below some five times the median distance.
+    same target in another state, such as under load.
 
     Args:
         tables: numbers of files.
@@ -165,13 +175,10 @@ def _build_proposal(
         interpretations: all interpretations that were compared.
     """
     table = next(table for table in tables if table.name == interpretation.joints.table)
-    rotation, place = place_flange(table, interpretation)
-    readings = list(_find_readings(tables, table, interpretation, rotation, place))
+    readings = _find_readings(tables, table, interpretation, place_flange(table, interpretation))
     distances = np.concatenate([reading.distances for reading in readings])
     distances = distances[np.isfinite(distances)]
     residual = float(np.median(distances))
-    five_times_residual = max(5.0 * residual, USUAL_RESIDUAL)
-    fitting_limit = min(2.0 * LARGEST_RESIDUAL, five_times_residual)
     rival = decision.next
     return Proposal(
         robots=(interpretation.known, *_list_equal_robots(interpretation, decision.equals)),
@@ -181,20 +188,41 @@ def _build_proposal(
         frame=interpretation.fit.frame,
         residual=residual,
         next_residual=np.inf if rival is None else rival.fit.typical,
-        fitting=int((distances < fitting_limit).sum()),
+        fitting=int((distances < _find_fitting_limit(residual)).sum()),
         count=len(distances),
         doubt=find_doubt(interpretation, interpretations),
     )
 
 
-def place_flange(table: Table, interpretation: Interpretation) -> tuple[FloatArray, FloatArray]:
-    """Return rotation (N, 3, 3) and place (N, 3) [m] of the flange in all postures of a table of joints."""
+def _find_fitting_limit(typical: float) -> float:
+    """Return the distance [m] from where the robot would put a target, below which a position fits.
+
+    It is five times the median distance `typical` [m], but no less than arms usually differ from their
+    models, and no more than 10 mm.
+    """
+    five_times_typical = max(5.0 * typical, USUAL_RESIDUAL)
+    return min(2.0 * LARGEST_RESIDUAL, five_times_typical)
+
+
+class FlangePlacement(NamedTuple):
+    """Flange in N postures."""
+
+    rotation: FloatArray  # (N, 3, 3)
+    place: FloatArray  # (N, 3) [m]
+
+    def select(self, rows: IndexArray) -> FlangePlacement:
+        """Return the flange in some of the postures, given by their indices."""
+        return FlangePlacement(self.rotation[rows], self.place[rows])
+
+
+def place_flange(table: Table, interpretation: Interpretation) -> FlangePlacement:
+    """Return the flange in all postures of a table of joints."""
     joints, robot = interpretation.joints, interpretation.known.robot
     row_count, _ = table.size
     all_postures = np.arange(row_count // joints.groups.count)
     by_unit = build_joints(table, joints.columns, joints.groups, all_postures, robot, [joints.counting])
     chosen = next(hypothesis for hypothesis in by_unit if hypothesis.columns.unit == joints.unit)
-    return FlangeModel.of(robot).place_flange(chosen.q)
+    return FlangePlacement(*FlangeModel.of(robot).place_flange(chosen.q))
 
 
 def _list_equal_robots(interpretation: Interpretation, equals: Sequence[Interpretation]) -> list[KnownRobot]:
@@ -213,46 +241,59 @@ def _find_readings(
     tables: Sequence[Table],
     joint_table: Table,
     interpretation: Interpretation,
-    rotation: FloatArray,
-    place: FloatArray,
-) -> Iterator[TargetReading]:
-    """Yield the positions that fit, in the order of tables and columns; each column is used once.
+    flange: FlangePlacement,
+) -> list[TargetReading]:
+    """Return the positions that fit, in the order of tables and columns; each column is used once.
 
-    Of positions that share a column, the chosen ones or those with the smallest distance are used. Numbers of
-    target and state are zero, as they follow only when all readings are known.
+    Numbers of target and state are zero, as they follow only when all readings are known.
 
     Args:
         tables: numbers of files.
         joint_table: table with the joints.
         interpretation: meaning of its columns, with the frame of the positions.
-        rotation: (N, 3, 3) of the flange.
-        place: (N, 3) of the flange [m].
+        flange: flange in all N postures.
     """
-    fitting: list[_PointSet] = []
-    all_postures = np.arange(len(place))
+    fitting = list(_list_fitting_points(tables, joint_table, interpretation, flange))
+    used = _choose_disjoint(fitting, interpretation.joints)
+    number_of_table = {table.name: number for number, table in enumerate(tables)}
+    used.sort(key=lambda points: (number_of_table[points.columns.table], points.columns.columns))
+    return [reading for points in used for reading in points.list_readings()]
+
+
+def _list_fitting_points(
+    tables: Sequence[Table],
+    joint_table: Table,
+    interpretation: Interpretation,
+    flange: FlangePlacement,
+) -> Iterator[_PointSet]:
+    """Yield the columns that can be positions of targets: near where the robot would put some targets.
+
+    Args:
+        tables: numbers of files.
+        joint_table: table with the joints.
+        interpretation: meaning of its columns, with the frame of the positions.
+        flange: flange in all N postures.
+    """
+    all_postures = np.arange(len(flange.place))
     for hypothesis in build_points(tables, joint_table, interpretation.joints.groups, all_postures):
         positions = interpretation.fit.frame.to_base(hypothesis.points)
-        targets, distances = fit_targets(rotation, place, positions)
+        targets, distances = fit_targets(flange.rotation, flange.place, positions)
         is_chosen = hypothesis.columns == interpretation.points
         if is_chosen or _fit_as_targets(positions, distances, interpretation):
-            fitting.append(_PointSet(hypothesis.columns, targets, distances, is_chosen=is_chosen))
+            yield _PointSet(hypothesis.columns, targets, distances, is_chosen=is_chosen)
+
+
+def _choose_disjoint(fitting: Sequence[_PointSet], joints: JointColumns) -> list[_PointSet]:
+    """Return positions that share no column with each other, nor with the joints.
+
+    Of positions that share a column, the chosen ones or those with the smallest distance are used.
+    """
     used: list[_PointSet] = []
     for points in sorted(fitting, key=lambda points: points.rank):
         used_columns = [other.columns for other in used]
-        if _is_free(points.columns, used_columns, interpretation.joints):
+        if _is_free(points.columns, used_columns, joints):
             used.append(points)
-    number_of_table = {table.name: number for number, table in enumerate(tables)}
-    used.sort(key=lambda points: (number_of_table[points.columns.table], points.columns.columns))
-    for points in used:
-        for row in range(points.columns.groups.count):
-            yield TargetReading(
-                points=points.columns,
-                index=row,
-                target=0,
-                state=0,
-                place=points.targets[row],
-                distances=points.distances[:, row],
-            )
+    return used
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,6 +310,18 @@ class _PointSet:
         """Order in which positions are accepted: the chosen ones first, then by their median distance."""
         return not self.is_chosen, float(np.nanmedian(self.distances))
 
+    def list_readings(self) -> Iterator[TargetReading]:
+        """Yield the positions of each of the K targets, without numbers of target and state yet."""
+        for k, target in enumerate(self.targets):
+            yield TargetReading(
+                points=self.columns,
+                index=k,
+                target=0,
+                state=0,
+                place=target,
+                distances=self.distances[:, k],
+            )
+
 
 def _is_free(columns: PointColumns, used: Sequence[PointColumns], joints: JointColumns) -> bool:
     """Return whether columns of positions are neither joints nor positions that are used already."""
@@ -280,7 +333,8 @@ def _is_free(columns: PointColumns, used: Sequence[PointColumns], joints: JointC
 def _fit_as_targets(positions: FloatArray, distances: FloatArray, interpretation: Interpretation) -> bool:
     """Return whether positions (N, K, 3) [m] are those of measured targets.
 
-    Most positions must be near where the robot would put them, but not as near as computed positions.
+    Most positions must be near where the robot would put them, but not as near as computed positions. They
+    must also be near in comparison with the movement of the targets: a target at rest is near any place.
 
     Args:
         positions: in R0 [m].
@@ -294,9 +348,7 @@ def _fit_as_targets(positions: FloatArray, distances: FloatArray, interpretation
     typical = float(np.median(known_distances))
     movement = float(np.nanstd(positions, axis=0).max())
     largest_typical = min(LARGEST_RESIDUAL, LARGEST_PART * movement)
-    five_times_typical = max(5.0 * typical, USUAL_RESIDUAL)
-    near = min(2.0 * LARGEST_RESIDUAL, five_times_typical)
-    most_are_near = float(np.mean(known_distances < near)) >= LEAST_SHARE
+    most_are_near = float(np.mean(known_distances < _find_fitting_limit(typical))) >= LEAST_SHARE
     fits_as_readings = typical < largest_typical and most_are_near
     return fits_as_readings and not explains_by_rounding(interpretation, typical)
 

@@ -94,8 +94,20 @@ class _Data:
 
     rotation: FloatArray  # R (N, 3, 3) of the flange
     place: FloatArray  # d (N, 3) of the flange [m]
+    mean: FloatArray  # (3,) mean position, in the unit of the file
     centred: FloatArray  # p (N, K, 3) positions less their mean, in the unit of the file
     known: BoolArray  # (N, K) which positions were read
+
+    @classmethod
+    def of(cls, rotation: FloatArray, place: FloatArray, points: FloatArray) -> _Data:
+        """Centre positions (N, K, 3) in a right-handed frame; a missing position, which is NaN, becomes zero.
+
+        `rotation` (N, 3, 3) and `place` (N, 3) [m] are those of the flange.
+        """
+        known: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
+        mean = points[known].mean(axis=0)
+        centred = np.where(known[..., None], points - mean, 0.0)
+        return cls(rotation, place, mean, centred, known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,27 +137,27 @@ def fit_frame(
         targets: t (K, 3) of the linear fit [m].
     """
     nearest_rotation, scales = _find_nearest_rotation(matrix)
-    handedness = np.sign(np.linalg.det(nearest_rotation))  # −1 in a left-handed frame
-    mirror = np.diag([1.0, 1.0, handedness])
-    right_handed = points @ mirror
-    known: BoolArray = np.asarray(np.isfinite(right_handed).all(axis=2))
-    mean = right_handed[known].mean(axis=0)
-    centred = np.where(known[..., None], right_handed - mean, 0.0)
-    data = _Data(rotation, place, centred, known)
+    mirror = _build_mirror(nearest_rotation)
+    data = _Data.of(rotation, place, points @ mirror)
     unit = _find_nearest_unit(float(np.median(scales)))
     start = _State(nearest_rotation @ mirror, np.zeros(3), targets, METRES[unit])
-    centred_start = _settle_middle(start, data)
-    fitted = _fit_by_reweighting(centred_start, data, scale_is_free=False)
+    fitted = _fit_by_reweighting(_settle_middle(start, data), data, scale_is_free=False)
     with_free_scale = _fit_by_reweighting(fitted, data, scale_is_free=True)
     distances = np.linalg.norm(_compute_misfit(fitted, data), axis=2)
-    origin = fitted.middle - fitted.scale * fitted.rotation @ mean
+    origin = fitted.middle - fitted.scale * fitted.rotation @ data.mean
     return RigidFit(
         frame=FramePlacement(fitted.rotation @ mirror, origin, fitted.scale),
         unit=unit,
         targets=fitted.targets,
-        distances=np.where(known, distances, np.nan),
+        distances=np.where(data.known, distances, np.nan),
         free_scale=with_free_scale.scale / METRES[unit],
     )
+
+
+def _build_mirror(rotation: FloatArray) -> FloatArray:
+    """Return the map (3, 3) that makes a frame right-handed: diag(1, 1, −1) if its rotation mirrors."""
+    handedness = np.sign(np.linalg.det(rotation))
+    return np.diag([1.0, 1.0, handedness])
 
 
 def _find_nearest_rotation(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -255,23 +267,32 @@ def _weigh(misfit: FloatArray, known: BoolArray) -> FloatArray:
 def _build_derivative(state: _State, data: _Data, *, scale_is_free: bool) -> FloatArray:
     """Return the derivative (N, K, 3, 6 + 3K [+ 1]) of the misfit s W p + c − R t − d.
 
-    Its columns are turn of W [rad], c, all t, and the logarithm of the scale s if it is free. A small turn v
-    moves the position a = s W p by v × a, which is minus the cross matrix of a times v.
+    Its columns are turn of W [rad], c, all t, and the logarithm of the scale s if it is free.
     """
     posture_count, target_count, _ = data.centred.shape
-    a = state.scale * data.centred @ state.rotation.T  # s W p
-    x, y, z = a[..., 0], a[..., 1], a[..., 2]
+    turned = state.scale * data.centred @ state.rotation.T  # s W p
     column_count = 6 + 3 * target_count + (1 if scale_is_free else 0)
     derivative = np.zeros((posture_count, target_count, 3, column_count))
-    derivative[..., 0, 1], derivative[..., 0, 2] = z, -y
-    derivative[..., 1, 0], derivative[..., 1, 2] = -z, x
-    derivative[..., 2, 0], derivative[..., 2, 1] = y, -x
+    derivative[..., :3] = _derive_by_turn(turned)
     derivative[..., 3:6] = np.eye(3)  # by c
     for k in range(target_count):
         start = 6 + 3 * k
         derivative[:, k, :, start : start + 3] = -data.rotation  # by t of target k
     if scale_is_free:
-        derivative[..., -1] = a
+        derivative[..., -1] = turned
+    return derivative
+
+
+def _derive_by_turn(positions: FloatArray) -> FloatArray:
+    """Return the derivative (..., 3, 3) of positions (..., 3) by the rotation vector of a small turn.
+
+    A small turn v moves the position a by v × a, which is minus the cross matrix of a times v.
+    """
+    x, y, z = positions[..., 0], positions[..., 1], positions[..., 2]
+    derivative = np.zeros((*positions.shape, 3))
+    derivative[..., 0, 1], derivative[..., 0, 2] = z, -y
+    derivative[..., 1, 0], derivative[..., 1, 2] = -z, x
+    derivative[..., 2, 0], derivative[..., 2, 1] = y, -x
     return derivative
 
 

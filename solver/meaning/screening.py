@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.meaning.table import METRES
 
 LEAST_MOVEMENT: Final = 0.02
@@ -94,28 +94,20 @@ def fit_all(columns: FloatArray, points: FloatArray) -> list[LinearFit]:
     known_columns = columns if basis.known.all() else columns[basis.known]
     projected = _project_on_positions(known_columns, basis)
     targets = _solve_targets(projected.normal)
-    t_and_1 = np.concatenate([targets, np.ones((len(targets), 1))], axis=1)  # (H, 3K + 1)
-    residual_squares = np.einsum("hi,hij,hj->h", t_and_1, projected.normal, t_and_1)
-    residual = np.sqrt(np.maximum(residual_squares, 0.0) / degrees_of_freedom)
-    kept = np.flatnonzero(residual < WORST_SCREENED)
-    in_basis = np.einsum("hari,hi->har", projected.parts[kept], t_and_1[kept])  # R t + d for each axis a
-    coefficients = in_basis @ basis.to_coefficients.T  # (H, 3, 4) of x, y, z and 1
-    matrix = coefficients[..., :3] / basis.scale
-    # Most matrices are far from a rotation times a unit: their norm shows that without singular values.
-    is_near = _may_have_one_scale(matrix)
-    kept, coefficients, matrix = kept[is_near], coefficients[is_near], matrix[is_near]
-    if not len(kept):
+    residual = projected.compute_residuals(targets, degrees_of_freedom)
+    frames = _fit_frames(projected, targets, np.flatnonzero(residual < WORST_SCREENED), basis)
+    if not len(frames.hypotheses):
         return []
-    origin = coefficients[..., 3] - matrix @ basis.mean
-    movement = _measure_movement(matrix, points[np.isfinite(points).all(axis=2)])
-    makes_sense = (movement >= LEAST_MOVEMENT) & _has_one_scale(matrix)
+    movement = _measure_movement(frames.matrix, points[np.isfinite(points).all(axis=2)])
+    makes_sense = (movement >= LEAST_MOVEMENT) & _has_one_scale(frames.matrix)
+    rank = _rank(residual[frames.hypotheses], movement)
     fits = []
-    for i in _choose_smallest(_rank(residual[kept], movement), makes_sense):
-        hypothesis = int(kept[i])
+    for i in _choose_smallest(rank, makes_sense):
+        hypothesis = int(frames.hypotheses[i])
         fit = LinearFit(
             hypothesis=hypothesis,
-            matrix=matrix[i],
-            origin=origin[i],
+            matrix=frames.matrix[i],
+            origin=frames.origin[i],
             targets=targets[hypothesis].reshape(target_count, 3),
             residual=float(residual[hypothesis]),
             movement=float(movement[i]),
@@ -124,11 +116,52 @@ def fit_all(columns: FloatArray, points: FloatArray) -> list[LinearFit]:
     return fits
 
 
+class _Frames(NamedTuple):
+    """Frames of the positions by F of the hypotheses of the joints: ``M p + c`` is a position in R0 [m]."""
+
+    hypotheses: IndexArray  # (F,) indices
+    matrix: FloatArray  # M (F, 3, 3) [m per unit of the file]
+    origin: FloatArray  # c (F, 3) [m]
+
+
+def _fit_frames(
+    projected: _ProjectedColumns, targets: FloatArray, hypotheses: IndexArray, basis: _Basis
+) -> _Frames:
+    """Return the frames by some hypotheses of the joints, without those whose scale cannot be a unit.
+
+    Most matrices are far from a rotation times a unit: their norm shows that without singular values.
+
+    Args:
+        projected: columns of t and d, projected on the positions.
+        targets: t (H, 3K) places of the targets on the flange, by all H hypotheses [m].
+        hypotheses: indices of the hypotheses of interest.
+        basis: basis of the positions.
+    """
+    t_and_1 = _append_one(targets[hypotheses])
+    in_basis = np.einsum("hari,hi->har", projected.parts[hypotheses], t_and_1)  # R t + d for each axis a
+    coefficients = in_basis @ basis.to_coefficients.T  # (H, 3, 4) of x, y, z and 1
+    matrix = coefficients[..., :3] / basis.scale
+    is_near = _may_have_one_scale(matrix)
+    coefficients, matrix = coefficients[is_near], matrix[is_near]
+    return _Frames(hypotheses[is_near], matrix, coefficients[..., 3] - matrix @ basis.mean)
+
+
+def _append_one(targets: FloatArray) -> FloatArray:
+    """Return the coefficients (H, 3K + 1) of the columns of t and d: places t (H, 3K), and 1 for d."""
+    return np.concatenate([targets, np.ones((len(targets), 1))], axis=1)
+
+
 class _ProjectedColumns(NamedTuple):
     """Columns C of t and d of H hypotheses: a part P in the basis of the positions, and the rest."""
 
     normal: FloatArray  # (H, 3K + 1, 3K + 1) products CᵀC − PᵀP of the columns of the rest
     parts: FloatArray  # (H, 3, r, 3K + 1) coordinates P in the r directions of the basis
+
+    def compute_residuals(self, targets: FloatArray, degrees_of_freedom: int) -> FloatArray:
+        """Return the residual (H,) of each fit [m], for places t (H, 3K) of the targets on the flange [m]."""
+        t_and_1 = _append_one(targets)
+        squares = np.einsum("hi,hij,hj->h", t_and_1, self.normal, t_and_1)
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0) / degrees_of_freedom))
 
 
 def _project_on_positions(columns: FloatArray, basis: _Basis) -> _ProjectedColumns:

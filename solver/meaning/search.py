@@ -82,20 +82,11 @@ class _Candidate:
 def find_interpretations(tables: Sequence[Table], robots: Iterable[KnownRobot]) -> list[Interpretation]:
     """Return the interpretations of tables that are worth a comparison, the smallest residual first.
 
-    If no robot has a good interpretation in all rows, subsets of the rows are tried: one damaged position
-    moves a fit by least squares, and a subset without damaged positions fits.
+    All interpretations are screened by linear fits; the best of these are refined.
     """
     searches = [search for known in robots for search in _list_searches(tables, known)]
-    candidates_of_searches = [search.screen_all_rows() for search in searches]
-    all_candidates = chain.from_iterable(candidates_of_searches)
-    is_any_good = any(candidate.rank < _GOOD for candidate in all_candidates)
-    if not is_any_good:
-        hypothesis_count = sum(len(search.joints) * len(search.points) for search in searches)
-        subset_count = min(_SUBSETS, MOST_INTERPRETATIONS // max(hypothesis_count, 1))
-        for search, candidates in zip(searches, candidates_of_searches, strict=True):
-            candidates.extend(search.screen_subsets(subset_count))
     kept = []
-    for search, candidates in zip(searches, candidates_of_searches, strict=True):
+    for search, candidates in zip(searches, _screen(searches), strict=True):
         kept += [(candidate.rank, search, candidate) for candidate in _keep_best(candidates)]
     kept.sort(key=itemgetter(0))
     interpretations = [search.refine(candidate) for _, search, candidate in kept[:_REFINED_OF_ALL]]
@@ -103,34 +94,72 @@ def find_interpretations(tables: Sequence[Table], robots: Iterable[KnownRobot]) 
     return interpretations
 
 
+def _screen(searches: Sequence[_Search]) -> list[list[_Candidate]]:
+    """Return for each search the interpretations that fit by a linear fit.
+
+    If no robot has a good interpretation in all rows, subsets of the rows are tried: one damaged position
+    moves a fit by least squares, and a subset without damaged positions fits.
+    """
+    candidates_of_searches = [search.screen_all_rows() for search in searches]
+    all_candidates = chain.from_iterable(candidates_of_searches)
+    if any(candidate.rank < _GOOD for candidate in all_candidates):
+        return candidates_of_searches
+    hypothesis_count = sum(len(search.joints) * len(search.points) for search in searches)
+    subset_count = min(_SUBSETS, MOST_INTERPRETATIONS // max(hypothesis_count, 1))
+    for search, candidates in zip(searches, candidates_of_searches, strict=True):
+        candidates.extend(search.screen_subsets(subset_count))
+    return candidates_of_searches
+
+
 def _list_searches(tables: Sequence[Table], known: KnownRobot) -> Iterator[_Search]:
     """Yield the searches of a robot: one for each table of joints, and for each grouping of its rows.
 
-    A grouping tells which rows belong to one posture, such as three rows in turn. A window is a run of
-    columns that can be the joints.
+    A grouping tells which rows belong to one posture, such as three rows in turn.
     """
     model, countings = FlangeModel.of(known.robot), list_countings(known.robot)
+    table_of_name = {table.name: table for table in tables}
     joints_of_earlier_tables: list[FloatArray] = []
     for table in tables:
-        windows_of_grouping: dict[RowGroups, list[tuple[int, ...]]] = defaultdict(list)
         windows = find_windows(table, known.robot.n)
-        numbers_of_windows = [table.numbers[:, list(window)] for window in windows]
-        for window, numbers in zip(windows, numbers_of_windows, strict=True):
-            # A file for each state often has the same joints again.
-            if any(_are_same_joints(numbers, earlier) for earlier in joints_of_earlier_tables):
-                continue
-            for groups in find_repeats(table, window):
-                windows_of_grouping[groups].append(window)
-        for groups, windows in windows_of_grouping.items():
-            posture_count = table.size[0] // groups.count
-            rows = choose_rows(posture_count, REFINED_ROWS)
+        new_windows = _leave_out_repeated(table, windows, joints_of_earlier_tables)
+        for groups, windows_of_groups in _group_windows(table, new_windows).items():
+            rows = choose_rows(table.size[0] // groups.count, REFINED_ROWS)
             joints: list[JointHypothesis] = []
-            for window in windows:
+            for window in windows_of_groups:
                 joints += build_joints(table, window, groups, rows, known.robot, countings)
             points = list(build_points(tables, table, groups, rows))
             if joints and points and len(rows) >= _LEAST_POSTURES:
-                yield _Search({each.name: each for each in tables}, known, model, joints, points)
-        joints_of_earlier_tables += numbers_of_windows
+                yield _Search(table_of_name, known, model, joints, points)
+        joints_of_earlier_tables += [table.numbers[:, list(window)] for window in windows]
+
+
+def _leave_out_repeated(
+    table: Table, windows: Sequence[tuple[int, ...]], joints_of_earlier_tables: Sequence[FloatArray]
+) -> list[tuple[int, ...]]:
+    """Return the columns that can be joints, without those whose numbers another table has already.
+
+    A file for each state, such as loaded and unloaded, often has the same joints again.
+    """
+    new_windows = []
+    for window in windows:
+        numbers = table.numbers[:, list(window)]
+        if not any(_are_same_joints(numbers, earlier) for earlier in joints_of_earlier_tables):
+            new_windows.append(window)
+    return new_windows
+
+
+def _group_windows(
+    table: Table, windows: Sequence[tuple[int, ...]]
+) -> dict[RowGroups, list[tuple[int, ...]]]:
+    """Return grouping of rows → the runs of columns that repeat their joints in this way.
+
+    For example nine rows in groups of three "in turn" are three postures.
+    """
+    windows_of_groups: dict[RowGroups, list[tuple[int, ...]]] = defaultdict(list)
+    for window in windows:
+        for groups in find_repeats(table, window):
+            windows_of_groups[groups].append(window)
+    return windows_of_groups
 
 
 def _are_same_joints(first: FloatArray, second: FloatArray) -> bool:
@@ -219,40 +248,60 @@ class _Search:
         """
         rotation, place = self.model.place_flange(candidate.joints.q)
         points = candidate.points.points  # (N, K, 3)
-        screened_targets = candidate.linear.targets
-        missing_count = points.shape[1] - len(screened_targets)
-        other_targets = np.repeat(screened_targets[:1], missing_count, axis=0)
-        targets = np.concatenate([screened_targets, other_targets])
+        targets = _complete_targets(candidate.linear.targets, count=points.shape[1])
         fit = fit_frame(rotation, place, points, candidate.linear.matrix, targets)
-        deviations = np.nanstd(points - np.nanmean(points, axis=0), axis=0)
-        movement = fit.frame.scale * float(np.nanmax(deviations))
-        joints, columns = candidate.joints.columns, candidate.points.columns
         reach = float(np.median(np.linalg.norm(place, axis=1)))
-        angle, length = self._find_roundings(joints, columns, metres=fit.frame.scale)
+        rounding = self._find_rounding(candidate, fit.frame.scale)
         return Interpretation(
             known=self.known,
-            joints=joints,
-            points=columns,
+            joints=candidate.joints.columns,
+            points=candidate.points.columns,
             fit=fit,
-            movement=movement,
-            # The three joints of the arm move the flange by about the reach, those of the wrist by much less.
-            joint_rounding=float(np.sqrt(3.0 / 12.0) * reach * angle),
-            point_rounding=float(np.sqrt(3.0 / 12.0) * length),
+            movement=fit.frame.scale * _measure_largest_deviation(points),
+            joint_rounding=rounding.move_by_joints(reach),
+            point_rounding=rounding.move_by_coordinates(),
         )
 
-    def _find_roundings(
-        self, joints: JointColumns, points: PointColumns, *, metres: float
-    ) -> tuple[float, float]:
-        """Return the steps to which angles [rad] and coordinates [m] were rounded; 0 for steps too small.
-
-        Args:
-            joints: columns of the joints.
-            points: columns of the positions.
-            metres: unit of the positions [m].
-        """
+    def _find_rounding(self, candidate: _Candidate, metres: float) -> _Rounding:
+        """Return the steps to which a file's numbers were rounded; `metres` is its unit of length [m]."""
+        joints, points = candidate.joints.columns, candidate.points.columns
         angle = find_rounding(self.tables[joints.table].numbers[:, list(joints.columns)])
         length = find_rounding(self.tables[points.table].numbers[:, list(points.columns)])
-        return np.radians(angle) if joints.unit == "deg" else angle, length * metres
+        if joints.unit == "deg":
+            angle = np.radians(angle)
+        return _Rounding(angle, length * metres)
+
+
+@dataclass(frozen=True)
+class _Rounding:
+    """Steps to which angles and coordinates were rounded; 0 for steps too small to be seen."""
+
+    angle: float  # [rad]
+    length: float  # [m]
+
+    def move_by_joints(self, reach: float) -> float:
+        """Return the typical distance [m] by which rounded joints move the flange of an arm of a reach [m].
+
+        A number rounded to steps of s is off by s / √12. The three joints of the arm move the flange by about
+        the reach, those of the wrist by much less.
+        """
+        return float(np.sqrt(3.0 / 12.0) * reach * self.angle)
+
+    def move_by_coordinates(self) -> float:
+        """Return the typical distance [m] by which rounding of three coordinates moves a position."""
+        return float(np.sqrt(3.0 / 12.0) * self.length)
+
+
+def _complete_targets(screened: FloatArray, *, count: int) -> FloatArray:
+    """Return places (K, 3) of `count` targets on the flange: the screened ones, then copies of the first."""
+    copies = np.repeat(screened[:1], count - len(screened), axis=0)
+    return np.concatenate([screened, copies])
+
+
+def _measure_largest_deviation(points: FloatArray) -> float:
+    """Return the largest standard deviation of a coordinate of positions (N, K, 3), in their unit."""
+    deviations = np.nanstd(points - np.nanmean(points, axis=0), axis=0)
+    return float(np.nanmax(deviations))
 
 
 def choose_rows(count: int, most: int) -> IndexArray:

@@ -31,9 +31,12 @@ def order_states(proposal: Proposal, tables: Sequence[Table], forces: FloatArray
     deflections = np.array([second[target] - first[target] for target in targets])  # (K, N, 3)
     work = np.einsum("ni,kni->kn", forces, deflections)  # force times deflection
     first_is_unloaded = float(np.nansum(work)) >= 0.0
-    if first_is_unloaded:
-        return proposal
-    exchanged_state = {0: 1, 1: 0}  # further states stay
+    return proposal if first_is_unloaded else _exchange_first_states(proposal)
+
+
+def _exchange_first_states(proposal: Proposal) -> Proposal:
+    """Return the proposal with the first two states of each target exchanged; further states stay."""
+    exchanged_state = {0: 1, 1: 0}
     readings = []
     for reading in proposal.readings:
         state = exchanged_state.get(reading.state, reading.state)

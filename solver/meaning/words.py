@@ -20,21 +20,30 @@ def describe(proposal: Proposal, names: Sequence[str] = ()) -> str:
     `names` are the targets and states of the readings; without names, the targets have numbers.
     """
     names = names or [name_reading(proposal, reading) for reading in proposal.readings]
-    tables = {proposal.joints.table, *(reading.points.table for reading in proposal.readings)}
-    with_table = len(tables) > 1
-    parts = [_describe_joints(proposal.joints, with_table=with_table)]
-    for reading, name in zip(proposal.readings, names, strict=True):
-        columns = name_columns(reading, with_table=with_table)
-        parts.append(f"{columns} as {name} [{proposal.unit}]")
+    columns = join(_describe_columns(proposal, names))
     frame = "" if proposal.is_in_base_frame else " in a frame of the instrument"
     robots = " or ".join(known.name for known in proposal.robots)
     next_best = f"more than {format_mm(WORST_SCREENED)}"
     if np.isfinite(proposal.next_residual):
         next_best = format_mm(proposal.next_residual)
     return (
-        f"{join(parts)}{frame} fit the {robots} to {format_mm(proposal.residual)} in {proposal.fitting} of "
+        f"{columns}{frame} fit the {robots} to {format_mm(proposal.residual)} in {proposal.fitting} of "
         f"{proposal.count} positions (next best: {next_best})"
     )
+
+
+def _describe_columns(proposal: Proposal, names: Sequence[str]) -> list[str]:
+    """Return the columns of the joints and of each reading in words, such as `columns 7–9 as T1 loaded [mm]`.
+
+    The tables are named if the columns are in several tables. `names` are those of the readings.
+    """
+    tables = {proposal.joints.table, *(reading.points.table for reading in proposal.readings)}
+    with_table = len(tables) > 1
+    parts = [_describe_joints(proposal.joints, with_table=with_table)]
+    for reading, name in zip(proposal.readings, names, strict=True):
+        columns = name_columns(reading, with_table=with_table)
+        parts.append(f"{columns} as {name} [{proposal.unit}]")
+    return parts
 
 
 def remark(proposal: Proposal) -> str:

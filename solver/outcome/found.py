@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.model import LinksResult, ScoredModel
 from jointstiff.schemas.options import Loss, RunOptions
 from jointstiff.schemas.run import ModelChoice
 from jointstiff.solver.choice.competition import Competition, Elastic, Winner
-from jointstiff.solver.choice.held_out import report_losses, report_penalty
+from jointstiff.solver.choice.held_out import HeldOut, report_losses, report_penalty
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.evidence.causes import Screening
 from jointstiff.solver.evidence.doubt import PointDoubt, find_doubt
@@ -17,6 +18,7 @@ from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.evidence.structure import Apart
 from jointstiff.solver.evidence.term_tests import LINKS_LEVEL
 from jointstiff.solver.fit.effective import replace_by_effective
+from jointstiff.solver.fit.elastic import ElasticFit
 from jointstiff.solver.fit.estimate import Estimate, Prediction, UncertaintyBudget, predict
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.messages import finite_or_none
@@ -52,8 +54,7 @@ def find_joints(joints: JointsAlone, screening: Screening, choice: ModelChoice) 
     """Gather the evidence for a model in which only joints bend.
 
     Where this model does not fit the readings, the model error widens the intervals of the compliances, but
-    not after a gross mistake in the data, which gives a lack of fit no meaning. The model error is that of
-    fits that each leave out one posture; if such a fit fails, the run is valid without a model error.
+    not after a gross mistake in the data, which gives a lack of fit no meaning.
 
     Args:
         joints: fit of the joints alone.
@@ -64,41 +65,75 @@ def find_joints(joints: JointsAlone, screening: Screening, choice: ModelChoice) 
     Raises:
         JointstiffError: the identification of the joints fails.
     """
-    rows, settings, estimate = joints.rows, joints.settings, joints.estimate
-    predictor = JointModel.from_estimate(rows.robot, estimate, settings.constraints)
-    fits_without_a_posture = None
-    error: ModelError | JointstiffError
-    try:
-        error = estimate_error_by_leaving_postures_out(rows, settings, estimate, predictor)
-        fits_without_a_posture = error.left_out
-    except JointstiffError as failure:  # predictions say why there is no model error
-        error = failure
+    predictor = JointModel.from_estimate(joints.rows.robot, joints.estimate, joints.settings.constraints)
+    model_error = _estimate_error_of_joints(joints, predictor)
     has_lack_of_fit = screening.lack_of_fit and joints.are_sound
-    budget = UncertaintyBudget.from_estimate(
-        estimate, settings.confidence, fits_without_a_posture, lack_of_fit=has_lack_of_fit
-    )
+    budget = _build_budget(joints, model_error, has_lack_of_fit=has_lack_of_fit)
+    estimate = joints.estimate
     if budget is not None and has_lack_of_fit:
-        estimate = budget.widen_intervals(estimate, settings.bounds)
-    # Causes that are found explain more than a doubt does.
+        estimate = budget.widen_intervals(estimate, joints.settings.bounds)
+    return Found(
+        rows=joints.rows,
+        estimate=estimate,
+        prediction=_predict_readings(joints.rows, estimate),
+        predictor=predictor,
+        model_error=model_error,
+        choice=choice,
+        screening=screening,
+        budget=budget,
+        doubt=_find_doubt(joints, estimate, screening),
+        apart=joints.apart,
+    )
+
+
+def _estimate_error_of_joints(joints: JointsAlone, predictor: JointModel) -> ModelError | JointstiffError:
+    """Return the error of the joints' predictions, from fits that each leave out one posture.
+
+    If such a fit fails, the run is valid without a model error: the failure is returned, so that predictions
+    can say why there is none.
+    """
+    try:
+        return estimate_error_by_leaving_postures_out(
+            joints.rows, joints.settings, joints.estimate, predictor
+        )
+    except JointstiffError as failure:
+        return failure
+
+
+def _build_budget(
+    joints: JointsAlone, model_error: ModelError | JointstiffError, *, has_lack_of_fit: bool
+) -> UncertaintyBudget | None:
+    """Return the uncertainty budget of the compliances; None if sigma is unknown.
+
+    The budget lists the model error where the error is known, and includes it in the standard uncertainties
+    if joints alone do not fit the readings.
+    """
+    fits_without_a_posture = None
+    if isinstance(model_error, ModelError):
+        fits_without_a_posture = model_error.left_out
+    return UncertaintyBudget.from_estimate(
+        joints.estimate, joints.settings.confidence, fits_without_a_posture, lack_of_fit=has_lack_of_fit
+    )
+
+
+def _find_doubt(joints: JointsAlone, estimate: Estimate, screening: Screening) -> PointDoubt | None:
+    """Return the doubt about the stated load point; None if something else explains the residuals better.
+
+    Causes that were found, links that bend and mistakes in the data all explain more than a doubt does.
+    """
     is_explained = bool(screening.causes) or screening.lack_of_fit
-    doubt = None if is_explained or not joints.are_sound else find_doubt(joints.tested, estimate)
-    prediction = predict(
+    if is_explained or not joints.are_sound:
+        return None
+    return find_doubt(joints.tested, estimate)
+
+
+def _predict_readings(rows: Rows, estimate: Estimate) -> Prediction:
+    """Return what the estimated joints predict for the readings from which they were estimated."""
+    return predict(
         rows.at(estimate.balanced),
         estimate.compliance,
         is_estimated=estimate.estimated,
         statements=estimate.statements,
-    )
-    return Found(
-        rows=rows,
-        estimate=estimate,
-        prediction=prediction,
-        predictor=predictor,
-        model_error=error,
-        choice=choice,
-        screening=screening,
-        budget=budget,
-        doubt=doubt,
-        apart=joints.apart,
     )
 
 
@@ -116,13 +151,35 @@ def find_elastic(
     """
     # The scatter that residuals of joints alone show includes the bending of links, so it is not used here.
     rows, fit = joints.given, elastic.estimate
-    error: ModelError | JointstiffError
+    return Found(
+        rows=rows,
+        estimate=replace_by_effective(joints.estimate, fit, elastic.effective),
+        prediction=fit.prediction,
+        predictor=ElasticPredictor.from_estimate(rows.robot, fit),
+        model_error=_estimate_error_of_elastic(rows, fit),
+        choice=describe_choice_by_comparison(winner, screening),
+        screening=screening,
+        links=_build_links_result(competition, fit),
+        remarks=tuple(_list_remarks_on_choice(competition, winner, elastic, rows)),
+    )
+
+
+def _estimate_error_of_elastic(rows: Rows, fit: ElasticFit) -> ModelError | JointstiffError:
+    """Return the error of an elastic model's predictions, from fits that each leave out a group of postures.
+
+    If such a fit fails, the run is valid without a model error: the failure is returned, so that predictions
+    can say why there is none.
+    """
     try:
-        error = estimate_error_by_leaving_folds_out(rows, fit)
-    except JointstiffError as failure:  # the run is valid without a model error; predictions say why
-        error = failure
+        return estimate_error_by_leaving_folds_out(rows, fit)
+    except JointstiffError as failure:
+        return failure
+
+
+def _build_links_result(competition: Competition, fit: ElasticFit) -> LinksResult:
+    """Build the message of the compliances of links and base, with the origin of loss and penalty."""
     coupled_joints = fit.coupled_joints
-    links = LinksResult(
+    return LinksResult(
         loss_source="cross_validation" if competition.loss_is_compared else "given",
         penalty=fit.penalty,
         penalty_source="given" if competition.penalty_is_given else "cross_validation",
@@ -135,23 +192,15 @@ def find_elastic(
         parameters=fit.parameters,
         certificate=fit.certificate,
     )
-    return Found(
-        rows=rows,
-        estimate=replace_by_effective(joints.estimate, fit, elastic.effective),
-        prediction=fit.prediction,
-        predictor=ElasticPredictor.from_estimate(rows.robot, fit),
-        model_error=error,
-        choice=describe_choice_by_comparison(winner, screening),
-        screening=screening,
-        links=links,
-        remarks=tuple(_list_remarks_on_choice(competition, winner, elastic, rows)),
-    )
 
 
 def _list_remarks_on_choice(
     competition: Competition, winner: Winner, elastic: Elastic, rows: Rows
 ) -> list[Finding]:
-    """Return findings on a penalty at an end of its range, and on losses that were not compared."""
+    """Return findings on a penalty at an end of its range, and on losses that were not compared.
+
+    A request that gives the penalty leaves nothing to choose, so that there is nothing to remark.
+    """
     if competition.penalty_is_given:
         return []
     penalty_of_fit = elastic.estimate.penalty
@@ -163,6 +212,28 @@ def _list_remarks_on_choice(
     return remarks
 
 
+class _Grounds(NamedTuple):
+    """Why a model was chosen without a comparison of models."""
+
+    source: Literal["given", "options", "screening"]  # what chose the model
+    words: str  # continuation of "The model has elastic joints alone"
+
+
+def _find_grounds_for_joints(options: RunOptions, screening: Screening, excluded: str | None) -> _Grounds:
+    """Return why only joints are assumed to bend: the request, an option, or the tests of the residuals.
+
+    `excluded` is the name of the option that rules out elastic links; None if no option does.
+    """
+    if options.elasticity != "automatic":
+        return _Grounds("given", ", as requested")
+    if excluded is not None:
+        option = excluded.replace("_", " ")
+        return _Grounds("options", f": elastic links cannot be combined with the option {option}")
+    if screening.links_p_value < LINKS_LEVEL:  # links seem to bend, but a mistake makes them seem so
+        return _Grounds("screening", ": first correct the mistake that the reasons name")
+    return _Grounds("screening", ": no test shows that other parts bend")
+
+
 def describe_choice_of_joints(options: RunOptions, screening: Screening, excluded: str | None) -> ModelChoice:
     """Build the message that explains why only joints are assumed to bend, where no models were compared.
 
@@ -172,23 +243,19 @@ def describe_choice_of_joints(options: RunOptions, screening: Screening, exclude
         excluded: name of the option that rules out elastic links; None if no option does.
     """
     loss: Loss = "huber" if options.loss == "huber" else "squared"
-    if options.elasticity != "automatic":
-        source, why = "given", ", as requested"
-    elif excluded is not None:
-        option = excluded.replace("_", " ")
-        source, why = "options", f": elastic links cannot be combined with the option {option}"
-    elif screening.links_p_value < LINKS_LEVEL:
-        source, why = "screening", ": first correct the mistake that the reasons name"
-    else:
-        source, why = "screening", ": no test shows that other parts bend"
-    evidence = f"F test of links added to the joints: p = {screening.links_p_value:.1g}"
+    grounds = _find_grounds_for_joints(options, screening, excluded)
     return ModelChoice(
         elasticity="joints",
         loss=loss,
-        source=source,
+        source=grounds.source,
         links_p_value=screening.links_p_value,
-        message=f"The model has elastic joints alone{why} ({evidence}).",
+        message=f"The model has elastic joints alone{grounds.words} ({_describe_test_of_links(screening)}).",
     )
+
+
+def _describe_test_of_links(screening: Screening) -> str:
+    """Return the result of the test of links in words, such as `F test of links …: p = 0.2`."""
+    return f"F test of links added to the joints: p = {screening.links_p_value:.1g}"
 
 
 def describe_choice_by_comparison(winner: Winner, screening: Screening) -> ModelChoice:
@@ -199,60 +266,72 @@ def describe_choice_by_comparison(winner: Winner, screening: Screening) -> Model
         screening: tests of the residuals of joints alone.
     """
     selection, chosen = winner.selection, winner.held_out
-    name, gain = chosen.model.replace("_", " ").capitalize(), selection.gain
-    evidence = f"F test of links added to the joints: p = {screening.links_p_value:.1g}"
-    if gain is not None:
-        evidence += (
-            f"; held-out postures are predicted to {length_text(chosen.mean_residual)}, by joints "
-            f"alone to {length_text(gain.error_of_joints)}"
-        )
-    k_c_remark = "" if chosen.model == "joints" else " K_c is neglected."
-    scored_models = [
-        ScoredModel(
-            model=each.model,
-            loss=each.loss,
-            penalty=each.penalty,
-            compensation=each.compensation,
-            standard_error=each.standard_error,
-            by_fold=each.by_fold.tolist(),
-            mean_residual=finite_or_none(each.mean_residual),
-        )
-        for each in selection.models
-    ]
     return ModelChoice(
         elasticity=chosen.model,
         loss=chosen.loss,
         source="given" if winner.given else "cross_validation",
         links_p_value=screening.links_p_value,
-        message=f"{name}, loss {chosen.loss} ({evidence}).{k_c_remark}{_describe_intervals(winner)}",
-        models=scored_models,
-        losses={scored.model: selection.find_held_out(scored.model).loss for scored in selection.models},
+        message=_describe_winner(winner, screening),
+        models=[_build_scored_model(each) for each in selection.models],
+        losses={each.model: selection.find_held_out(each.model).loss for each in selection.models},
         best=selection.best,
         simplest=selection.simplest,
     )
 
 
-def _describe_intervals(winner: Winner) -> str:
-    """Return a sentence on the model with which the intervals of stiffness were computed; "" for joints.
+def _describe_winner(winner: Winner, screening: Screening) -> str:
+    """Return the winning model in words, with the evidence for it and the model of its intervals.
 
-    If the readings do not distinguish links from base, the intervals contain the values of both models,
-    unless one of the two has no certified optimum.
+    For example: `Joints and links, loss squared (F test of links …; held-out postures are predicted to …).`
     """
-    elastic = winner.elastic
-    interval_model = None if elastic is None else elastic.intervals
-    model_text = "" if interval_model is None else interval_model.replace("_", " ")
-    if winner.selection.tied is not None and not winner.given:
-        both_models_count = elastic is None or elastic.estimate.prediction.joined or interval_model is None
-        intervals = "contain both models' values."
-        if not both_models_count:
-            intervals = (
-                f"are computed with {model_text} alone, because no optimum of the other model was certified."
-            )
-        return f" The readings do not distinguish links from base: the intervals of stiffness {intervals}"
-    if interval_model == winner.held_out.model:
-        return " The intervals of stiffness are computed with this model."
-    if interval_model is not None:
-        return (
-            f" The intervals of stiffness are computed with {model_text}, the richest of the models compared."
+    chosen = winner.held_out
+    name = chosen.model.replace("_", " ").capitalize()
+    evidence = _describe_test_of_links(screening)
+    gain = winner.selection.gain
+    if gain is not None:
+        evidence += (
+            f"; held-out postures are predicted to {length_text(chosen.mean_residual)}, by joints "
+            f"alone to {length_text(gain.error_of_joints)}"
         )
-    return ""
+    remark = "" if chosen.model == "joints" else " K_c is neglected."
+    return f"{name}, loss {chosen.loss} ({evidence}).{remark}{_describe_intervals(winner)}"
+
+
+def _build_scored_model(held_out: HeldOut) -> ScoredModel:
+    """Build the message of one model's errors on held-out postures."""
+    return ScoredModel(
+        model=held_out.model,
+        loss=held_out.loss,
+        penalty=held_out.penalty,
+        compensation=held_out.compensation,
+        standard_error=held_out.standard_error,
+        by_fold=held_out.by_fold.tolist(),
+        mean_residual=finite_or_none(held_out.mean_residual),
+    )
+
+
+def _describe_intervals(winner: Winner) -> str:
+    """Return a sentence on the model with which the intervals of stiffness were computed; "" for joints."""
+    if winner.selection.tied is not None and not winner.given:
+        return _describe_intervals_of_tie(winner.elastic)
+    model = None if winner.elastic is None else winner.elastic.intervals
+    if model is None:
+        return ""
+    if model == winner.held_out.model:
+        return " The intervals of stiffness are computed with this model."
+    name = model.replace("_", " ")
+    return f" The intervals of stiffness are computed with {name}, the richest of the models compared."
+
+
+def _describe_intervals_of_tie(elastic: Elastic | None) -> str:
+    """Return a sentence on the intervals if the readings do not distinguish links from the base.
+
+    The intervals then contain the values of both models, unless one of the two has no certified optimum.
+    """
+    introduction = " The readings do not distinguish links from base: the intervals of stiffness"
+    if elastic is None or elastic.intervals is None or elastic.estimate.prediction.joined:
+        return f"{introduction} contain both models' values."
+    name = elastic.intervals.replace("_", " ")
+    return (
+        f"{introduction} are computed with {name} alone, because no optimum of the other model was certified."
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -13,13 +13,16 @@ from jointstiff.schemas.finding import Assessment as StatedAssessment
 from jointstiff.schemas.finding import Finding, Verdict
 from jointstiff.schemas.model import IdentifiedModel
 from jointstiff.schemas.run import RunResult
+from jointstiff.solver.arrays import IndexArray
 from jointstiff.solver.evidence.scatter import Repeatability
-from jointstiff.solver.evidence.structure import Apart, build_parts
+from jointstiff.solver.evidence.structure import Apart, PartName, build_parts
 from jointstiff.solver.fit.estimate import (
+    BudgetComponent,
     ComplementaryStiffness,
     Estimate,
     JointCompliance,
     Prediction,
+    Spread,
     UncertaintyBudget,
 )
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -59,8 +62,9 @@ def build_run_result(
         numbers: numbers of the fit.
         assessment: verdict on these numbers, with its reasons.
         warnings: warnings about the set, then about the fit.
-        details: further fields of the message, which only some models have.
+        details: further fields of the message, by name, which only some models have.
     """
+    without_details: dict[str, Any] = {"characteristic_length": None}
     return RunResult(
         assessment=build_assessment_message(assessment, numbers.joints),
         joints=build_joint_results(assessment, numbers.joints),
@@ -74,7 +78,7 @@ def build_run_result(
         residuals=numbers.residuals,
         model=numbers.model,
         warnings=list(warnings),
-        **({"characteristic_length": None} | dict(details)),
+        **(without_details | dict(details)),
     )
 
 
@@ -94,43 +98,81 @@ def describe_found(
         advice: further readings that would reduce the uncertainties most.
         resampling: statistics of resampled fits; None without resampling.
     """
-    estimate, measurements = found.estimate, found.rows.measurements
-    prediction = assessment.drop_meaningless_numbers(found.prediction)
-    names = [joint.name for joint in estimate.joints]
-    numbers = Numbers(
+    shown = replace(found, prediction=assessment.drop_meaningless_numbers(found.prediction))
+    details = {
+        **_describe_model(shown, assessment),
+        **_describe_robust_loss(shown.estimate, shown.rows.measurements),
+        **_describe_encoders(shown, assessment),
+        "resampling": resampling,
+    }
+    warnings = (*_list_warnings(found, assessment, noticed), *assessment.remarks, *found.remarks)
+    return build_run_result(_collect_numbers(shown, advice), assessment, warnings, details)
+
+
+def _collect_numbers(found: Found, advice: Sequence[runs.Advice]) -> Numbers:
+    """Return the numbers of a fit that a result of every model shows, with advice on further readings."""
+    estimate, prediction = found.estimate, found.prediction
+    repeatability = Repeatability.from_rows(found.rows, estimate.sigma)
+    return Numbers(
         joints=estimate.joints,
         compensation=prediction.compensation,
         rms_residual=prediction.rms_residual,
         sigma=estimate.sigma,
-        goodness=_build_goodness(estimate, Repeatability.from_rows(found.rows, estimate.sigma)),
+        goodness=_build_goodness(estimate, repeatability),
         identifiability=_build_identifiability(estimate, advice),
         certificate=estimate.certificate,
         complementary_stiffness=_build_complementary_stiffness(estimate.complementary_stiffness),
-        residuals=_build_residuals(prediction, measurements),
+        residuals=_build_residuals(prediction, found.rows.measurements),
         model=build_stored_model(found.predictor, found.model_error),
     )
-    contributions: list[runs.Contribution] = []
-    if prediction.contributions is not None:
-        contributions = build_messages(runs.Contribution, joint=names, **vars(prediction.contributions))
-    robust = estimate.robust
-    details = {
-        "joint_kinds": list_joint_kinds(names, [joint.kind for joint in estimate.joints]),
-        "characteristic_length": estimate.characteristic_length,
-        "huber_threshold": None if robust is None else robust.threshold,
-        "suspicious": list_suspicious_readings(estimate, measurements),
-        "suspicious_count": 0 if robust is None else len(robust.suspicious),
-        "resampling": resampling,
+
+
+def _describe_model(found: Found, assessment: Assessment) -> dict[str, Any]:
+    """Return the fields of a result on its model: joints, links, tested causes and uncertainty budget."""
+    joints = found.estimate.joints
+    names = [joint.name for joint in joints]
+    return {
+        "joint_kinds": list_joint_kinds(names, [joint.kind for joint in joints]),
+        "characteristic_length": found.estimate.characteristic_length,
         "links": found.links,
         "choice": found.choice,
         "causes": list(found.screening.tests),
-        "contributions": contributions,
-        "encoder_residuals": _build_encoder_residuals(prediction, measurements, names),
-        "gearboxes": _build_parts(found.apart, 0, names, assessment),
-        "structures": _build_parts(found.apart, 1, names, assessment),
+        "contributions": _build_contributions(found.prediction, names),
         "budget": build_budget_message(found.budget, names, assessment.reasons),
     }
-    warnings = (*_list_warnings(found, assessment, noticed), *assessment.remarks, *found.remarks)
-    return build_run_result(numbers, assessment, warnings, details)
+
+
+def _build_contributions(prediction: Prediction, names: Sequence[str]) -> list[runs.Contribution]:
+    """Build one message for each joint: its contribution to the deflections; empty where it is unknown."""
+    contributions = prediction.contributions
+    if contributions is None:
+        return []
+    return build_messages(runs.Contribution, joint=names, **vars(contributions))
+
+
+def _describe_robust_loss(estimate: Estimate, measurements: Measurements) -> dict[str, Any]:
+    """Return the fields of a result on the Huber loss: its threshold, and the readings of low weight.
+
+    With the squared loss, all readings have the same weight, so that the fields are empty.
+    """
+    robust = estimate.robust
+    if robust is None:
+        return {"huber_threshold": None, "suspicious": [], "suspicious_count": 0}
+    return {
+        "huber_threshold": robust.threshold,
+        "suspicious": list_suspicious_readings(estimate, measurements),
+        "suspicious_count": len(robust.suspicious),
+    }
+
+
+def _describe_encoders(found: Found, assessment: Assessment) -> dict[str, Any]:
+    """Return the fields of a result on encoders: their residuals, and gearboxes and structure apart."""
+    names = [joint.name for joint in found.estimate.joints]
+    return {
+        "encoder_residuals": _build_encoder_residuals(found.prediction, found.rows.measurements, names),
+        "gearboxes": _build_parts(found.apart, "gearboxes", names, assessment),
+        "structures": _build_parts(found.apart, "structure", names, assessment),
+    }
 
 
 def _list_warnings(found: Found, assessment: Assessment, noticed: Sequence[Finding]) -> list[Finding]:
@@ -145,30 +187,34 @@ def _list_warnings(found: Found, assessment: Assessment, noticed: Sequence[Findi
     return [finding for finding in noticed if finding.code != "residual_outlier"]
 
 
+_SAME_FIELDS: Final = (
+    "name",
+    "kind",
+    "status",
+    "compliance",
+    "stiffness",
+    "standard_uncertainty",
+    "compliance_interval",
+    "stiffness_interval",
+    "stiffness_at_least",
+    "prior_to_data",
+)
+"""Fields that the estimate of a joint and its message have in common."""
+
+
 def build_joint_results(assessment: Assessment, joints: Sequence[JointCompliance]) -> list[runs.JointResult]:
     """Build the message of each joint's result.
 
     If the assessment says not to use the result, the reason does not state the lower limit of the stiffness.
     """
-    reasons = [joint.reason for joint in joints]
-    limit_is_meaningless = assessment.verdict == "do_not_use"
-    if limit_is_meaningless:
+    if assessment.verdict == "do_not_use":  # then the limit is meaningless
         reasons = [joint.reason_without_limit for joint in joints]
-    return build_messages(
-        runs.JointResult,
-        name=[joint.name for joint in joints],
-        kind=[joint.kind for joint in joints],
-        status=[joint.status for joint in joints],
-        verdict=assessment.joints,
-        compliance=[joint.compliance for joint in joints],
-        stiffness=[joint.stiffness for joint in joints],
-        standard_uncertainty=[joint.standard_uncertainty for joint in joints],
-        compliance_interval=[joint.compliance_interval for joint in joints],
-        stiffness_interval=[joint.stiffness_interval for joint in joints],
-        stiffness_at_least=[joint.stiffness_at_least for joint in joints],
-        prior_to_data=[joint.prior_to_data for joint in joints],
-        reason=reasons,
-    )
+    else:
+        reasons = [joint.reason for joint in joints]
+    columns: dict[str, Sequence[Any]] = {"verdict": assessment.joints, "reason": reasons}
+    for field in _SAME_FIELDS:
+        columns[field] = [getattr(joint, field) for joint in joints]
+    return build_messages(runs.JointResult, **columns)
 
 
 def build_assessment_message(assessment: Assessment, joints: Sequence[JointCompliance]) -> StatedAssessment:
@@ -207,15 +253,21 @@ def _build_identifiability(estimate: Estimate, advice: Sequence[runs.Advice]) ->
         observability=estimate.observability_indices,
         advice=list(advice),
         weakest=estimate.weakest,
-        stages=[
-            runs.StageIdentifiability(
-                rank=stage.rank,
-                condition_number=finite_or_none(stage.condition_number),
-                singular_values=stage.singular_values.tolist(),
-            )
-            for stage in estimate.identifiability
-        ],
+        stages=_build_stages(estimate),
     )
+
+
+def _build_stages(estimate: Estimate) -> list[runs.StageIdentifiability]:
+    """Build one message for each stage of the method: how well its readings determine its joints."""
+    stages = []
+    for stage in estimate.identifiability:
+        message = runs.StageIdentifiability(
+            rank=stage.rank,
+            condition_number=finite_or_none(stage.condition_number),
+            singular_values=stage.singular_values.tolist(),
+        )
+        stages.append(message)
+    return stages
 
 
 def _build_complementary_stiffness(size: ComplementaryStiffness | None) -> runs.ComplementaryStiffness | None:
@@ -244,13 +296,13 @@ def _build_residuals(prediction: Prediction, measurements: Measurements) -> list
 
 
 def _build_parts(
-    apart: Apart | None, part: int, names: Sequence[str], assessment: Assessment
+    apart: Apart | None, part: PartName, names: Sequence[str], assessment: Assessment
 ) -> list[runs.JointResult]:
     """Build one message for each joint that is taken apart, with a verdict no better than the run's.
 
     Args:
         apart: compliances of gearboxes and structure of some joints; None without encoders.
-        part: 0 for gearboxes, 1 for structure.
+        part: which of the two parts.
         names: names of the n joints.
         assessment: assessment of the run, whose reasons concern these numbers, too.
     """
@@ -331,35 +383,44 @@ def build_budget_message(
     """
     if budget is None:
         return None
-    estimated, factor = budget.joints, budget.coverage_factor
-    # Rows of the spread: each component, then the sum of the included components, then the sum of all.
-    *component_uncertainties, included, with_model_error = budget.spread.uncertainty[:, estimated]
-    correlations = budget.spread.correlation[:, estimated][:, :, estimated]
-    *component_correlations, correlation, _ = correlations
-    rows = zip(budget.components, component_uncertainties, component_correlations, strict=True)
-    components = []
-    for part, uncertainty, correlation_of_part in rows:
-        responses = None if part.responses is None else part.responses[estimated].tolist()
-        component = runs.BudgetComponent(
-            source=part.source,
-            evaluation=part.evaluation,
-            included=part.included,
-            degrees_of_freedom=finite_or_none(part.degrees_of_freedom),
-            contributions=uncertainty.tolist(),
-            correlation=correlation_of_part.tolist(),
-            responses=responses,
-        )
-        components.append(component)
+    included = _select_joints(budget.total(), budget.joints)
+    with_model_error = _select_joints(budget.total(all_components=True), budget.joints)
     return runs.Budget(
-        joints=[names[j] for j in estimated],
-        components=components,
-        standard_uncertainty=included.tolist(),
-        correlation=correlation.tolist(),
+        joints=[names[j] for j in budget.joints],
+        components=[_build_budget_component(component, budget.joints) for component in budget.components],
+        standard_uncertainty=included.uncertainty.tolist(),
+        correlation=included.correlation.tolist(),
         probability=budget.probability,
-        coverage_factor=factor,
-        expanded_uncertainty=(factor * included).tolist(),
+        coverage_factor=budget.coverage_factor,
+        expanded_uncertainty=(budget.coverage_factor * included.uncertainty).tolist(),
         missing=_list_missing_contributions(budget, reasons),
-        expanded_with_model_error=(factor * with_model_error).tolist(),
+        expanded_with_model_error=(budget.coverage_factor * with_model_error.uncertainty).tolist(),
+    )
+
+
+def _select_joints(spread: Spread, joints: IndexArray) -> Spread:
+    """Return the uncertainty of some joints, from that of all n joints."""
+    return Spread(spread.covariance[np.ix_(joints, joints)])
+
+
+def _build_budget_component(component: BudgetComponent, joints: IndexArray) -> runs.BudgetComponent:
+    """Build the message of one source of uncertainty, for the joints with an estimate.
+
+    For example the load point moves the compliances of q joints by `responses` (q, 3) for one standard
+    uncertainty along each of its axes; other sources have no such directions.
+    """
+    of_joints = _select_joints(component, joints)
+    responses = None
+    if component.responses is not None:
+        responses = component.responses[joints].tolist()
+    return runs.BudgetComponent(
+        source=component.source,
+        evaluation=component.evaluation,
+        included=component.included,
+        degrees_of_freedom=finite_or_none(component.degrees_of_freedom),
+        contributions=of_joints.uncertainty.tolist(),
+        correlation=of_joints.correlation.tolist(),
+        responses=responses,
     )
 
 

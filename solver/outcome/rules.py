@@ -8,10 +8,10 @@ noise alone raises one in less than one of a hundred sets.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from jointstiff.schemas.finding import (
     NamedCause,
     Verdict,
 )
+from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.options import MAX_CAUSES
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.evidence.alternatives import (
@@ -38,17 +39,20 @@ from jointstiff.solver.evidence.joints import JointsAlone, residuals_within_nois
 from jointstiff.solver.evidence.payload import inspect_force_unit
 from jointstiff.solver.evidence.pure_error import PureError, compute_pure_error
 from jointstiff.solver.evidence.selection import Cause
+from jointstiff.solver.evidence.structure import Apart
 from jointstiff.solver.evidence.unloading import Unloading, compare_unloaded_positions
 from jointstiff.solver.fit.estimate import (
+    CommonErrors,
     ComplementaryStiffness,
     Estimate,
     JointCompliance,
     Prediction,
 )
+from jointstiff.solver.fit.identify import describe
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.triangle import solve_nonnegative
-from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, fitted_errors, targets_in_flange
+from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, Term, fitted_errors, targets_in_flange
 from jointstiff.solver.mechanics.measurements import (
     ASSUMED_FORCE_SCALE,
     ASSUMED_LOAD_POINT,
@@ -132,6 +136,22 @@ _CHECK_NOISE: Final = (
     "check frames, joint map, units and noise; if all are correct, something besides the joints deflects: "
     "omit `noise` so that sigma is estimated from the residuals"
 )
+
+
+_ASSUMED_SCALE_OF_FORCES: Final = (
+    f"The forces are assumed to be known to ±{100 * ASSUMED_FORCE_SCALE:g} %. Enter the "
+    "uncertainty of the load cell or of the weight (`noise.force.scale`; on the page: Advanced, "
+    "Scale of the force)."
+)
+_NO_SECOND_READING: Final = (
+    "Each posture was read only once without load, so a deflection that remains after unloading is "
+    "not detected. Read each posture again after unloading (`unloaded_after`)."
+)
+_NO_POSITIONS: Final = (
+    "The set has deflections but no positions, so the joint angles and the geometry of robot, "
+    "frames and targets cannot be checked."
+)
+"""Sentences on what was assumed, and on what the readings do not show."""
 
 
 @dataclass(frozen=True)
@@ -222,28 +242,49 @@ class _Explanation:
     causes: Sequence[Cause]  # causes that move the targets in addition to the joints
     wrong: tuple[str, ...]  # labels of single postures whose readings are wrong
 
+    @property
+    def spoils_stiffnesses(self) -> bool:
+        """True if the data have a mistake that changes the stiffnesses, and enlarges the residuals."""
+        return self.has_gross_error or self.mistake is not None
+
 
 def _choose_explanation(joints: JointsAlone, estimate: Estimate, screening: Screening | None) -> _Explanation:
-    """Choose either a mistake in the data or causes: whichever explains the readings better."""
-    noticed: Sequence[Finding] = joints.noticed
+    """Choose either a mistake in the data or causes: whichever explains the readings better.
+
+    For example exchanged columns are a mistake in the data, and a load point 5 mm away is a cause.
+    """
     mistake = _find_gross_mistake(joints, estimate)
+    noticed: Sequence[Finding] = joints.noticed
     if mistake is not None:  # reports these mistakes, too
         noticed = [finding for finding in noticed if finding.code not in _SAME_MISTAKES]
     has_gross_error = any(finding.weight == "do_not_use" for finding in noticed)
     # With a gross error in the data, tests of smaller effects mean nothing.
-    if screening is None or has_gross_error:
+    if screening is None or has_gross_error or not _causes_explain_more(screening, mistake):
         return _Explanation(noticed, has_gross_error, mistake, None, (), ())
-    causes = screening.causes
-    if mistake is not None:
-        causes_explain_more = (
-            screening.makes_links_unnecessary and causes[0].ratio < LARGEST_RATIO * mistake.ratio
-        )
-        if not causes_explain_more:
-            return _Explanation(noticed, has_gross_error, mistake, None, (), ())
-    # Postures with a mistake that another finding names need no second finding.
+    wrong = _list_unreported_postures(screening, noticed)
+    return _Explanation(noticed, has_gross_error, None, screening, screening.causes, wrong)
+
+
+def _causes_explain_more(screening: Screening, mistake: BetterAlternative | None) -> bool:
+    """Return whether causes explain the readings better than a mistake in the data, if one was found.
+
+    Causes must leave nothing for links to explain, and their sum of squared residuals must be clearly below
+    that of the mistake: by the factor that a mistake must improve on the data as given.
+    """
+    if mistake is None:
+        return True
+    return screening.makes_links_unnecessary and screening.causes[0].ratio < LARGEST_RATIO * mistake.ratio
+
+
+def _list_unreported_postures(screening: Screening, noticed: Sequence[Finding]) -> tuple[str, ...]:
+    """Return the labels of postures with wrong readings, except those that another finding names.
+
+    If causes were found, all are returned, because the causes were fitted without these postures.
+    """
+    if screening.causes:
+        return screening.wrong
     named = {finding.observation for finding in noticed}
-    wrong = tuple(label for label in screening.wrong if causes or label not in named)
-    return _Explanation(noticed, has_gross_error, None, screening, causes, wrong)
+    return tuple(label for label in screening.wrong if label not in named)
 
 
 def _list_reasons(
@@ -262,41 +303,46 @@ def _list_reasons(
         explanation: what explains the readings better than the joints with the data as given.
         unloading: positions after the load was removed; None if none was read.
     """
-    robot, measurements = joints.robot, joints.measurements
-    mistake, causes, wrong = explanation.mistake, explanation.causes, explanation.wrong
-    if mistake is not None:
-        yield report_alternative(robot, measurements, mistake)
-    if causes:
-        fitted_count = sum(bool(term.words) for term in fitted_errors(measurements).terms)
-        # The causes were fitted with the scatter that tests count, so that the joints alone are, too.
-        yield report_causes(causes, joints.identified.tested, wrong, most=MAX_CAUSES - fitted_count)
-    yield from report_fitted_causes(measurements)
-    is_explained = explanation.has_gross_error or mistake is not None
-    if not is_explained:  # a gross error in the data changes the stiffnesses, too
-        # The arms with which the stiffnesses are compared were fitted by joints alone.
-        yield from inspect_force_unit(robot, measurements, joints.estimate.joints)
+    yield from _report_explanation(joints, explanation)
     yield from find_reading_problems(
-        robot,
-        measurements,
+        joints.robot,
+        joints.measurements,
         joints.settings,
         prediction,
         explanation.noticed,
         labels=joints.labels,
-        wrong=wrong,
-        cause_found=bool(causes),
+        wrong=explanation.wrong,
+        cause_found=bool(explanation.causes),
     )
     if unloading is not None and unloading.remains:
         yield report_remaining_deflection(unloading)
     yield from _report_encoders_against_targets(joints)
     yield from find_fit_problems(
-        measurements,
-        estimate,
-        prediction,
+        _AssessedFit.of(joints, estimate, prediction),
         explanation.screening,
-        pure_error=measure_pure_error(joints.rows, estimate, prediction),
-        explained=is_explained,
-        cause_found=bool(causes),
+        explained=explanation.spoils_stiffnesses,
+        cause_found=bool(explanation.causes),
     )
+
+
+def _report_explanation(joints: JointsAlone, explanation: _Explanation) -> Iterator[Finding]:
+    """Yield findings on what explains the readings better than the joints with the data as given.
+
+    The unit of forces is checked by the stiffnesses, unless a mistake in the data changes the stiffnesses.
+    """
+    measurements = joints.measurements
+    if explanation.mistake is not None:
+        yield report_alternative(joints.robot, measurements, explanation.mistake)
+    if explanation.causes:
+        fitted_count = sum(bool(term.words) for term in fitted_errors(measurements).terms)
+        most = MAX_CAUSES - fitted_count
+        # The causes were fitted with the scatter that tests count, so that the joints alone are, too.
+        tested = describe(joints.identified.tested)
+        yield report_causes(explanation.causes, tested, explanation.wrong, most=most)
+    yield from report_fitted_causes(measurements)
+    if not explanation.spoils_stiffnesses:
+        # The arms with which the stiffnesses are compared were fitted by joints alone.
+        yield from inspect_force_unit(joints.robot, measurements, joints.estimate.joints)
 
 
 def _describe_assumed_point(stated: float | None) -> str:
@@ -314,29 +360,29 @@ def _list_notes(measurements: Measurements, estimate: Estimate, unloading: Unloa
     largest_force = float(np.linalg.norm(measurements.force, axis=1).max())
     if largest_force > 0.0:
         yield _describe_load_and_deflection(measurements, largest_force)
-    common = estimate.common  # effects of errors that all readings share, such as of the load point
-    if common is not None and common.responses_to("assumed_load_point").any():
-        yield _describe_assumed_point(measurements.common_uncertainty.doubtful_load_point)
-    if common is not None and common.responses_to("assumed_force_scale").any():
-        yield (
-            f"The forces are assumed to be known to ±{100 * ASSUMED_FORCE_SCALE:g} %. Enter the "
-            "uncertainty of the load cell or of the weight (`noise.force.scale`; on the page: Advanced, "
-            "Scale of the force)."
-        )
+    yield from _describe_assumptions(measurements, estimate)
     # A target in the flange frame has deflections, but no unloaded position.
     has_no_positions = bool(measurements.in_flange[measurements.present].all())
     if unloading is not None:
         yield describe_unloading(unloading)
     elif not has_no_positions:
-        yield (
-            "Each posture was read only once without load, so a deflection that remains after unloading is "
-            "not detected. Read each posture again after unloading (`unloaded_after`)."
-        )
+        yield _NO_SECOND_READING
     if has_no_positions:
-        yield (
-            "The set has deflections but no positions, so the joint angles and the geometry of robot, "
-            "frames and targets cannot be checked."
-        )
+        yield _NO_POSITIONS
+
+
+def _describe_assumptions(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
+    """Yield a sentence for each uncertainty of the loads that was assumed, because none was stated.
+
+    An assumption is told only if it matters: if the error changes a compliance of the estimate.
+    """
+    common = estimate.common  # effects of errors that all readings share, such as of the load point
+    if common is None:
+        return
+    if common.responses_to("assumed_load_point").any():
+        yield _describe_assumed_point(measurements.common_uncertainty.doubtful_load_point)
+    if common.responses_to("assumed_force_scale").any():
+        yield _ASSUMED_SCALE_OF_FORCES
 
 
 def _describe_load_and_deflection(measurements: Measurements, largest_force: float) -> str:
@@ -352,9 +398,20 @@ def _describe_load_and_deflection(measurements: Measurements, largest_force: flo
 
 def _list_notes_on_encoders(joints: JointsAlone) -> Iterator[str]:
     """Yield sentences on noise that the encoders do not state, and on structure that they do not see."""
-    apart = joints.apart
-    if apart is None:
+    if joints.apart is None:
         return
+    yield from _describe_noisy_encoders(joints, joints.apart)
+    if joints.apart.shows_structure:
+        yield (
+            "The targets show other deflections than the encoders (chi-square test, "
+            f"p = {joints.apart.p_value:.1g}): structure behind the encoders bends, too. The joints are "
+            "identified from the targets alone; `gearboxes` and `structures` are the two parts of their "
+            "compliances."
+        )
+
+
+def _describe_noisy_encoders(joints: JointsAlone, apart: Apart) -> Iterator[str]:
+    """Yield a sentence on encoders that scatter more than stated, such as `joint_2 12 µrad`."""
     encoders = joints.measured.encoders
     stated_noise = 0.0 if encoders is None else encoders.sigma  # [rad]
     noise_texts = []
@@ -366,34 +423,35 @@ def _list_notes_on_encoders(joints: JointsAlone) -> Iterator[str]:
             f"The encoders scatter more than the {1e6 * stated_noise:.2g} µrad that are stated, such as by "
             f"play in the gears: {', '.join(noise_texts)}. The intervals account for this."
         )
-    if apart.shows_structure:
-        yield (
-            "The targets show other deflections than the encoders (chi-square test, "
-            f"p = {apart.p_value:.1g}): structure behind the encoders bends, too. The joints are identified "
-            "from the targets alone; `gearboxes` and `structures` are the two parts of their compliances."
-        )
 
 
 def _report_encoders_against_targets(joints: JointsAlone) -> Iterator[Finding]:
-    """Yield a finding for each joint whose encoder shows more deflection than the targets."""
+    """Yield a finding for each joint whose encoder shows more deflection than the targets.
+
+    The encoder sees the gearbox alone, and the targets see gearbox and structure, so that the structure would
+    need a negative compliance: its part of the gearbox's compliance is how much more the encoder shows.
+    """
     apart = joints.apart
     if apart is None:
         return
     compared_joints = apart.joints.tolist()
     for joint in apart.against.tolist():
         gearbox, structure = apart.free_compliance[:, compared_joints.index(joint)].tolist()
-        # The structure behind the encoder would need a negative compliance.
         excess_percent = -100.0 * structure / gearbox
-        name = joints.robot.joint_names[joint]
-        yield Finding(
-            code="encoder_deflection_implausibly_large",
-            weight="use_with_care",
-            message=f"the encoder of {name} shows {excess_percent:.2g} % more deflection "
-            "than the targets, which nothing behind the encoder explains",
-            remedy="check that the encoder's angles are those of the model's joint, in `units.angle`, and "
-            "the unit of the targets' lengths",
-            where=name,
-        )
+        yield _report_excessive_encoder(joints.robot.joint_names[joint], excess_percent)
+
+
+def _report_excessive_encoder(name: str, excess_percent: float) -> Finding:
+    """Return the finding that a joint's encoder shows more deflection than the targets."""
+    return Finding(
+        code="encoder_deflection_implausibly_large",
+        weight="use_with_care",
+        message=f"the encoder of {name} shows {excess_percent:.2g} % more deflection "
+        "than the targets, which nothing behind the encoder explains",
+        remedy="check that the encoder's angles are those of the model's joint, in `units.angle`, and "
+        "the unit of the targets' lengths",
+        where=name,
+    )
 
 
 def describe_unloading(unloading: Unloading) -> str:
@@ -431,20 +489,26 @@ def derive_assessment(joints: Sequence[JointCompliance], findings: Iterable[Find
     The verdict is the weight of the most severe finding; reasons and remarks are in order of severity.
     """
     ordered = tuple(sorted(findings, key=lambda finding: -_ORDER[finding.weight]))
-    names = {joint.name for joint in joints}
-    verdicts = []
-    for joint in joints:
-        # The verdict follows from the joint's status, and from findings on the joint or on the whole set.
-        other_joints = names - {joint.name}
-        weights = [finding.weight for finding in ordered if finding.where not in other_joints]
-        verdict_by_status = _BY_STATUS[joint.status]
-        verdicts.append(max([verdict_by_status, *weights], key=lambda verdict: _ORDER[verdict]))
+    joint_names = {joint.name for joint in joints}
+    verdicts = [_judge_joint(joint, joint_names, ordered) for joint in joints]
     return Assessment(
         verdict=ordered[0].weight if ordered else "use",
         reasons=tuple(finding for finding in ordered if not finding.is_remark),
         remarks=tuple(finding for finding in ordered if finding.is_remark),
         joints=tuple(verdicts),
     )
+
+
+def _judge_joint(joint: JointCompliance, joint_names: Set[str], findings: Sequence[Finding]) -> Verdict:
+    """Return the verdict on a joint: the most severe of its status, and of findings that concern it.
+
+    A finding concerns the joint unless its place `where` is another joint; a finding without a place concerns
+    the whole set.
+    """
+    other_joints = joint_names - {joint.name}
+    weights = [finding.weight for finding in findings if finding.where not in other_joints]
+    verdict_by_status = _BY_STATUS[joint.status]
+    return max([verdict_by_status, *weights], key=lambda verdict: _ORDER[verdict])
 
 
 _ALTERNATIVE_TEXTS: Final[dict[AlternativeKind, tuple[str, str]]] = {
@@ -495,9 +559,27 @@ def _find_gross_mistake(joints: JointsAlone, estimate: Estimate) -> BetterAltern
 
 def report_alternative(robot: Robot, measurements: Measurements, better: BetterAlternative) -> Finding:
     """Return the finding that the readings are explained far better after undoing a mistake in the data."""
-    alternative = better.alternative
+    change, remedy = _describe_correction(robot, better.alternative)
+    return Finding(
+        code="alternative_explains_better",
+        weight="do_not_use",
+        message=f"with {change}, the joints explain {100 * better.compensation:.3g} % of the mean deflection "
+        f"instead of {100 * better.compensation_as_given:.3g} %; the sum of squared residuals falls to "
+        f"{100 * better.ratio:.2g} %",
+        remedy=remedy,
+        action=_advise_correction(robot, measurements, better.alternative),
+    )
+
+
+def _describe_correction(robot: Robot, alternative: Alternative) -> tuple[str, str]:
+    """Return the change that undoes a mistake in words, such as `the sign of joint_3 reversed`, and a remedy.
+
+    Each text has places for the words that it needs: for the first and last joint concerned, and so on.
+    """
     names = [robot.joint_names[j] for j in alternative.joints]
-    first, last = (alternative.joints[0], alternative.joints[-1]) if names else (0, 0)
+    first, last = 0, 0  # a mistake of the load concerns no joint
+    if names:
+        first, last = alternative.joints[0], alternative.joints[-1]
     words = {
         "names": ", ".join(names),
         "first": robot.joint_names[first],
@@ -506,22 +588,19 @@ def report_alternative(robot: Robot, measurements: Measurements, better: BetterA
         "turn": float(np.degrees(alternative.offset[first])),
         "coupled": "added to" if alternative.matrix[last, first] > 0.0 else "taken from",
     }
-    change, remedy = (text.format(**words) for text in _ALTERNATIVE_TEXTS[alternative.kind])
+    change, remedy = _ALTERNATIVE_TEXTS[alternative.kind]
+    return change.format(**words), remedy.format(**words)
+
+
+def _advise_correction(robot: Robot, measurements: Measurements, alternative: Alternative) -> AdvisedAction:
+    """Return the action that undoes a mistake: an exchange of places or of columns, or another joint map."""
     if alternative.target is not None:
-        action = AdvisedAction.of("exchange_load_and_target", target=measurements.targets[alternative.target])
-    elif alternative.kind == "columns_exchanged":
-        action = AdvisedAction.of("exchange_columns", joints=names)
-    else:
-        action = _advise_joint_map(robot, measurements, alternative)
-    return Finding(
-        code="alternative_explains_better",
-        weight="do_not_use",
-        message=f"with {change}, the joints explain {100 * better.compensation:.3g} % of the mean deflection "
-        f"instead of {100 * better.compensation_as_given:.3g} %; the sum of squared residuals falls to "
-        f"{100 * better.ratio:.2g} %",
-        remedy=remedy,
-        action=action,
-    )
+        target = measurements.targets[alternative.target]
+        return AdvisedAction.of("exchange_load_and_target", target=target)
+    if alternative.kind == "columns_exchanged":
+        names = [robot.joint_names[j] for j in alternative.joints]
+        return AdvisedAction.of("exchange_columns", joints=names)
+    return _advise_joint_map(robot, measurements, alternative)
 
 
 def _advise_joint_map(robot: Robot, measurements: Measurements, alternative: Alternative) -> AdvisedAction:
@@ -534,15 +613,22 @@ def _advise_joint_map(robot: Robot, measurements: Measurements, alternative: Alt
     matrix = stated.matrix @ alternative.matrix
     offset = stated.matrix @ alternative.offset + stated.offset
     if alternative.kind == "zero_offset":
-        # Whole turns bring the median angles nearest to the middle of the joints' limits.
-        angles = matrix @ np.median(measurements.joints, axis=0) + offset
-        to_middle = robot.limits.mean(axis=1) - angles
-        to_middle[~np.isfinite(to_middle)] = 0.0  # a joint without limits
-        offset = offset + 2.0 * np.pi * np.round(to_middle / (2.0 * np.pi))
+        offset = offset + _find_whole_turns(robot, matrix @ np.median(measurements.joints, axis=0) + offset)
     names = [robot.joint_names[j] for j in alternative.joints]
     return AdvisedAction.of(
         "apply_joint_map", joints=names, joint_map=matrix.tolist(), offset=offset.tolist()
     )
+
+
+def _find_whole_turns(robot: Robot, angles: FloatArray) -> FloatArray:
+    """Return the whole turns (n,) that bring angles (n,) nearest to the middle of the joints' limits [rad].
+
+    A zero that is off by 90° may as well be off by −270°; only the limits show which one is meant. A joint
+    without limits gets no turn.
+    """
+    to_middle = robot.limits.mean(axis=1) - angles
+    to_middle[~np.isfinite(to_middle)] = 0.0
+    return np.asarray(2.0 * np.pi * np.round(to_middle / (2.0 * np.pi)))
 
 
 def report_causes(
@@ -550,9 +636,8 @@ def report_causes(
 ) -> Finding:
     """Return the finding that joints and causes explain the readings better than joints alone.
 
-    Causes of one step explain the readings equally well; causes of several steps explain them together. The
-    weight of the finding is "do_not_use" if the causes make links unnecessary and change a compliance by more
-    than `HARMFUL`, unless the intervals cover the change.
+    The weight of the finding is "do_not_use" if the causes make links unnecessary and change a compliance by
+    more than `HARMFUL`, unless the intervals cover the change.
 
     Args:
         causes: causes that were found, step by step.
@@ -560,62 +645,116 @@ def report_causes(
         wrong: labels of single postures whose readings are wrong, which were left out.
         most: largest number of causes that a run may fit in addition to those that it fits already.
     """
-    steps = [list(step) for _, step in groupby(causes, key=lambda cause: cause.step)]
-    is_not_linear = any({cause.suspect.name for cause in step} == _NOT_LINEAR for step in steps)
-    remedies = [cause.suspect.term.remedy for cause in causes]
-    if is_not_linear:  # only readings at a smaller load distinguish play from curved springs
-        others = [cause for cause in causes if cause.suspect.name not in _NOT_LINEAR]
-        remedies = [_READ_HALF, *(cause.suspect.term.remedy for cause in others)]
-    if wrong:
-        remedies.append(f"repeat the readings of {_name_postures(wrong)}")
-    # A tie is fitted as a whole as far as a run may fit so many causes; the best of each step comes first.
-    best_of_steps = [step[0] for step in steps]
-    ties = [cause for step in steps for cause in step[1:]]
-    fitted = [*best_of_steps, *ties][:most]
-    fitted_names = [NamedCause(name=cause.suspect.name, first=cause.suspect.first) for cause in fitted]
-    links_unnecessary = all(cause.makes_links_unnecessary for cause in steps[-1])
-    largest_change, is_harmful = _measure_changes(causes, estimate)
-    is_mistake = links_unnecessary and is_harmful
-    nature = "the joints are not linear: " if is_not_linear else ""
-    left_out = f"without {_name_postures(wrong)}, and " if wrong else ""
-    causes_text = ", and with ".join(_describe_tie(step) for step in steps)
-    p_value = max(cause.p_value for cause in causes)
-    links_text = "" if links_unnecessary else ", but links may bend as well"
+    selected = _SelectedCauses.group(causes)
+    change = _measure_changes(causes, estimate)
+    is_mistake = selected.make_links_unnecessary and change.is_harmful
+    fitted = selected.choose_to_fit(most)
     return Finding(
         code="alternative_explains_better",
         weight="do_not_use" if is_mistake else "use_with_care",
-        message=f"{nature}{left_out}with {causes_text}, the joints explain the readings significantly better "
-        f"(F test, p = {p_value:.1g}){links_text}; compliances change by up to {100 * largest_change:.2g} %",
-        remedy="; ".join(dict.fromkeys(remedies)),
-        action=AdvisedAction.of("fit_causes", wrong, causes=fitted_names) if fitted_names else None,
+        message=f"{selected.describe(wrong)}; compliances change by up to {100 * change.largest:.2g} %",
+        remedy="; ".join(dict.fromkeys(selected.list_remedies(wrong))),
+        action=AdvisedAction.of("fit_causes", wrong, causes=fitted) if fitted else None,
     )
 
 
-def _measure_changes(causes: Sequence[Cause], estimate: Estimate) -> tuple[float, bool]:
-    """Return the largest relative change of a compliance by a cause, and whether a change does harm.
+@dataclass(frozen=True, eq=False)
+class _SelectedCauses:
+    """Causes that were found step by step.
+
+    Causes of one step explain the readings equally well, such as a load point elsewhere *or* a moment that
+    was forgotten; causes of several steps explain the readings together.
+    """
+
+    steps: Sequence[Sequence[Cause]]  # the best cause of a step comes first
+
+    @classmethod
+    def group(cls, causes: Sequence[Cause]) -> _SelectedCauses:
+        """Group causes by their step, whose order they have already."""
+        return cls([list(step) for _, step in groupby(causes, key=lambda cause: cause.step)])
+
+    @property
+    def make_links_unnecessary(self) -> bool:
+        """True if nothing is left for links to explain when all causes are fitted."""
+        return all(cause.makes_links_unnecessary for cause in self.steps[-1])
+
+    @property
+    def are_not_linear(self) -> bool:
+        """True if play and curved springs explain the readings equally well."""
+        return any({cause.suspect.name for cause in step} == _NOT_LINEAR for step in self.steps)
+
+    def choose_to_fit(self, most: int) -> list[NamedCause]:
+        """Return the causes that a run should fit, at most `most`: the best of each step, then the others."""
+        best_of_steps = [step[0] for step in self.steps]
+        ties = [cause for step in self.steps for cause in step[1:]]
+        chosen = [*best_of_steps, *ties][:most]
+        return [NamedCause(name=cause.suspect.name, first=cause.suspect.first) for cause in chosen]
+
+    def list_remedies(self, wrong: Sequence[str]) -> list[str]:
+        """Return a remedy for each cause, and one for the postures whose readings are wrong.
+
+        Only readings at a smaller load distinguish play from curved springs, so that these two have a remedy
+        in common.
+        """
+        causes = [cause for step in self.steps for cause in step]
+        remedies = []
+        if self.are_not_linear:
+            remedies.append(_READ_HALF)
+            causes = [cause for cause in causes if cause.suspect.name not in _NOT_LINEAR]
+        remedies += [cause.suspect.term.remedy for cause in causes]
+        if wrong:
+            remedies.append(f"repeat the readings of {_name_postures(wrong)}")
+        return remedies
+
+    def describe(self, wrong: Sequence[str]) -> str:
+        """Return what the causes explain, in words; `wrong` are the postures that were left out."""
+        nature = "the joints are not linear: " if self.are_not_linear else ""
+        left_out = f"without {_name_postures(wrong)}, and " if wrong else ""
+        causes_text = ", and with ".join(_describe_tie(step) for step in self.steps)
+        p_value = max(cause.p_value for step in self.steps for cause in step)
+        links_text = "" if self.make_links_unnecessary else ", but links may bend as well"
+        return (
+            f"{nature}{left_out}with {causes_text}, the joints explain the readings significantly better "
+            f"(F test, p = {p_value:.1g}){links_text}"
+        )
+
+
+class _Change(NamedTuple):
+    """Change of compliances by causes that are fitted with the joints."""
+
+    largest: float  # relative to the compliance
+    is_harmful: bool  # whether a change is larger than an engineer would accept
+
+
+def _measure_changes(causes: Sequence[Cause], estimate: Estimate) -> _Change:
+    """Return by how much the causes change the compliances, and whether a change does harm.
 
     A change does harm if it exceeds `HARMFUL`. If the load point is the only cause, it must also exceed
     `COVERED` times the uncertainty by the load point, which the intervals contain already.
     """
     load_point_alone = all(cause.suspect.name == "load_point" for cause in causes)
-    largest_change, is_harmful = 0.0, False
+    covered = np.zeros(len(estimate.compliance))  # (n,) largest change that is harmless [rad/(N·m)]
+    if load_point_alone and estimate.common is not None:
+        covered = COVERED * _compute_uncertainty_by_load_point(estimate.common)
+    largest, is_harmful = 0.0, False
     for cause in causes:
         is_known = estimate.estimated & (estimate.compliance > 0.0) & (cause.compliance > 0.0)
         compliance = estimate.compliance[is_known]
         change = np.abs(cause.compliance[is_known] / compliance - 1.0)
-        harmful = change > HARMFUL
-        if load_point_alone and estimate.common is not None:
-            responses = np.hstack(
-                [
-                    estimate.common.responses_to("assumed_load_point"),
-                    estimate.common.responses_to("load_point"),
-                ]
-            )
-            uncertainty = np.linalg.norm(responses[is_known], axis=1)
-            harmful &= change * compliance > COVERED * uncertainty
-        largest_change = max(largest_change, float(change.max(initial=0.0)))
+        harmful = (change > HARMFUL) & (change * compliance > covered[is_known])
+        largest = max(largest, float(change.max(initial=0.0)))
         is_harmful |= bool(harmful.any())
-    return largest_change, is_harmful
+    return _Change(largest, is_harmful)
+
+
+def _compute_uncertainty_by_load_point(common: CommonErrors) -> FloatArray:
+    """Return the standard uncertainty (n,) of each compliance by that of the load point [rad/(N·m)].
+
+    Responses (n, 3) are the changes of the compliances by one standard uncertainty along each axis.
+    """
+    by_assumption = common.responses_to("assumed_load_point")
+    by_statement = common.responses_to("load_point")
+    return np.asarray(np.linalg.norm(np.hstack([by_assumption, by_statement]), axis=1))
 
 
 def _name_postures(labels: Sequence[str]) -> str:
@@ -654,25 +793,38 @@ def _report_wrong_postures(
 
 
 def report_fitted_causes(measurements: Measurements) -> Iterator[Finding]:
-    """Yield a finding for each cause that was fitted with the joints: the cause's stated value is wrong."""
+    """Yield a finding for each cause that was fitted with the joints: the cause's stated value is wrong.
+
+    Terms without words tell only how uncertain the columns of another term are, so that nobody reads them.
+    """
     fitted = fitted_errors(measurements)
     uncertainties = np.linalg.norm(fitted.root, axis=1)  # standard uncertainties of the unknowns of all terms
     start = 0
     for term, values in zip(fitted.terms, fitted.unknowns, strict=True):
-        half_widths = 2.0 * uncertainties[start : start + len(values)]  # of 95 % intervals
+        uncertainty = uncertainties[start : start + len(values)]
         start += len(values)
-        if not term.words:  # what is uncertain about the columns of another term
-            continue
-        value_text = unknowns_text(term.unit, values.tolist())
-        half_width_text = unknowns_text(term.unit, half_widths.tolist())
-        cause_text = term.words.format(f"{value_text} ± {half_width_text}")
-        yield Finding(
-            code="cause_fitted",
-            weight="use_with_care",
-            message=f"{cause_text} (95 %) was fitted with the joints; the intervals include the "
-            "uncertainty of this cause, and the readings contradict the stated value",
-            remedy=term.remedy,
-        )
+        if term.words:
+            yield _report_fitted_cause(term, values, uncertainty)
+
+
+def _report_fitted_cause(term: Term, values: FloatArray, uncertainty: FloatArray) -> Finding:
+    """Return the finding on a cause that was fitted, such as a load point elsewhere by (3, 0, −2) mm.
+
+    Args:
+        term: how the cause moves the targets, with words in which `{}` is its size.
+        values: (k,) fitted unknowns in the unit of the term.
+        uncertainty: (k,) their standard uncertainties; two of them are half a 95 % interval.
+    """
+    value_text = unknowns_text(term.unit, values.tolist())
+    half_width_text = unknowns_text(term.unit, (2.0 * uncertainty).tolist())
+    cause_text = term.words.format(f"{value_text} ± {half_width_text}")
+    return Finding(
+        code="cause_fitted",
+        weight="use_with_care",
+        message=f"{cause_text} (95 %) was fitted with the joints; the intervals include the "
+        "uncertainty of this cause, and the readings contradict the stated value",
+        remedy=term.remedy,
+    )
 
 
 def find_reading_problems(
@@ -704,14 +856,8 @@ def find_reading_problems(
     yield from _report_load_at_target(robot, measurements)
     outliers = [finding for finding in findings if finding.code == "residual_outlier"]
     others = [finding for finding in findings if finding.code != "residual_outlier"]
-    mistakes = _group_by_code(others, "do_not_use")
-    mistakes.sort(key=lambda group: group[0].observation is not None)
-    for group in mistakes:
-        yield _summarise_findings(group, _advise_leaving_out(group, labels))
-    for group in _group_by_code(others, "use_with_care"):
-        observations = _list_observations(labels, group)
-        action = AdvisedAction.of("show_posture", observations) if observations else None
-        yield _summarise_findings(group, action)
+    yield from _merge_mistakes(others, labels)
+    yield from _merge_doubts(others, labels)
     if cause_found:  # a robust loss is no mend for a cause that moves many postures
         unnamed = [finding for finding in outliers if finding.observation not in wrong]
         yield from _report_outlying(measurements, settings, prediction, unnamed, mend="show_posture")
@@ -720,6 +866,28 @@ def find_reading_problems(
     else:
         yield from _report_wrong_postures(measurements, settings, wrong)
     yield from _report_small_deflections(measurements)
+
+
+def _merge_mistakes(findings: Sequence[Finding], labels: tuple[str, ...]) -> Iterator[Finding]:
+    """Yield one finding for each kind of mistake that forbids the use, those on the whole set first.
+
+    `labels` are the labels of all observations, some of which an action may leave out.
+    """
+    mistakes = _group_by_code(findings, "do_not_use")
+    mistakes.sort(key=lambda group: group[0].observation is not None)
+    for group in mistakes:
+        yield _summarise_findings(group, _advise_leaving_out(group, labels))
+
+
+def _merge_doubts(findings: Sequence[Finding], labels: tuple[str, ...]) -> Iterator[Finding]:
+    """Yield one finding for each kind of doubt about the readings, with the action to show its postures.
+
+    `labels` are the labels of all observations.
+    """
+    for group in _group_by_code(findings, "use_with_care"):
+        observations = _list_observations(labels, group)
+        action = AdvisedAction.of("show_posture", observations) if observations else None
+        yield _summarise_findings(group, action)
 
 
 def _advise_leaving_out(group: Sequence[Finding], labels: tuple[str, ...]) -> AdvisedAction | None:
@@ -765,15 +933,9 @@ def _report_load_at_target(robot: Robot, measurements: Measurements) -> Iterator
     target_count = part.present.shape[1]
     if target_count < 2 or not part.force.any():
         return
-    # Positions (N, T, 3) of the targets in the flange frame [m].
-    positions = np.where(part.in_flange[..., None], part.position, targets_in_flange(robot, part))
-    distances = np.linalg.norm(positions - part.load_point[:, None], axis=2)  # (N, T)
-    largest_distance = distances.max(axis=0)
-    # A target has a known position if all three coordinates were read in an observation.
-    is_known = (part.coordinates == 3).any(axis=0)
-    largest_distance[~is_known] = np.inf
-    nearest = int(largest_distance.argmin())
-    if largest_distance[nearest] <= SAME_PLACE:
+    distances = _measure_distances_to_load(robot, part)
+    nearest = int(distances.argmin())
+    if distances[nearest] <= SAME_PLACE:
         yield Finding(
             code="load_at_target",
             weight="use_with_care",
@@ -781,6 +943,20 @@ def _report_load_at_target(robot: Robot, measurements: Measurements) -> Iterator
             remedy="check the load point in the flange frame",
             action=AdvisedAction.of("exchange_load_and_target", target=measurements.targets[nearest]),
         )
+
+
+def _measure_distances_to_load(robot: Robot, measurements: Measurements) -> FloatArray:
+    """Return the largest distance (T,) of each target from the load point over all observations [m].
+
+    The distance is inf for a target of unknown place: one without an observation of all three coordinates.
+    """
+    # Places (N, T, 3) of the targets in the flange frame [m].
+    places = np.where(
+        measurements.in_flange[..., None], measurements.position, targets_in_flange(robot, measurements)
+    )
+    distances = np.linalg.norm(places - measurements.load_point[:, None], axis=2)  # (N, T)
+    is_known = (measurements.coordinates == 3).any(axis=0)
+    return np.where(is_known, distances.max(axis=0), np.inf)
 
 
 def _report_outlying(
@@ -798,30 +974,59 @@ def _report_outlying(
     residuals = np.linalg.norm(prediction.residual, axis=2).max(axis=1)  # (N,) largest of each observation
     more_than_joints_fitted = prediction.contributions is None or bool(fitted_errors(measurements).terms)
     if more_than_joints_fitted:
-        still_outlying = np.flatnonzero(residuals > OUTLYING * np.median(residuals))
-        labels = {measurements.labels[i] for i in still_outlying}
-        outliers = [f for f in outliers if f.observation is None or f.observation in labels]
+        outliers = _keep_outlying(outliers, measurements.labels, residuals)
     observations = _list_observations(measurements.labels, outliers)
     if not observations:
         return
-    # Count all observations with residuals as large as those of the outliers.
-    rows_of_outliers = [measurements.labels.index(label) for label in observations]
-    count = int((residuals >= residuals[rows_of_outliers].min()).sum())
+    count = _count_as_large(residuals, [measurements.labels.index(label) for label in observations])
     if count >= FEW * len(measurements):
-        yield Finding(
-            code="deflection_unexplained",
-            weight="use_with_care",
-            message=f"{count} of {len(measurements)} observations disagree with the joint stiffnesses that "
-            "fit the other observations. These are too many for single wrong readings: something besides "
-            "the joints bends, or angles or loads are wrong",
-            remedy="check these postures; if the readings are right, try elasticity joints_and_links",
-            action=AdvisedAction.of("show_posture", observations),
-        )
+        yield _report_many_outliers(count, len(measurements), observations)
     elif settings.loss != "huber":
         # Dial gauges, which read in one direction only, do not support the Huber loss.
         is_dial_gauge = measurements.direction is not None
         action = AdvisedAction.of("show_posture" if is_dial_gauge else mend, observations)
         yield _summarise_findings(outliers, action)
+
+
+def _keep_outlying(
+    outliers: Sequence[Finding], labels: Sequence[str], residuals: FloatArray
+) -> list[Finding]:
+    """Return the findings on outliers that the present model leaves unexplained, too.
+
+    An observation is outlying if its residual is above `OUTLYING` times the median residual.
+
+    Args:
+        outliers: findings on outliers of joints alone; one without an observation concerns the whole set.
+        labels: labels of the N observations.
+        residuals: (N,) largest residual of each observation by the present model [m].
+    """
+    still_outlying = np.flatnonzero(residuals > OUTLYING * np.median(residuals))
+    outlying_labels = {labels[i] for i in still_outlying.tolist()}
+    return [each for each in outliers if each.observation is None or each.observation in outlying_labels]
+
+
+def _count_as_large(residuals: FloatArray, rows: Sequence[int]) -> int:
+    """Return the number of residuals (N,) that are at least as large as the least of those in some rows."""
+    return int((residuals >= residuals[rows].min()).sum())
+
+
+def _report_many_outliers(count: int, total: int, observations: Sequence[str]) -> Finding:
+    """Return the finding that so many observations disagree that they cannot be single wrong readings.
+
+    Args:
+        count: number of observations that disagree.
+        total: number of all observations.
+        observations: labels of the observations that the user should look at.
+    """
+    return Finding(
+        code="deflection_unexplained",
+        weight="use_with_care",
+        message=f"{count} of {total} observations disagree with the joint stiffnesses that "
+        "fit the other observations. These are too many for single wrong readings: something besides "
+        "the joints bends, or angles or loads are wrong",
+        remedy="check these postures; if the readings are right, try elasticity joints_and_links",
+        action=AdvisedAction.of("show_posture", observations),
+    )
 
 
 def _group_by_code(findings: Sequence[Finding], weight: Verdict) -> list[list[Finding]]:
@@ -844,90 +1049,128 @@ def _summarise_findings(group: Sequence[Finding], action: AdvisedAction | None) 
     return first.model_copy(update={"message": first.message + more, "action": action})
 
 
+@dataclass(frozen=True, eq=False)
+class _AssessedFit:
+    """Fit that is assessed, with the readings from which it was made."""
+
+    measurements: Measurements  # N observations
+    estimate: Estimate  # from these measurements
+    prediction: Prediction  # of these measurements by the estimate
+    pure_error: PureError | None  # noise of the readings whatever the model; None if they do not show it
+
+    @classmethod
+    def of(cls, joints: JointsAlone, estimate: Estimate, prediction: Prediction) -> _AssessedFit:
+        """Gather an estimate from the readings of an identification, with the noise that the targets show."""
+        return cls(
+            joints.measurements, estimate, prediction, measure_pure_error(joints.rows, estimate, prediction)
+        )
+
+    @property
+    def only_joints_bend(self) -> bool:
+        """True if the model has neither links nor a base that bend."""
+        return self.prediction.contributions is not None
+
+    @property
+    def sigma_was_stated(self) -> bool:
+        """True if the user stated the noise, even if the readings refuted it."""
+        return self.estimate.sigma_given or self.measurements.refuted_sigma is not None
+
+
 def find_fit_problems(
-    measurements: Measurements,
-    estimate: Estimate,
-    prediction: Prediction,
-    screening: Screening | None = None,
-    *,
-    pure_error: PureError | None = None,
-    explained: bool = False,
-    cause_found: bool = False,
+    fit: _AssessedFit, screening: Screening | None, *, explained: bool, cause_found: bool
 ) -> Iterator[Finding]:
     """Yield findings on problems of an estimate and its prediction.
 
     A finding of the weight `use` does not change the verdict.
 
     Args:
-        measurements: N observations.
-        estimate: from these measurements.
-        prediction: of these measurements by the estimate.
+        fit: estimate and prediction, with the readings.
         screening: tests for other causes of the deflections; None without tests.
-        pure_error: noise of the readings whatever the model; None if the readings do not show it.
         explained: whether another finding already explains large residuals, which are then not reported.
         cause_found: whether a cause explains the readings; large residuals are then no sign of large noise.
     """
-    yield from _report_unidentified(estimate)
-    yield from _report_freedom(measurements, estimate, known=pure_error is not None)
-    yield from _report_few_postures(measurements)
+    yield from _report_unidentified(fit.estimate)
+    yield from _report_freedom(fit)
+    yield from _report_few_postures(fit.measurements)
     if not explained:
-        yield from _report_residuals(
-            measurements,
-            estimate,
-            pure_error,
-            joints_alone=prediction.contributions is not None,
-            cause_found=cause_found,
-        )
-        has_causes = screening is not None and bool(screening.causes)
-        bends = prediction.bending is not None
-        sigma_was_stated = estimate.sigma_given or measurements.refuted_sigma is not None
-        # Other findings report what moves the flange, or residuals beyond a stated noise.
-        is_reported_elsewhere = has_causes or bends or sigma_was_stated
-        if pure_error is not None and pure_error.shows_motion and not is_reported_elsewhere:
-            yield report_unexplained_motion(pure_error)
-        yield from _report_unexplained(measurements, estimate, prediction)
-        yield from _report_dropped_statements(estimate)
-    yield from report_implausible_results(estimate)
-    yield from _report_solver(estimate)
-    yield from _report_links(prediction, screening)
+        yield from _report_residuals(fit, cause_found=cause_found)
+        yield from _report_unexplained_motion(fit, screening)
+        yield from _report_unexplained(fit)
+        yield from _report_dropped_statements(fit.estimate)
+    yield from report_implausible_results(fit.estimate)
+    yield from _report_solver(fit.estimate)
+    yield from _report_links(fit.prediction, screening)
+
+
+def _report_unexplained_motion(fit: _AssessedFit, screening: Screening | None) -> Iterator[Finding]:
+    """Yield a finding if the model leaves more of the flange's motion than the readings' noise.
+
+    Other findings report causes that move the flange, links or a base that bend, and residuals beyond a
+    stated noise.
+    """
+    if fit.pure_error is None or not fit.pure_error.shows_motion:
+        return
+    has_causes = screening is not None and bool(screening.causes)
+    links_or_base_bend = fit.prediction.bending is not None
+    is_reported_elsewhere = has_causes or links_or_base_bend or fit.sigma_was_stated
+    if not is_reported_elsewhere:
+        yield report_unexplained_motion(fit.pure_error)
 
 
 def _report_unidentified(estimate: Estimate) -> Iterator[Finding]:
     """Yield a finding if no joint is identified, with the likely reason."""
     statuses = [joint.status for joint in estimate.joints]
-    remedy, action = "add postures and loads that twist the joints", None
     all_seem_rigid = set(statuses) - {"not_observable"} == {"at_bound"}
-    if all_seem_rigid:
+    if not all_seem_rigid:
+        yield from report_no_identified_joint(statuses, "add postures and loads that twist the joints")
+    elif _fits_with_opposite_sign(estimate):
+        remedy = "exchange unloaded and loaded readings, or change the sign of every force"
+        action = AdvisedAction.of("exchange_readings")
+        yield from report_no_identified_joint(statuses, remedy, action)
+    else:
         remedy = (
             "choose another robot, or check the joint map and the frame of the forces: the joints of "
             "the chosen robot would move the targets in another way"
         )
-        deflections = estimate.compressed.all_readings.rhs
-        _, residual_of_negated = solve_nonnegative(estimate.regressor, -deflections)
-        # If the negated deflections fit, unloaded and loaded readings, or all forces, are reversed.
-        if residual_of_negated < (1.0 - UNUSABLE_SHARE) * np.linalg.norm(deflections):
-            remedy = "exchange unloaded and loaded readings, or change the sign of every force"
-            action = AdvisedAction.of("exchange_readings")
-    yield from report_no_identified_joint(statuses, remedy, action)
+        yield from report_no_identified_joint(statuses, remedy)
+
+
+def _fits_with_opposite_sign(estimate: Estimate) -> bool:
+    """Return whether the joints explain most of the deflections once every deflection is negated.
+
+    Then unloaded and loaded readings are exchanged, or all forces have the wrong sign.
+    """
+    deflections = estimate.compressed.all_readings.rhs
+    _, residual_of_negated = solve_nonnegative(estimate.regressor, -deflections)
+    return bool(residual_of_negated < (1.0 - UNUSABLE_SHARE) * np.linalg.norm(deflections))
 
 
 def _report_few_postures(measurements: Measurements) -> Iterator[Finding]:
     """Yield a finding if the set has fewer distinct postures than `_LEAST_POSTURES`."""
+    count = _count_distinct_postures(measurements.joints, most=_LEAST_POSTURES)
+    if count < _LEAST_POSTURES:
+        yield Finding(
+            code="few_postures",
+            weight="use_with_care",
+            message=f"the set has {count} distinct posture{'s' if count > 1 else ''}, so the "
+            "stiffnesses were not tested in other postures",
+            remedy=f"measure at least {_LEAST_POSTURES} postures that differ by {np.degrees(_DISTINCT):.0f}° "
+            "or more",
+        )
+
+
+def _count_distinct_postures(joints: FloatArray, *, most: int) -> int:
+    """Return the number of postures (N, n) of which any two differ by `_DISTINCT` in a joint, at most `most`.
+
+    The count ends at `most`, because a set may have thousands of postures.
+    """
     distinct_postures: list[FloatArray] = []
-    for joints in measurements.joints:
-        if all(np.abs(joints - other).max() >= _DISTINCT for other in distinct_postures):
-            distinct_postures.append(joints)
-        if len(distinct_postures) >= _LEAST_POSTURES:
-            return
-    count = len(distinct_postures)
-    yield Finding(
-        code="few_postures",
-        weight="use_with_care",
-        message=f"the set has {count} distinct posture{'s' if count > 1 else ''}, so the "
-        "stiffnesses were not tested in other postures",
-        remedy=f"measure at least {_LEAST_POSTURES} postures that differ by {np.degrees(_DISTINCT):.0f}° "
-        "or more",
-    )
+    for posture in joints:
+        if all(np.abs(posture - other).max() >= _DISTINCT for other in distinct_postures):
+            distinct_postures.append(posture)
+        if len(distinct_postures) >= most:
+            break
+    return len(distinct_postures)
 
 
 def _report_dropped_statements(estimate: Estimate) -> Iterator[Finding]:
@@ -1007,53 +1250,71 @@ def report_unexplained_motion(pure_error: PureError) -> Finding:
     )
 
 
-def _report_freedom(measurements: Measurements, estimate: Estimate, *, known: bool) -> Iterator[Finding]:
-    """Yield a finding if the fit has no degrees of freedom, or residuals too small or large for a tracker.
+def _report_freedom(fit: _AssessedFit) -> Iterator[Finding]:
+    """Yield a finding if the fit has no degrees of freedom, or residuals too small or large for a tracker."""
+    estimate = fit.estimate
+    if _count_freedom(fit) < _LEAST_FREEDOM:
+        yield _report_exact_fit(estimate)
+    elif estimate.sigma is not None and not estimate.sigma_given:  # sigma comes from the residuals
+        noise_is_shown = fit.pure_error is not None  # other findings compare the residuals with that noise
+        if estimate.sigma < LEAST_SIGMA:
+            yield _report_vanishing_residuals(estimate.sigma)
+        elif estimate.sigma > LARGEST_SIGMA and not noise_is_shown:
+            yield _report_implausible_sigma(estimate.sigma)
 
-    `known` tells whether targets of the same posture show the noise of the readings: then residuals are
-    compared with that noise elsewhere.
+
+def _count_freedom(fit: _AssessedFit) -> float:
+    """Return the degrees of freedom of a fit, in which targets of one posture are not counted too often.
+
+    A rigid flange moves by six coordinates at most, however many targets it has: four targets on a flange are
+    12 numbers, but determine no more than six unknowns.
     """
-    # A rigid flange moves by six coordinates at most, however many targets it has.
+    measurements, estimate = fit.measurements, fit.estimate
     coordinates = int(np.minimum(measurements.coordinates.sum(axis=1), 6).sum())
     if measurements.encoders is not None:
         coordinates += int(measurements.encoders.present.sum())
-    freedom = min(estimate.degrees_of_freedom, coordinates - estimate.rank)
-    if freedom < _LEAST_FREEDOM:
-        weight: Verdict = "do_not_use"
-        consequence = "the uncertainty is unknown"
-        if estimate.sigma_given:
-            weight = "use_with_care"
-            consequence = "the uncertainty comes from the stated noise only"
-        yield Finding(
-            code="no_residual_freedom",
-            weight=weight,
-            message="there are as many parameters as readings, so the fit reproduces any readings exactly: "
-            f"{consequence}",
-            remedy="measure at least twice as many observations",
-        )
-        return
-    if estimate.sigma_given or estimate.sigma is None:
-        return
-    sigma = estimate.sigma  # from the residuals [m]
-    if sigma < LEAST_SIGMA:
-        yield Finding(
-            code="residuals_vanish",
-            weight="use_with_care",
-            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per reading, but "
-            f"for a tracker at least {length_text(LEAST_SIGMA)} is plausible: these readings are computed, "
-            "not measured, so the uncertainties are meaningless",
-            remedy=f"state `noise` from the tracker's data sheet; {PAST_CARE}",
-        )
-    elif sigma > LARGEST_SIGMA and not known:
-        yield Finding(
-            code="sigma_implausible",
-            weight="use_with_care",
-            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
-            f"reading, but laser trackers have 10 to 40 µm, and at most {length_text(LARGEST_SIGMA)} is "
-            "plausible: most of this value comes from deflections that the model does not explain",
-            remedy="state `noise` from the instrument's data sheet; check geometry, angles and loads, and "
-            f"whether links bend; {PAST_CARE}",
-        )
+    return min(estimate.degrees_of_freedom, coordinates - estimate.rank)
+
+
+def _report_exact_fit(estimate: Estimate) -> Finding:
+    """Return the finding that the fit has as many parameters as readings."""
+    weight: Verdict = "do_not_use"
+    consequence = "the uncertainty is unknown"
+    if estimate.sigma_given:
+        weight = "use_with_care"
+        consequence = "the uncertainty comes from the stated noise only"
+    return Finding(
+        code="no_residual_freedom",
+        weight=weight,
+        message="there are as many parameters as readings, so the fit reproduces any readings exactly: "
+        f"{consequence}",
+        remedy="measure at least twice as many observations",
+    )
+
+
+def _report_vanishing_residuals(sigma: float) -> Finding:
+    """Return the finding that residuals of the size sigma [m] are too small for readings of a tracker."""
+    return Finding(
+        code="residuals_vanish",
+        weight="use_with_care",
+        message=f"the residuals give a standard uncertainty of {length_text(sigma)} per reading, but "
+        f"for a tracker at least {length_text(LEAST_SIGMA)} is plausible: these readings are computed, "
+        "not measured, so the uncertainties are meaningless",
+        remedy=f"state `noise` from the tracker's data sheet; {PAST_CARE}",
+    )
+
+
+def _report_implausible_sigma(sigma: float) -> Finding:
+    """Return the finding that residuals of the size sigma [m] are too large for readings of a tracker."""
+    return Finding(
+        code="sigma_implausible",
+        weight="use_with_care",
+        message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
+        f"reading, but laser trackers have 10 to 40 µm, and at most {length_text(LARGEST_SIGMA)} is "
+        "plausible: most of this value comes from deflections that the model does not explain",
+        remedy="state `noise` from the instrument's data sheet; check geometry, angles and loads, and "
+        f"whether links bend; {PAST_CARE}",
+    )
 
 
 def report_refuted_noise(measurements: Measurements, sigma: float | None) -> Iterator[Finding]:
@@ -1073,46 +1334,67 @@ def report_refuted_noise(measurements: Measurements, sigma: float | None) -> Ite
         )
 
 
-def _report_residuals(
-    measurements: Measurements,
-    estimate: Estimate,
-    pure_error: PureError | None,
-    *,
-    joints_alone: bool,
-    cause_found: bool = False,
-) -> Iterator[Finding]:
-    """Yield a finding if the residuals are larger or smaller than the stated sigma predicts."""
-    test = estimate.sigma_test
-    yield from report_refuted_noise(measurements, estimate.sigma)
+def _report_residuals(fit: _AssessedFit, *, cause_found: bool) -> Iterator[Finding]:
+    """Yield a finding if the residuals are larger or smaller than the stated sigma predicts.
+
+    `cause_found` tells whether a cause explains the readings: then the stated noise may well be right.
+    """
+    estimate, test = fit.estimate, fit.estimate.sigma_test
+    yield from report_refuted_noise(fit.measurements, estimate.sigma)
     freedom = max(estimate.degrees_of_freedom, _LEAST_FREEDOM)
     ratio = float(np.sqrt(estimate.chi_square / freedom))  # size of the residuals relative to sigma
     if test is None or test.result == "consistent" or abs(ratio - 1.0) < WORTH_A_WARNING:
         return
     if test.result == "residuals_too_small":
-        chance = "p < 0.001" if test.p_value < 0.001 else f"p = {test.p_value:.1g}"
-        yield Finding(
-            code="sigma_overstated",
-            weight="use",
-            message=f"the residuals are only {figure(ratio, '.3g')} times as large as sigma predicts "
-            f"(chi-square test, {chance}), so the uncertainties are too large",
-            remedy="check `noise` and `units.length`; omit `noise` so that sigma is estimated from the "
-            "residuals",
-        )
-        return
-    may_be_chance = test.p_value > CARE_LEVEL
-    may_be_penalty = (
-        not joints_alone and ratio <= CARE_RATIO_OF_LINKS
-    )  # the links' penalty enlarges residuals
-    weight: Verdict = "use_with_care" if ratio <= UNUSABLE_RATIO else "do_not_use"
+        yield _report_overstated_sigma(ratio, test.p_value)
+    else:
+        weight = _weigh_large_residuals(ratio, test.p_value, only_joints_bend=fit.only_joints_bend)
+        yield _report_understated_sigma(ratio, weight, fit.pure_error, cause_found=cause_found)
+
+
+def _report_overstated_sigma(ratio: float, p_value: float) -> Finding:
+    """Return the finding that the residuals are only `ratio` times as large as the stated sigma predicts."""
+    chance = "p < 0.001" if p_value < 0.001 else f"p = {p_value:.1g}"
+    return Finding(
+        code="sigma_overstated",
+        weight="use",
+        message=f"the residuals are only {figure(ratio, '.3g')} times as large as sigma predicts "
+        f"(chi-square test, {chance}), so the uncertainties are too large",
+        remedy="check `noise` and `units.length`; omit `noise` so that sigma is estimated from the residuals",
+    )
+
+
+def _weigh_large_residuals(ratio: float, p_value: float, *, only_joints_bend: bool) -> Verdict:
+    """Return how much residuals count that are `ratio` times as large as the stated sigma predicts.
+
+    Residuals by chance do not count, nor do slightly larger ones of a model with links, whose penalty
+    enlarges them.
+    """
+    may_be_chance = p_value > CARE_LEVEL
+    may_be_penalty = not only_joints_bend and ratio <= CARE_RATIO_OF_LINKS
     if may_be_chance or may_be_penalty:
-        weight = "use"
+        return "use"
+    return "use_with_care" if ratio <= UNUSABLE_RATIO else "do_not_use"
+
+
+def _report_understated_sigma(
+    ratio: float, weight: Verdict, pure_error: PureError | None, *, cause_found: bool
+) -> Finding:
+    """Return the finding that the residuals are `ratio` times as large as the stated sigma predicts.
+
+    Args:
+        ratio: size of the residuals relative to sigma.
+        weight: weight of the finding.
+        pure_error: noise of the readings whatever the model; None if the readings do not show it.
+        cause_found: whether a cause explains the readings, which is then to be fitted first.
+    """
     agreement = ""
     if pure_error is not None and pure_error.shows_motion:
         agreement = (
             f". Targets of one posture agree to within {length_text(pure_error.sigma)}, so the flange "
             "moves differently from the model"
         )
-    yield Finding(
+    return Finding(
         code="residuals_exceed_sigma",
         weight=weight,
         message=f"the residuals are {figure(ratio, '.3g')} times as large as the stated noise allows, so "
@@ -1123,95 +1405,115 @@ def _report_residuals(
     )
 
 
-def _report_unexplained(
-    measurements: Measurements, estimate: Estimate, prediction: Prediction
-) -> Iterator[Finding]:
+def _report_unexplained(fit: _AssessedFit) -> Iterator[Finding]:
     """Yield a finding if the joints explain too small a share of the deflections.
 
     If the stated noise explains the residuals, the finding has the weight `use`.
     """
-    share, is_noise = prediction.compensation, residuals_within_noise(estimate)
+    share, is_noise = fit.prediction.compensation, residuals_within_noise(fit.estimate)
     least_share = UNUSABLE_SHARE if is_noise else CARE_SHARE
     if share is None or share >= least_share:
         return
     weight: Verdict = "use_with_care" if share >= UNUSABLE_SHARE else "do_not_use"
-    largest_residuals = np.linalg.norm(prediction.residual, axis=2).max(axis=1)  # (N,) of each observation
-    worst_posture = measurements.labels[largest_residuals.argmax()]
     yield Finding(
         code="deflection_unexplained",
         weight="use" if is_noise else weight,
         message=f"the joints explain only {100 * share:.3g} % of the mean deflection; the joints of "
         "industrial robots usually explain about 80 %",
         remedy="check the robot's model, the joint map, the frame and signs of the forces, and the units",
-        action=AdvisedAction.of("show_posture", [worst_posture]),
+        action=AdvisedAction.of("show_posture", [_find_worst_posture(fit)]),
     )
+
+
+def _find_worst_posture(fit: _AssessedFit) -> str:
+    """Return the label of the observation with the largest residual of a target."""
+    residuals = np.linalg.norm(fit.prediction.residual, axis=2).max(axis=1)  # (N,) of each observation
+    return fit.measurements.labels[int(residuals.argmax())]
 
 
 def report_implausible_results(estimate: Estimate) -> Iterator[Finding]:
     """Yield findings on dominant priors, implausible stiffnesses, and a neglected K_c that matters."""
     for joint in estimate.joints:
-        ratio = joint.prior_to_data
-        if ratio is None or ratio <= 1.0:
-            continue
-        description = f"carries {figure(ratio, '.3g')} times as much information as the readings"
-        if np.isinf(ratio):
-            description = "alone separates this joint from other joints"
-        yield Finding(
-            code="prior_dominates",
-            weight="use_with_care",
-            message=f"the prior of {joint.name} {description}: the estimate mainly repeats the data sheet",
-            remedy="add loads and postures with more torque about the joint's axis, or omit the prior "
-            "to see the result of the readings alone",
-            where=joint.name,
-        )
+        if joint.prior_to_data is not None and joint.prior_to_data > 1.0:
+            yield _report_dominant_prior(joint.name, joint.prior_to_data)
     yield from report_implausible_joints(estimate.joints)
     if estimate.complementary_stiffness is not None:
         yield from _report_complementary_stiffness(estimate.complementary_stiffness)
 
 
+def _report_dominant_prior(name: str, ratio: float) -> Finding:
+    """Return the finding that the prior of a joint has `ratio` times the information of the readings."""
+    description = f"carries {figure(ratio, '.3g')} times as much information as the readings"
+    if np.isinf(ratio):
+        description = "alone separates this joint from other joints"
+    return Finding(
+        code="prior_dominates",
+        weight="use_with_care",
+        message=f"the prior of {name} {description}: the estimate mainly repeats the data sheet",
+        remedy="add loads and postures with more torque about the joint's axis, or omit the prior "
+        "to see the result of the readings alone",
+        where=name,
+    )
+
+
 def report_implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Finding]:
     """Yield a finding for each identified stiffness outside the range of industrial robots."""
     least, greatest = PLAUSIBLE_STIFFNESS
-    stiffnesses = {}
+    identified = []
     for joint in joints:
         if joint.status == "identified" and joint.compliance is not None:
-            stiffnesses[joint.name] = 1.0 / joint.compliance if joint.compliance else np.inf
-    implausible = {name: k for name, k in stiffnesses.items() if not least <= abs(k) <= greatest}
-    kinds = {joint.name: joint.kind for joint in joints}
-    for name, stiffness in implausible.items():
-        if stiffness < 0.0:
-            remedy = (
-                "set `positive` to true; check the joint map, the order of the angles, and the signs of the "
-                "forces"
-            )
-        elif len(implausible) == len(stiffnesses):  # a wrong unit scales all joints
-            remedy = "check the units of force, length and moment: all joints are out of range"
-        else:  # a wrong column or joint map changes single joints
-            remedy = (
-                f"check the angles and the joint map of {name} and its neighbours; the stiffnesses of the "
-                "other joints are plausible"
-            )
-        kind = kinds[name]
-        yield Finding(
-            code="stiffness_implausible",
-            weight="do_not_use",
-            message=f"the stiffness of {name} is {stiffness_text(stiffness, kind)}; for joints of "
-            f"industrial robots, {stiffness_text(least, kind)} to {stiffness_text(greatest, kind)} is "
-            "plausible",
-            remedy=f"{remedy}; {PAST_DO_NOT_USE}",
-            where=name,
+            stiffness = 1.0 / joint.compliance if joint.compliance else np.inf
+            identified.append(_IdentifiedStiffness(joint.name, joint.kind, stiffness))
+    implausible = [each for each in identified if not least <= abs(each.stiffness) <= greatest]
+    all_are_implausible = len(implausible) == len(identified)
+    for joint_stiffness in implausible:
+        yield _report_implausible_stiffness(joint_stiffness, all_are_implausible=all_are_implausible)
+
+
+class _IdentifiedStiffness(NamedTuple):
+    """Stiffness of a joint that the readings identify."""
+
+    name: str
+    kind: JointKind
+    stiffness: float  # [N·m/rad or N/m]
+
+
+def _report_implausible_stiffness(joint: _IdentifiedStiffness, *, all_are_implausible: bool) -> Finding:
+    """Return the finding that a stiffness is outside the range of industrial robots.
+
+    A wrong unit scales all joints, and a wrong column or joint map changes single joints: the remedy depends
+    on whether all identified joints are implausible.
+    """
+    name, kind, stiffness = joint
+    remedy = (
+        f"check the angles and the joint map of {name} and its neighbours; the stiffnesses of the "
+        "other joints are plausible"
+    )
+    if stiffness < 0.0:
+        remedy = (
+            "set `positive` to true; check the joint map, the order of the angles, and the signs of the "
+            "forces"
         )
+    elif all_are_implausible:
+        remedy = "check the units of force, length and moment: all joints are out of range"
+    least, greatest = (stiffness_text(limit, kind) for limit in PLAUSIBLE_STIFFNESS)
+    return Finding(
+        code="stiffness_implausible",
+        weight="do_not_use",
+        message=f"the stiffness of {name} is {stiffness_text(stiffness, kind)}; for joints of "
+        f"industrial robots, {least} to {greatest} is plausible",
+        remedy=f"{remedy}; {PAST_DO_NOT_USE}",
+        where=name,
+    )
 
 
 def _report_complementary_stiffness(size: ComplementaryStiffness) -> Iterator[Finding]:
-    """Yield a finding if K_c was neglected although its effect is large, or although it was requested."""
+    """Yield a finding if K_c was neglected although its effect is large, or although it was requested.
+
+    K_c is how much the torques of a load change per turn of each joint, because the load's levers change.
+    """
     if size.obstacle is not None:
-        yield Finding(
-            code="complementary_stiffness_matters",
-            weight="use_with_care",
-            message=f"the complementary stiffness K_c had to be neglected: {size.obstacle}",
-            remedy="check the units of force and length",
-        )
+        yield _report_neglected_stiffness(size.obstacle)
     elif not size.included and size.largest_shift is not None and size.largest_shift > LARGEST_SHIFT:
         yield Finding(
             code="complementary_stiffness_matters",
@@ -1223,57 +1525,98 @@ def _report_complementary_stiffness(size: ComplementaryStiffness) -> Iterator[Fi
         )
 
 
+def _report_neglected_stiffness(obstacle: str) -> Finding:
+    """Return the finding that a fit with the complementary stiffness K_c failed, so that K_c is neglected."""
+    return Finding(
+        code="complementary_stiffness_matters",
+        weight="use_with_care",
+        message=f"the complementary stiffness K_c had to be neglected: {obstacle}",
+        remedy="check the units of force and length",
+    )
+
+
 def _report_links(prediction: Prediction, screening: Screening | None) -> Iterator[Finding]:
     """Yield a finding if links or base bend (method.md §7), or if joints alone do not fit the readings."""
-    evidence = "" if screening is None else _describe_evidence_of_bending(screening)
-    gain = None if screening is None else screening.gain
-    introduction = "" if gain is None else f"{evidence}. "
-    if prediction.bending == "links_or_base":
-        intervals = "the intervals of the stiffnesses contain the values of both models"
-        if not prediction.joined:
-            used, other = ("base", "links") if prediction.predicted_by == "base" else ("links", "base")
-            intervals = (
-                f"the intervals of the stiffnesses are computed from the model with {used} only, because the "
-                f"model with {other} has no certified solution"
-            )
-        yield Finding(
-            code="links_or_base",
-            weight="use_with_care",
-            message=f"{introduction}Links or the base bend: the readings do not distinguish a model with "
-            f"links from a model with a base. Predictions use the model with {prediction.predicted_by}; "
-            f"{intervals}",
-            remedy="turn joint 1 between the readings, or put a target on the base plate",
+    introduction = ""
+    if screening is not None and screening.gain is not None:
+        introduction = f"{_describe_evidence_of_bending(screening)}. "
+    match prediction.bending:
+        case "links_or_base":
+            yield _report_links_or_base(prediction, introduction)
+        case "base":
+            yield _report_base(introduction)
+        case "links":
+            yield _report_bending_links(introduction)
+        case None:
+            if screening is not None and screening.lack_of_fit:
+                yield _report_lack_of_fit(screening)
+
+
+def _report_links_or_base(prediction: Prediction, introduction: str) -> Finding:
+    """Return the finding that links or the base bend, and that the readings do not tell which of the two.
+
+    The intervals contain the values of both models, unless one of the two has no certified solution.
+    `introduction` is a sentence on the evidence.
+    """
+    intervals = "the intervals of the stiffnesses contain the values of both models"
+    if not prediction.joined:
+        used = prediction.predicted_by
+        other = "links" if used == "base" else "base"
+        intervals = (
+            f"the intervals of the stiffnesses are computed from the model with {used} only, because the "
+            f"model with {other} has no certified solution"
         )
-    elif prediction.bending == "base":
-        yield Finding(
-            code="base_bends",
-            weight="use_with_care",
-            message=f"{introduction}The base below the first joint bends under the load. Readings cannot "
-            "distinguish a rotation of the base about the first axis from a rotation of joint 1; the "
-            "stiffnesses of the other joints do not include the base",
-            remedy="tighten and stiffen the base, or use the stiffnesses of joints and base together; a "
-            "target on the base plate shows directly how the base moves",
-        )
-    elif prediction.bending == "links":
-        yield Finding(
-            code="links_bend_with_joints",
-            weight="use_with_care",
-            message=f"{introduction}Each joint's stiffness includes some bending of its link; the bias "
-            "exceeds the stated uncertainty. Predicted deflections are not affected",
-            remedy="use the model to predict deflections; do not quote the stiffness of a single joint, as "
-            "readings under load cannot separate a joint from its link",
-        )
-    elif screening is not None and screening.lack_of_fit:
-        can_compare_models = gain is None and screening.comparable
-        yield Finding(
-            code="lack_of_fit",
-            weight="use_with_care",
-            message=evidence,
-            remedy="set elasticity to automatic: the readings then choose the model; otherwise use these "
-            "stiffnesses only for postures and loads like the measured ones, because the stiffnesses "
-            "include the bending of links",
-            action=AdvisedAction.of("choose_model") if can_compare_models else None,
-        )
+    return Finding(
+        code="links_or_base",
+        weight="use_with_care",
+        message=f"{introduction}Links or the base bend: the readings do not distinguish a model with "
+        f"links from a model with a base. Predictions use the model with {prediction.predicted_by}; "
+        f"{intervals}",
+        remedy="turn joint 1 between the readings, or put a target on the base plate",
+    )
+
+
+def _report_base(introduction: str) -> Finding:
+    """Return the finding that the base bends; `introduction` is a sentence on the evidence."""
+    return Finding(
+        code="base_bends",
+        weight="use_with_care",
+        message=f"{introduction}The base below the first joint bends under the load. Readings cannot "
+        "distinguish a rotation of the base about the first axis from a rotation of joint 1; the "
+        "stiffnesses of the other joints do not include the base",
+        remedy="tighten and stiffen the base, or use the stiffnesses of joints and base together; a "
+        "target on the base plate shows directly how the base moves",
+    )
+
+
+def _report_bending_links(introduction: str) -> Finding:
+    """Return the finding that links bend with the joints; `introduction` is a sentence on the evidence."""
+    return Finding(
+        code="links_bend_with_joints",
+        weight="use_with_care",
+        message=f"{introduction}Each joint's stiffness includes some bending of its link; the bias "
+        "exceeds the stated uncertainty. Predicted deflections are not affected",
+        remedy="use the model to predict deflections; do not quote the stiffness of a single joint, as "
+        "readings under load cannot separate a joint from its link",
+    )
+
+
+def _report_lack_of_fit(screening: Screening) -> Finding:
+    """Return the finding that joints alone do not fit the readings.
+
+    The remedy, to let the readings choose a model, is an action if no models were compared yet, and if the
+    options of the run allow the comparison.
+    """
+    can_compare_models = screening.gain is None and screening.comparable
+    return Finding(
+        code="lack_of_fit",
+        weight="use_with_care",
+        message=_describe_evidence_of_bending(screening),
+        remedy="set elasticity to automatic: the readings then choose the model; otherwise use these "
+        "stiffnesses only for postures and loads like the measured ones, because the stiffnesses "
+        "include the bending of links",
+        action=AdvisedAction.of("choose_model") if can_compare_models else None,
+    )
 
 
 def _describe_evidence_of_bending(screening: Screening) -> str:

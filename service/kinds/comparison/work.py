@@ -307,7 +307,7 @@ def _add_comparison_of_sides(
     names, apart = sides[0].robot.joint_names, side_comparison.apart
     reasons = [*_list_comparison_reasons(side_comparison), *_report_differing_encoders(apart, names)]
     assessment = assess_with_run("comparison", reasons, combine_assessments(assessments))
-    gearboxes, structures = build_parts(apart, 0, names), build_parts(apart, 1, names)
+    gearboxes, structures = build_parts(apart, "gearboxes", names), build_parts(apart, "structure", names)
     return result.model_copy(
         update={
             "assessment": assessment,

@@ -193,8 +193,8 @@ MAP: Final = Kind[Map, MapRequest](
     files=(
         File(
             name="map.csv",
-            description="all places: status, place, posture, deflection, intervals, compliance; computed "
-            "again, so keep the run",
+            description="all places with status, posture, deflection, intervals and compliance; the table "
+            "is computed again, so keep the run",
             sheet=_places_sheet,
             made_of="work",
         ),

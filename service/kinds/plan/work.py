@@ -228,8 +228,8 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
         )
     if isinstance(request.goal, DecisionGoal) or getattr(request.goal, "force", None) is not None:
         raise RequestError(
-            "a plan cannot have a decision as its goal, nor a goal for the deflection under a force "
-            "other than the load of the plan",
+            "the goal of a plan can be neither a decision nor the deflection under a force that differs "
+            "from the load of the plan",
             where="goal",
             remedy="give a goal for the uncertainty of the joints, or of the deflection under the plan's "
             "load; or use this goal in a live campaign",
@@ -391,19 +391,20 @@ def _refuse_unsupported_weight_step(request: plans.PlanRequest) -> None:
     if stated:
         names = ", ".join(f"`{name}`" for name in stated)
         raise RequestError(
-            f"a weight step is read by encoders, without targets, but the plan has {names}",
+            f"a weight step is read by encoders instead of targets, but the plan has {names}",
             where=stated[0],
             remedy=f"omit {names}, or omit `weight_step`",
         )
     if request.criterion in _OF_WORK_AREA:
         raise RequestError(
-            f"`{request.criterion}` is about deflections, but a weight step shows gearboxes alone",
+            f"the criterion `{request.criterion}` concerns deflections of the arm, but a weight step shows "
+            "only the gearboxes",
             where="criterion",
             remedy="omit `criterion`, or give relative_a, d or e",
         )
     if request.readings < LEAST_POSTURES:
         raise RequestError(
-            f"{request.readings} postures do not determine compliance, offset and noise of a gearbox",
+            f"{request.readings} postures are too few to determine compliance, offset and noise of a gearbox",
             where="readings",
             remedy=f"request {LEAST_POSTURES} readings or more; 12 are good practice",
         )
@@ -423,7 +424,7 @@ def _list_step_joints(request: plans.PlanRequest, robot: Robot) -> list[int]:
             joints.append(find_joint(robot, name, "joints"))
     if not joints:
         raise RequestError(
-            "the robot has no joint that turns alone",
+            "the robot has no revolute joint that turns without another joint",
             where="robot_id",
             remedy="a weight step needs a joint that turns, and that the joint map does not couple",
         )

@@ -66,7 +66,7 @@ class ProgramToTurn:
         """
         if len(visits.targets) > MAX_POINTS:
             raise RequestError(
-                f"the program has {len(visits.targets)} points, more than {MAX_POINTS:,}",
+                f"the program has {len(visits.targets)} points, but at most {MAX_POINTS:,} are possible",
                 where="files",
                 remedy="split the program",
             )
@@ -158,7 +158,8 @@ def _refuse_without_orientation(program: Program, request: ProcessRequest, targe
     missing = any(not notations[i].has_pose and not notations[i].is_joints for i in used)
     if missing and request.turn != "keep" and request.branches == "keep":
         raise RequestError(
-            "the program states no angle about the tool's axis, so a turn cannot be written into the program",
+            "the program states no angle about the tool's axis, so a turn of the tool cannot be written "
+            "into the program",
             where="turn",
             remedy="send full poses; or `branches: free`, and take the joints from points.csv",
         )

@@ -86,7 +86,7 @@ def find_joint_columns(names: Sequence[str], robot: Robot) -> dict[str, str]:
     for name, column in found.items():
         if column in given - found.keys():
             raise RequestError(
-                f"the columns {name!r} and {column!r} are the same joint",
+                f"the columns {name!r} and {column!r} state the same joint",
                 where="columns",
                 remedy="give each joint once",
             )

@@ -131,7 +131,7 @@ def _refuse_bad_numbers(columns: Mapping[str, Any]) -> None:
         is_number = np.isfinite(np.asarray(column, dtype=np.float64))
         if not is_number.all():
             raise RequestError(
-                f"row {int(np.argmin(is_number)) + 1} of column {name} has no finite number",
+                f"row {int(np.argmin(is_number)) + 1} of column {name} contains a missing or infinite number",
                 where="columns",
                 remedy="give a number in each row, or leave the row out",
             )
