@@ -212,13 +212,18 @@ def assess(
 
 
 def _report_root_mistakes(findings: Sequence[Finding]) -> list[Finding]:
-    """Return the findings of mistakes that spoil all readings, one for each code.
+    """Return the findings of mistakes that spoil all readings, one for each code."""
+    root_findings = [finding for finding in findings if finding.code in ROOT_MISTAKES]
+    return summarise_noticed(root_findings, "do_not_use")
+
+
+def summarise_noticed(findings: Sequence[Finding], weight: Verdict) -> list[Finding]:
+    """Return the findings of a weight, one for each code, with the number of others of its kind.
 
     If several robots fit the readings, all of these findings are returned, so that the user can choose one.
     """
-    root_findings = [finding for finding in findings if finding.code in ROOT_MISTAKES]
     reasons: list[Finding] = []
-    for group in _group_by_code(root_findings, "do_not_use"):
+    for group in _group_by_code(findings, weight):
         if group[0].code == "another_robot_fits":
             reasons += group
         else:
