@@ -212,15 +212,16 @@ def _make_move(motion: Motion, positions: _PositionsOfMove, reason: str) -> ir.M
 
     Each position states its own base P[n].UF and tool P[n].UT, which have to be active (`matched_frames`).
     """
-    bases, tools = list[ir.Value](), list[ir.Value]()
+    targets, bases, tools = list[ir.Name](), list[ir.Value](), list[ir.Value]()
     for ordinal in positions.ordinals:
+        targets.append(ir.NumberedName("P[%s]", ordinal))
         bases.append(ir.Copy(ir.NumberedName("P[%s].UF", ordinal), indirect=True))
         tools.append(ir.Copy(ir.NumberedName("P[%s].UT", ordinal), indirect=True))
     return ir.Move(
         motion,
-        targets=tuple(ir.NumberedName("P[%s]", ordinal) for ordinal in positions.ordinals),
-        bases=tuple(bases),
-        tools=tuple(tools),
+        tuple(targets),
+        tuple(bases),
+        tuple(tools),
         matched_frames=("UFRAME_NUM", "UTOOL_NUM"),
         reason=reason,
         remedy=_REMEDY,

@@ -545,7 +545,7 @@ def _translate_move(line: Line) -> list[Op]:
     Raises:
         Misread: there is no target, or the settings of the move are unknown.
     """
-    motion, is_relative = _MOTIONS[line["motion"]], line["relative"] != ""
+    motion = _MOTIONS[line["motion"]]
     target_text, setting_text = _split_at_with(_read_rest(line))
     if not target_text.text:
         raise Misread(_NOT_WHOLE)
@@ -554,12 +554,21 @@ def _translate_move(line: Line) -> list[Op]:
         return [*settings.uses, ir.MoveToStored(target_text.text)]
     targets = _read_targets(target_text)
     uses = [*settings.uses, *targets.uses]
-    if is_relative:
-        reason = "the target is relative to the position before the move"
+    reason = _explain_uncorrected(line, targets)
+    if reason:
         return [*uses, *_translate_uncorrected_move(motion, target_text, settings, reason)]
-    if not targets.are_complete(motion):
-        return [*uses, *_translate_uncorrected_move(motion, target_text, settings, _NOT_WHOLE)]
     return [*uses, _make_move(motion, targets.known, settings)]
+
+
+def _explain_uncorrected(line: Line, targets: _Targets) -> str:
+    """Return why a move to these targets is not corrected; empty if it is.
+
+    The groups of the line are `motion` and `relative`: it is not corrected as in `LIN_REL {X 10}` (a step),
+    or in `LIN {X 10}` (a part of a pose).
+    """
+    if line["relative"]:
+        return "the target is relative to the position before the move"
+    return "" if targets.are_complete(_MOTIONS[line["motion"]]) else _NOT_WHOLE
 
 
 def _read_rest(line: Line) -> Line:

@@ -532,17 +532,21 @@ def _translate_uncorrected_move(parts: _PartsOfMove, obstacle: _Obstacle) -> lis
     corrections of these points shift the move. If the tool is computed, the frames of the move are not known.
     """
     points, expressions = _split_points(parts.points)
-    motion = _MOTIONS[parts.letter]
     uses = [*parts.uses]
     for text in (*expressions, parts.tool.text):
         if text and text not in points:
             uses += parts.tool.read_expression(text)
     is_tool_a_name = re.fullmatch(_WORD, parts.tool.text) is not None
-    if not is_tool_a_name:
-        uses.append(ir.Use(points))
-        return ir.make_uncorrected_move(uses, obstacle.reason, obstacle.remedy, motion)
-    move = ir.Move(
-        motion,
+    if is_tool_a_name:
+        return [*uses, _make_move_near_points(parts, points, obstacle)]
+    motion = _MOTIONS[parts.letter]
+    return ir.make_uncorrected_move([*uses, ir.Use(points)], obstacle.reason, obstacle.remedy, motion)
+
+
+def _make_move_near_points(parts: _PartsOfMove, points: frozenset[str], obstacle: _Obstacle) -> ir.Move:
+    """Return a move that is not corrected, and that corrections of some points, such as p1, shift."""
+    return ir.Move(
+        _MOTIONS[parts.letter],
         targets=(),
         bases=(parts.base_frame,),
         tools=(parts.tool_frame,),
@@ -550,7 +554,6 @@ def _translate_uncorrected_move(parts: _PartsOfMove, obstacle: _Obstacle) -> lis
         remedy=obstacle.remedy,
         offset_from=tuple(sorted(points)),
     )
-    return [*uses, move]
 
 
 class _Points(NamedTuple):
@@ -925,15 +928,7 @@ def _split_arguments(line: Line, known_options: re.Pattern[str]) -> _Arguments:
     Raises:
         Misread: an option may move the target, or the work object is computed.
     """
-    values, options = list[Line](), list[_Option]()
-    for index, part in enumerate(line.part("arguments").split()):
-        value, *options_of_value = part.split("\\")
-        options += map(_read_option, options_of_value)
-        is_blank = not value.text.strip()
-        # A part that has only options is not an argument; nor is an empty text before the first comma.
-        is_no_argument = is_blank and (index == 0 or bool(options_of_value))
-        if not is_no_argument:
-            values.append(value.cut(1) if value.text.startswith(" ") else value)
+    values, options = _separate_options(line.part("arguments"))
     work_object = "WOBJ0"  # the controller's own one, if the move names none
     uses = list[Op]()
     for option in options:
@@ -941,6 +936,20 @@ def _split_arguments(line: Line, known_options: re.Pattern[str]) -> _Arguments:
         uses += line.read_expression(option.value)
         work_object = _read_work_object(option) or work_object
     return _Arguments(values, work_object, uses)
+
+
+def _separate_options(arguments: Line) -> tuple[list[Line], list[_Option]]:
+    r"""Return the values p1 and v100 and the option `\T:=3` of the arguments `p1,v100\T:=3`."""
+    values, options = list[Line](), list[_Option]()
+    for index, part in enumerate(arguments.split()):
+        value, *options_of_value = part.split("\\")
+        options += map(_read_option, options_of_value)
+        is_blank = not value.text.strip()
+        # A part that has only options is not an argument; nor is an empty text before the first comma.
+        is_no_argument = is_blank and (index == 0 or bool(options_of_value))
+        if not is_no_argument:
+            values.append(value.cut(1) if value.text.startswith(" ") else value)
+    return values, options
 
 
 class _Option(NamedTuple):
@@ -1108,25 +1117,42 @@ class _StatementsOfFile(NamedTuple):
 def _find_statements(text: str) -> _StatementsOfFile:
     """Find the statements of a file, such as `MoveL p1,...;` and `IF a THEN`, and the heads of its modules.
 
-    A statement ends at a semicolon, or behind a word such as THEN. The head of a module, `MODULE part`, ends
-    the statement before it, and is one itself. Blank statements are left out.
+    Blank statements are left out.
     """
-    heads = list[int]()
-    borders = [0]  # between statements
-    for match in _ENDS.finditer(text):
-        if match["head"]:
-            heads.append(match.start())
-            borders.append(match.start())
-        if match["end"]:
-            borders.append(match.end())
-    borders.append(len(text))
+    borders = _find_borders(text)
     starts, ends = list[int](), list[int]()
-    for begin, end in pairwise(borders):
+    for begin, end in pairwise(borders.of_statements):
         statement = text[begin:end].lstrip()
         if statement:
             starts.append(end - len(statement))
             ends.append(end)
-    return _StatementsOfFile(np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp), heads)
+    return _StatementsOfFile(
+        np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp), borders.begins_of_modules
+    )
+
+
+class _Borders(NamedTuple):
+    """Borders of the statements and modules of a file, as indices of characters."""
+
+    of_statements: list[int]  # the begin of the file, the places between statements and the end
+    begins_of_modules: list[int]  # first character of the head of each module
+
+
+def _find_borders(text: str) -> _Borders:
+    """Find where the statements and modules of a file begin and end.
+
+    A statement ends at a semicolon, or behind a word such as THEN. The head of a module, `MODULE part`, ends
+    the statement before it, and is one itself.
+    """
+    borders = _Borders(of_statements=[0], begins_of_modules=[])
+    for match in _ENDS.finditer(text):
+        if match["head"]:
+            borders.begins_of_modules.append(match.start())
+            borders.of_statements.append(match.start())
+        if match["end"]:
+            borders.of_statements.append(match.end())
+    borders.of_statements.append(len(text))
+    return borders
 
 
 LANGUAGE: Final = ir.Language(
