@@ -51,12 +51,13 @@ class Key(Message):
     expires_at: Timestamp | None
     revoked_at: Timestamp | None
     last_used_at: Timestamp | None = Field(
-        description="Time of the last use, to the minute; null if unused or kept in a file."
+        description="Time of the last use, to the minute; null if the key was never used or is stored in a "
+        "file."
     )
     key: str | None = Field(
         default=None,
-        description="Secret to send as `Authorization: Bearer …`; only in the answer that creates the key, "
-        "else null.",
+        description="Secret to send as `Authorization: Bearer …`; null except in the answer that creates "
+        "the key.",
     )
 
 
@@ -75,14 +76,14 @@ class Session(Message):
     """Identity and role of the caller."""
 
     access: Access = Field(
-        description="Callers of the service. `loopback`: programs on its machine; `keys`: holders of a "
-        "key; `none`: everyone."
+        description="Callers that the service accepts. `loopback`: programs on the same machine; `keys`: "
+        "holders of a key; `none`: everyone."
     )
-    key_id: str | None = Field(description="Id of the caller's key; null without a valid key.")
+    key_id: str | None = Field(description="Id of the caller's key; null if the caller has no valid key.")
     key_name: str | None = Field(description="Name of the caller's key.")
     role: Role | None = Field(description="Role of the caller's key.")
     ends_at: Timestamp | None = Field(
-        description="Time at which the session ends; 8 h without use end the session earlier."
+        description="Time at which the session ends; the session ends earlier after 8 h without use."
     )
 
 
@@ -90,13 +91,15 @@ class AuditItem(Message):
     """An entry of the audit: a request to change something."""
 
     at: Timestamp
-    key_id: str | None = Field(description="Id of the caller's key; null without a valid key.")
+    key_id: str | None = Field(description="Id of the caller's key; null if the caller has no valid key.")
     key_name: str | None = Field(description="Name of the key.")
-    address: str = Field(description="Address of the caller; `terminal`: a command on the database.")
+    address: str = Field(
+        description="Address of the caller; `terminal` for a command on the machine of the database."
+    )
     method: str = Field(description="HTTP method.")
     operation: str | None = Field(description="Name of the operation, as in OpenAPI.")
     path: str = Field(description="Requested path, without its query.")
-    status: int = Field(description="Outcome: the HTTP status of the answer.")
+    status: int = Field(description="Outcome of the request: the HTTP status of the answer.")
 
 
 class AuditQuery(PageQuery):
@@ -104,7 +107,7 @@ class AuditQuery(PageQuery):
 
     key_id: KeyId | None = Field(default=None, description="Filter by key.")
     format: Literal["json", "csv"] = Field(
-        default="json", description="`csv`: the whole audit, without pages."
+        default="json", description="Format of the answer; `csv` has the whole audit without pages."
     )
 
 
@@ -130,9 +133,12 @@ class SolverHealth(Message):
     version: str
     agrees: StrictBool
     distance: Dimensionless[float | None] = Field(
-        description="Distance from the exact answer, relative to the readings; null: no answer."
+        description="Distance of the solver's answer from the exact answer, relative to the readings; null "
+        "without an answer."
     )
-    why: str | None = Field(description="Reason why the solver does not agree, and what to do.")
+    why: str | None = Field(
+        description="Reason why the solver's answer differs from the exact answer, and what to do."
+    )
 
 
 class Health(Message):
@@ -140,12 +146,19 @@ class Health(Message):
 
     status: Literal["ok", "degraded"] = Field(description="`degraded`: see `solver`.")
     version: str = Field(description="Version of Jointstiff.")
-    workers: int = Field(description="Number of workers; without a worker, long jobs wait.")
-    failing_workers: int = Field(description="Workers that stop soon after each start; see the log.")
+    workers: int = Field(description="Number of worker processes; long jobs wait while there is none.")
+    failing_workers: int = Field(
+        description="Workers that stop soon after each start; the service's log has the reason."
+    )
     database: Literal["sqlite", "postgresql"]
     stored_bytes: int = Field(description="Size of the database in bytes.")
-    quota_bytes: int | None = Field(description="Quota: a larger database refuses new resources (507).")
-    access: Access = Field(description="Access as in `Session`; `none`: a proxy authenticates.")
+    quota_bytes: int | None = Field(
+        description="Quota in bytes: the service refuses new resources (507) while the database is larger."
+    )
+    access: Access = Field(
+        description="Callers that the service accepts, as in `Session`; `none` if a proxy authenticates the "
+        "callers."
+    )
     stuck: list[StuckJob]
     queue: PartsWaiting
     solver: SolverHealth | None = Field(description="Null until checked.")

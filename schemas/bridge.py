@@ -31,15 +31,18 @@ class BridgeStand(Message):
     """Posture and load that a page shows, in which the tracker reads."""
 
     number: Annotated[int, Field(strict=True, ge=0, le=10**15)] = Field(
-        description="Number of this posture and load; positions are sent with the same number."
+        description="Number of this posture under this load; the tracker's positions are sent with the same "
+        "number."
     )
     label: Name
     joints: Positions[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)]]
     force: Newtons[Vector3]
-    loaded: StrictBool = Field(description="True if the load acts while the targets are read.")
+    loaded: StrictBool = Field(
+        description="True if the load acts on the robot while the tracker reads the targets."
+    )
     names: Annotated[dict[Name, Name | None], Field(max_length=MAX_NAMES)] = Field(
         default_factory=dict,
-        description="Target of each other name of the tracker; null leaves the name out.",
+        description="Name of the target for each name that the tracker uses; null if the name is ignored.",
     )
 
 
@@ -50,14 +53,15 @@ class BridgePoints(Message):
         default=None,
         strict=True,
         ge=0,
-        description="Number of the positions' posture and load.",
+        description="Number of the posture under load to which the positions belong.",
     )
     points: Annotated[dict[Name, Metres[Vector3]], Field(max_length=MAX_TARGETS)] = Field(
-        default_factory=dict, description="Last position of each target, in the frame of the readings."
+        default_factory=dict, description="Last position of each target, in the frame of the set's readings."
     )
     unknown: Annotated[dict[Name, Metres[Vector3]], Field(max_length=MAX_NAMES)] = Field(
         default_factory=dict,
-        description="Last position of each name that is no target, in the frame of the readings.",
+        description="Last position of each name of the tracker that is not a target, in the frame of the "
+        "set's readings.",
     )
     trouble: Annotated[str, Field(max_length=MAX_TROUBLE_LENGTH)] | None = Field(
         default=None, description="Reason why the tracker gives no position; null if the tracker reads."
@@ -75,9 +79,12 @@ class Bridge(Message):
 
     id: Identifier
     set_id: Identifier
-    code: str | None = Field(default=None, description="Code to type at the terminal; only for the page.")
+    code: str | None = Field(
+        default=None, description="Code to type at the terminal to connect the tracker; only for the page."
+    )
     ends_at: Timestamp = Field(
-        description="Time at which the code expires; after a command has joined, end of the bridge."
+        description="Time at which the code expires; after a command has connected, time at which the "
+        "connection ends."
     )
 
 
@@ -85,7 +92,9 @@ class BridgeState(Message):
     """State of a bridge, as the page follows it."""
 
     joined: StrictBool
-    connected: StrictBool = Field(description="True if the command sent a message within the last seconds.")
+    connected: StrictBool = Field(
+        description="True if the connected command sent a message within the last seconds."
+    )
     reading: BridgePoints
 
 

@@ -54,19 +54,23 @@ class ComparisonOptions(Message):
 
     ordered: Annotated[bool, Field(strict=True)] = Field(
         default=False,
-        description="Also identify both sets together, with no joint softer in the second set.",
+        description="True to identify both sets also in one fit, in which no joint is softer in the second "
+        "set than in the first.",
     )
     same_load: Annotated[bool, Field(strict=True)] = Field(
         default=False,
-        description="True if the load of both sets acted at the same point of the flange, with one error.",
+        description="True if the load of both sets acted at the same point of the flange, so that both sets "
+        "have the same error of the load point.",
     )
     same_cell: Annotated[bool, Field(strict=True)] = Field(
         default=False,
-        description="True if the same cell or weights gave the forces of both sets, with one error of scale.",
+        description="True if the same load cell or the same weights gave the forces of both sets, so that "
+        "both sets have the same error of scale.",
     )
     confidence: Confidence | None = Field(
         default=None,
-        description="Confidence level of the ratios' intervals; default: the first run's.",
+        description="Confidence level of the intervals of the ratios; default: the confidence level of the "
+        "first run.",
     )
 
 
@@ -74,8 +78,9 @@ class ComparisonRequest(ComparisonOptions):
     """Request of a comparison: runs of one or two measurement sets (the sides)."""
 
     run_ids: Annotated[list[Identifier], Field(min_length=2, max_length=MAX_COMPARED)] = Field(
-        description="Runs to compare. For two sets, the first run of each set is compared. If a constraint "
-        "is active, also list the run with `positive` false: ratios use its stiffnesses."
+        description="Runs to compare; of two sets, the first run of each set is compared. If a constraint "
+        "on a run is active, list also the same run with `positive` false, because ratios use its "
+        "stiffnesses."
     )
 
     @field_validator("run_ids", mode="after")
@@ -94,19 +99,21 @@ class CampaignComparison(ComparisonOptions):
     )
     constraints: Annotated[list[Constraint], Field(min_length=1, max_length=2)] = Field(
         default=["unconstrained", "positive"],
-        description="Constraints of each method: `unconstrained`, or compliances zero or `positive`.",
+        description="Constraints that each method is fitted with: `unconstrained`, or `positive` "
+        "(compliances zero or more).",
     )
     resampling: Annotated[
         Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_resampling)
     ] = Field(
         default=None,
-        description="Resampling: repeat each fit on configurations drawn at random, with the same draws "
-        "for all methods. The comparison may take long.",
+        description="Resampling: repeat each fit on configurations drawn at random, the same for all "
+        "methods. The comparison may take long.",
     )
     run: RunOptions | None = Field(
         default=None,
-        description="Options of the runs that compare two campaigns, without `priors`, `resampling` and "
-        "`leave_out` (each campaign states its own); default: those of the first campaign.",
+        description="Options of the runs that compare two campaigns; default: the options of the first "
+        "campaign. `priors`, `resampling` and `leave_out` are excluded, because each campaign states its "
+        "own.",
     )
 
     @field_validator("run", mode="after")
@@ -116,7 +123,9 @@ class CampaignComparison(ComparisonOptions):
         if options is not None and (options.priors or options.resampling is not None):
             raise ValueError("must have neither `priors` nor `resampling`")
         if options is not None and options.leave_out:
-            raise ValueError("must not have `leave_out`: each campaign states its own")
+            raise ValueError(
+                "must not have `leave_out`, because each campaign states its own observations to omit"
+            )
         return options
 
     @field_validator("methods", "constraints", mode="after")
@@ -131,28 +140,30 @@ class ComparedRun(Message):
     """One run of the comparison; a failed run has no numbers."""
 
     run_id: Identifier
-    side: Side = Field(description="Side to which the run's readings belong.")
+    side: Side = Field(description="Side of the comparison (first or second) to which the run belongs.")
     method: Method
     weighting: Weighting
     characteristic_length: Metres[float | None] = Field(
-        description="Characteristic length, if the weighting needs one."
+        description="Characteristic length; null if the weighting needs none."
     )
-    positive: StrictBool = Field(description="True if compliances were constrained to be zero or more.")
-    error: Problem | None = Field(description="Reason why the run has no numbers.")
+    positive: StrictBool = Field(
+        description="True if compliances were constrained to be zero or more in the run."
+    )
+    error: Problem | None = Field(description="Reason why the run has no numbers; null if it has numbers.")
     joints: list[JointResult] = Field(
-        description="Results of the joints from all configurations; empty if the run has failed."
+        description="Results of the joints from all configurations of the set; empty if the run has failed."
     )
     assessment: Assessment | None = Field(description="Assessment of the run; null if the run has failed.")
     compensation: Dimensionless[float | None] = Field(
-        description="Explained fraction of the mean deflection, 1 - mean‖residual‖ / mean‖deflection‖; "
-        "null without motion or degrees of freedom."
+        description="Explained fraction of the mean deflection, 1 - mean‖residual‖ / mean‖deflection‖; null "
+        "if nothing moved or no degrees of freedom remain."
     )
     rms_residual: Metres[float | None] = Field(
         description="Root mean square of the residual vectors' lengths."
     )
     condition_number: Dimensionless[float | None] = Field(
-        description="Condition number of the weighted regressor with unit columns, the largest of all "
-        "stages; null if rank-deficient."
+        description="Condition number of the weighted regressor after scaling its columns to unit length, "
+        "the largest of all stages; null if rank-deficient."
     )
     draws: Resampling | None = Field(description="Options of the resampling, if requested.")
     resampling: ResamplingResult | None = Field(description="Results of the resampling, if requested.")
@@ -181,13 +192,13 @@ class JointRatio(Message):
     name: Name
     ratio: Dimensionless[float | None] = Field(
         default=None,
-        description="Ratio of the unconstrained stiffnesses, second side to first; null if one is not "
-        "positive.",
+        description="Ratio of the unconstrained stiffnesses, second side to first; null if one is "
+        "not positive.",
     )
     ratio_interval: Dimensionless[tuple[float | None, float | None] | None] = Field(
         default=None,
-        description="Fieller's interval of the ratio, cut at zero with the constraint. A null end means no "
-        "limit; null means unknown.",
+        description="Fieller's interval of the ratio, cut at zero with the constraint. A null end "
+        "means no limit; null means unknown.",
     )
     ratio_excluded: Dimensionless[Interval | None] = Field(
         default=None,
@@ -205,9 +216,12 @@ class ConfigurationShare(Message):
 
     observation: Name
     side: Literal["first", "second", "both"] = Field(description="Sides that have this observation.")
-    measured: Estimate | None = Field(description="Measured fraction; null if a side lacks the observation.")
+    measured: Estimate | None = Field(
+        description="Measured fraction; null if the observation is missing on a side."
+    )
     predicted: float | None = Field(
-        description="Predicted fraction; null if a joint that deflects here is not observable on one side."
+        description="Predicted fraction; null if a joint that deflects in this observation is not "
+        "observable on one side."
     )
 
 
@@ -219,7 +233,7 @@ class AvoidedDeflection(Message):
         "mm) on both sides."
     )
     measured: Estimate | None = Field(
-        description="Measured fraction over the matching observations; null without any."
+        description="Measured fraction over the matching observations; null if no observations match."
     )
     predicted: float | None = Field(description="Predicted fraction, of all observations.")
     configurations: list[ConfigurationShare]
@@ -233,14 +247,14 @@ class OrderedJoint(Message):
     compliance_first: Compliance[float | None]
     compliance_second: Compliance[float | None] = Field(description="Never larger than `compliance_first`.")
     stiffness_first: Stiffness[float | None] = Field(
-        description="1 / compliance; null if the compliance is zero."
+        description="Stiffness, 1 / compliance; null if the compliance is zero."
     )
     stiffness_second: Stiffness[float | None]
     compliance_interval_first: Compliance[Interval | None] = Field(
         description="Profile-likelihood interval under all constraints."
     )
     compliance_interval_second: Compliance[Interval | None]
-    equal: StrictBool = Field(description="True if the constraint makes both equal.")
+    equal: StrictBool = Field(description="True if the constraint makes the compliances of both sets equal.")
 
 
 class OrderedResult(Message):
@@ -248,8 +262,8 @@ class OrderedResult(Message):
 
     joints: list[OrderedJoint]
     chi_square_increase: float = Field(
-        description="Increase of χ² by the constraint. If far above the number of `equal` joints, the "
-        "readings contradict the constraint."
+        description="Increase of χ² by the constraint. The readings contradict the constraint if this "
+        "increase is far above the number of `equal` joints."
     )
     certificate: Certificate = Field(description="Proof of optimality.")
 
@@ -257,32 +271,35 @@ class OrderedResult(Message):
 class ComparisonResult(Result):
     """Result of a comparison: runs; for two measurement sets also ratios of the stiffnesses."""
 
-    assessment: Assessment = Field(
-        description="Worst verdict, with reasons, of all runs of one set or of the two compared runs."
-    )
+    assessment: Assessment = Field(description="Worst verdict of all compared runs, with its reasons.")
     confidence: Dimensionless[float] = Field(description="Confidence level of ratios.")
     sides: list[ComparedSide] = Field(description="One or two measurement sets.")
     entries: list[ComparedRun] = Field(description="Runs in the requested order.")
-    joints: list[JointRatio] = Field(description="Stiffness ratio of each joint; empty for one side.")
+    joints: list[JointRatio] = Field(
+        description="Stiffness ratio of each joint; empty if only one side is compared."
+    )
     differences: list[JointResult] = Field(
         default_factory=list,
-        description="First side's compliance less the second's, such as a gearbox's.",
+        description="Compliance of the first side less compliance of the second side: the compliance of a "
+        "gearbox if only the second side closes the loop behind it.",
     )
     gearboxes: list[JointResult] = Field(
         default_factory=list,
-        description="Gearboxes in front of the encoders that were read on one side and close the loop on the "
-        "other, by one fit.",
+        description="Compliance of the gearboxes in front of secondary encoders that are read on one side "
+        "and close the position loop on the other side, by one fit.",
     )
     structures: list[JointResult] = Field(
-        default_factory=list, description="Structure behind these encoders, by the same fit."
+        default_factory=list,
+        description="Compliance of the structure behind the secondary encoders, by the same fit.",
     )
     avoided: AvoidedDeflection | None = Field(
-        description="Fraction of the deflection that the second side avoids; null for one side."
+        description="Fraction of the deflection that the second side avoids; null if only one side is "
+        "compared."
     )
-    ordered: OrderedResult | None = Field(description="Fit of both sides together, if requested.")
+    ordered: OrderedResult | None = Field(description="Fit of both sides together; null if not requested.")
     warnings: list[Finding] = Field(
-        description="Warnings of the sets, of the fits, then of the comparison; with two sides, `where` "
-        "begins with the side."
+        description="Warnings of the sets, then of the fits, then of the comparison; with two sides, "
+        "`where` begins with the side."
     )
 
     @property
@@ -320,7 +337,7 @@ class Comparison(Job):
     kind: Literal["comparison"] = "comparison"
     measurement_set_id: Identifier = Field(description="Measurement set of the first side.")
     second_set_id: Identifier | None = Field(
-        description="Measurement set of the second side; null for one side."
+        description="Measurement set of the second side; null if only one side is compared."
     )
     request: ComparisonRequest
-    result: ComparisonResult | None = Field(description="Result; present if the comparison has succeeded.")
+    result: ComparisonResult | None = Field(description="Result; null until the comparison has succeeded.")

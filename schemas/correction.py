@@ -50,31 +50,42 @@ _Frame = Annotated[list[Quantity], Field(min_length=6, max_length=6)]
 class CorrectionOptions(AcceptingOptions, PredictionOptions):
     """Options of corrected poses."""
 
-    units: Units = Field(description="Units of the numbers, also of the answer's columns.")
+    units: Units = Field(
+        description="Units of the numbers in the request, also of the columns of the answer."
+    )
     accuracy_option: Literal["off", "same_as_measured", "compensates_load"] = Field(
-        default="off", description="Accuracy option of the controller, as of a compensated program."
+        default="off",
+        description="Accuracy option of the controller, with the values that a compensated program has.",
     )
     tool: Annotated[_Frame | None, Terminal("--tool", "X,Y,Z,RX,RY,RZ[mm,deg]", parse_numbers)] = Field(
         default=None,
-        description="Tool in the flange frame: X, Y, Z, rotation vector; default: the flange.",
+        description="Frame of the tool in the flange frame: X, Y, Z, rotation vector; default: the flange "
+        "frame.",
     )
     base: Annotated[_Frame | None, Terminal("--base", "X,Y,Z,RX,RY,RZ[mm,deg]", parse_numbers)] = Field(
-        default=None, description="Base of the poses in R0: X, Y, Z, rotation vector; default: R0."
+        default=None,
+        description="Frame of the poses in the robot's base frame R0: X, Y, Z, rotation vector; "
+        "default: R0 itself.",
     )
     force: Annotated[Vector3 | None, Terminal("--force", "X,Y,Z[N]", parse_numbers)] = Field(
-        default=None, description="Force on the tool in all rows; or give columns `fx`, `fy`, `fz`."
+        default=None,
+        description="Force on the tool in all rows; omit this field if the columns `fx`, `fy`, `fz` "
+        "state the force.",
     )
     axes: Literal["robot", "base", "tool", "feed"] = Field(
         default="robot",
-        description="Axes of forces: of R0, of the base, of the tool; or feed, normal and the tool's z axis.",
+        description="Axes along which forces are stated: the axes of the robot's base frame R0, of the base "
+        "of the poses or of the tool; or feed, normal and the z axis of the tool.",
     )
     load_point: Annotated[Vector3 | None, Terminal("--load-point", "X,Y,Z[mm]", parse_numbers)] = Field(
-        default=None, description="Point where the force acts, flange frame; default: the tool's centre."
+        default=None,
+        description="Point where the force acts, in the flange frame; default: the centre of the tool.",
     )
     feed: Annotated[Annotated[Quantity, Field(gt=0.0)] | None, Terminal("--feed", "NUMBER[mm/s]", float)] = (
         Field(
             default=None,
-            description="Speed of the tool, in units.length per s: for `joint_speed` and corners.",
+            description="Speed of the tool in units.length per s; used for `joint_speed` and for corners of "
+            "the path.",
         )
     )
     start: Annotated[
@@ -82,7 +93,8 @@ class CorrectionOptions(AcceptingOptions, PredictionOptions):
         Terminal("--start", "NUMBERS[deg]", parse_numbers),
     ] = Field(
         default=None,
-        description="Controller's joints near the first pose; needed without columns of joints.",
+        description="Joint positions near the first pose, as the controller shows them; needed if no "
+        "columns state the joints.",
     )
     max_displacement: Annotated[
         Annotated[Quantity, Field(gt=0.0)] | None, Terminal("--max-displacement", "NUMBER[mm]", float)
@@ -102,18 +114,22 @@ _Column = Annotated[list[Quantity], Field(min_length=1, max_length=_MOST_SENT_RO
 class CorrectionRequest(CorrectionOptions):
     """A request of corrected poses: columns, or a file."""
 
-    run_id: Identifier | None = Field(default=None, description="Id of the run whose model is used.")
+    run_id: Identifier | None = Field(
+        default=None, description="Id of the run whose identified model is used."
+    )
     robot_id: Identifier | None = Field(
-        default=None, description="Id of a robot without a run: its stiffness is a prior."
+        default=None,
+        description="Id of a robot that was not measured: its stiffness is assumed from a prior.",
     )
     columns: Annotated[dict[Name, _Column], Field(max_length=MAX_COLUMNS)] = Field(
         default_factory=dict,
-        description="Columns of equal length: `x`, `y`, `z` of the tool in the base; "
-        "`rx`, `ry`, `rz` (rotation vector), `a`, `b`, `c` (about z, y', x'') or `q1` ... `q4`; if known the "
-        "controller's joints `j1` ...; `fx` ... `mz`.",
+        description="Columns of equal length: `x`, `y`, `z` of the tool in the base; its rotation by `rx`, "
+        "`ry`, `rz` (rotation vector), `a`, `b`, `c` (about z, y', x'') or `q1` ... `q4`; optional joints "
+        "`j1` ... and loads `fx` ... `mz`.",
     )
     files: Annotated[list[ProgramFile], Field(max_length=1)] = Field(
-        default_factory=list, description="The table, in place of columns. Post it as the form's `files`."
+        default_factory=list,
+        description="Table of poses, in place of `columns`. Post the table as the form's `files`.",
     )
 
     _one_source = require_exactly_one("run_id", "robot_id")
@@ -129,7 +145,9 @@ class CorrectionResult(FromRun):
 
     confidence: Dimensionless[float]
     counts: dict[CorrectionStatus, int] = Field(description="Number of rows by status.")
-    first: dict[CorrectionStatus, int] = Field(description="First row of each status, from 1.")
+    first: dict[CorrectionStatus, int] = Field(
+        description="Number of the first row with each status, from 1."
+    )
     remarks: list[str]
     columns: dict[str, list[Any]] = Field(
         default_factory=dict,

@@ -46,25 +46,30 @@ class LoadCase(Message):
 
     label: Name | None = Field(default=None, description="Name of the case; default: the number of the case.")
     joints: Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
-        description="Joints without the load, as the controller shows them, in units.angle or units.length."
+        description="Joint positions without the load, as the controller shows them, in units.angle or "
+        "units.length."
     )
-    force: Vector3 = Field(description="Force on the robot, axes of R0, in units.force.")
+    force: Vector3 = Field(
+        description="Force on the robot, along the axes of its base frame R0, in units.force."
+    )
     moment: Vector3 | None = Field(
-        default=None, description="Moment on the robot about the load point, axes of R0, in units.moment."
+        default=None,
+        description="Moment on the robot about the load point, along the axes of its base frame R0, in "
+        "units.moment.",
     )
     load_point: Vector3 | None = Field(
         default=None,
-        description="Point where the force acts, flange frame, in units.length; default: the common load "
-        "point of all cases.",
+        description="Point where the force acts, in the flange frame, in units.length; default: the load "
+        "point that all cases share.",
     )
     place: Vector3 | None = Field(
         default=None,
-        description="Point whose deflection is predicted, flange frame, in units.length; default: the load "
-        "point.",
+        description="Point whose deflection is predicted, in the flange frame, in units.length; default: "
+        "the load point.",
     )
     direction: Vector3 | None = Field(
         default=None,
-        description="Direction along which the stiffness is computed; default: the force's.",
+        description="Direction along which the stiffness is computed; default: the direction of the force.",
     )
 
 
@@ -74,7 +79,7 @@ class LinkMass(Message):
     joint: Name
     mass: Kilograms[Annotated[float, Field(strict=True, ge=0.0, le=1e6)]] = Field(description="Mass in kg.")
     centre: Vector3 = Field(
-        description="Centre of mass in the frame that moves with the joint, in units.length."
+        description="Centre of mass of the body, in the frame that moves with the joint, in units.length."
     )
 
 
@@ -83,7 +88,8 @@ class SagOptions(Message):
 
     absolute: StrictBool = Field(
         default=False,
-        description="Deflections are relative to a rigid arm, sag included; needs `weight`.",
+        description="True to predict deflections relative to a rigid arm, so that the sag by own weight is "
+        "included; needs a run with `weight`.",
     )
 
 
@@ -92,7 +98,8 @@ class PredictionOptions(SagOptions):
 
     masses: Annotated[list[LinkMass], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
-        description="Masses of the links, whose weight acts along −z of R0; empty: own weight is neglected.",
+        description="Masses of the links, whose weight acts along −z of the robot's base frame R0; empty if "
+        "the own weight is neglected.",
     )
     confidence: Confidence = 0.95
 
@@ -103,12 +110,13 @@ class DeflectionOptions(PredictionOptions):
     units: Units
     load_point: Vector3 | None = Field(
         default=None,
-        description="Point where forces act, flange frame, in units.length; a case may give another point.",
+        description="Point where the forces act, in the flange frame, in units.length; a case may state "
+        "another point.",
     )
     place: Vector3 | None = Field(
         default=None,
-        description="Point whose deflection is predicted, flange frame, in units.length; default: the load "
-        "point.",
+        description="Point whose deflection is predicted, in the flange frame, in units.length; default: "
+        "the load point.",
     )
     cases: Annotated[list[LoadCase], Field(min_length=1, max_length=MAX_CASES), FailFast()]
 
@@ -116,7 +124,7 @@ class DeflectionOptions(PredictionOptions):
 class DeflectionRequest(DeflectionOptions):
     """A request of deflections."""
 
-    run_id: Identifier = Field(description="Id of the run whose model is used.")
+    run_id: Identifier = Field(description="Id of the run whose identified model is used.")
 
 
 class ModelErrorInterval(Message):
@@ -124,15 +132,16 @@ class ModelErrorInterval(Message):
 
     displacement: Metres[Interval3]
     radius: Metres[float] = Field(
-        description="Radius of the ball that contains the true displacement at this confidence; from "
-        "held-out postures."
+        description="Radius of the ball that contains the true displacement at the requested confidence, "
+        "from postures that were held out from the fit."
     )
     load_ratio: Dimensionless[float] = Field(
-        description="Load divided by the campaign's greatest load; above 1.01 the case is extrapolated."
+        description="Load divided by the greatest load of the campaign; above 1.01 the case is an "
+        "extrapolation."
     )
     leverage_ratio: Dimensionless[float] = Field(
-        description="Standard uncertainty per load, divided by that of the campaign's worst place; above "
-        "1.01 the case is extrapolated."
+        description="Standard uncertainty per load, divided by the greatest such value at the measured "
+        "places; above 1.01 the case is an extrapolation."
     )
 
 
@@ -141,15 +150,15 @@ class DirectionalStiffness(Message):
 
     direction: Dimensionless[Point] = Field(description="Unit vector, axes of R0.")
     lateral_free: LinearStiffness[float | None] = Field(
-        description="1 / (u' C_tt u), if motion across u is free; null if infinite. u: direction; "
-        "C: compliance."
+        description="Stiffness 1 / (u' C_tt u), if motion across the direction u is free; null if infinite."
     )
     lateral_blocked: LinearStiffness[float | None] = Field(
-        description="u' inv(C_tt) u, if motion across u is blocked; null if infinite."
+        description="Stiffness u' inv(C_tt) u, if motion across u is blocked; null if infinite. "
+        "C: compliance."
     )
     rotation_blocked: LinearStiffness[float | None] = Field(
-        description="u' K_tt u, K = inv(C): every motion except along the direction is blocked; null if "
-        "infinite."
+        description="Stiffness u' K_tt u, K = inv(C), if all motion except along u is blocked; "
+        "null if infinite."
     )
     compliance: TranslationalCompliance[float] = Field(description="u' C_tt u.")
     standard_uncertainty: TranslationalCompliance[float | None] = Field(
@@ -163,10 +172,10 @@ class WorstDirection(Message):
     direction: Dimensionless[Point]
     compliance: TranslationalCompliance[float]
     compliance_uncertainty: TranslationalCompliance[float | None] = Field(
-        description="Standard uncertainty, from the readings alone."
+        description="Standard uncertainty, from the noise of the readings alone."
     )
     direction_uncertainty: Radians[float | None] = Field(
-        description="Standard uncertainty of the direction's angle, at most a quarter turn."
+        description="Standard uncertainty of the angle of the direction, at most a quarter turn."
     )
 
 
@@ -178,10 +187,10 @@ class CartesianCompliance(Message):
     rotation_by_force: RotationPerForce[Square3]
     rotation_by_moment: RotationalCompliance[Square3]
     symmetric: StrictBool = Field(
-        description="True if the matrices are symmetric; a moment makes them asymmetric."
+        description="True if the matrices are symmetric; they are asymmetric if a moment acts."
     )
     along: DirectionalStiffness | None = Field(
-        description="Stiffness along the direction; null without a force and a direction."
+        description="Stiffness along the direction; null if the case has neither a force nor a direction."
     )
     worst: WorstDirection
 
@@ -190,11 +199,14 @@ class DeflectionBudget(Message):
     """Uncertainty budget of the length of a predicted displacement. The load of the case counts as exact."""
 
     contributions: Metres[dict[str, float]] = Field(
-        description="Contribution to the standard uncertainty by source, as in the run's `budget`."
+        description="Contribution of each source to the standard uncertainty; the sources are those of the "
+        "run's `budget`."
     )
     included: list[str] = Field(description="Sources that `standard_uncertainty` combines.")
     standard_uncertainty: Metres[float]
-    coverage_factor: Dimensionless[float] = Field(description="Coverage factor for the requested confidence.")
+    coverage_factor: Dimensionless[float] = Field(
+        description="Factor from standard uncertainty to expanded uncertainty at the requested confidence."
+    )
     expanded_uncertainty: Metres[float]
     expanded_with_model_error: Metres[float] = Field(description="Expanded uncertainty of all sources.")
 
@@ -204,25 +216,30 @@ class CaseResult(Message):
 
     label: Name
     displacement: Metres[Point | None] = Field(
-        description="Displacement of the point, loaded minus unloaded, axes of R0."
+        description="Displacement of the point, loaded minus unloaded position, along the axes of the base "
+        "frame R0."
     )
-    rotation: Radians[Point | None] = Field(description="Rotation vector of the flange, axes of R0.")
+    rotation: Radians[Point | None] = Field(
+        description="Rotation of the flange by the load, as a rotation vector along the axes of the base "
+        "frame R0."
+    )
     readings_only: Metres[Interval3 | None] = Field(
-        description="Interval from the errors of the readings and the stated errors of the force; null if "
-        "unknown."
+        description="Interval that includes the errors of the readings and the stated errors of the force; "
+        "null if unknown."
     )
     rotation_interval: Radians[Interval3 | None] = Field(description="Interval of the rotation.")
     with_model_error: ModelErrorInterval | None = Field(
-        description="Intervals that include the model error; null if unknown: see `remarks`."
+        description="Intervals that also include the error of the model; null if unknown, with the reason "
+        "in `remarks`."
     )
     compliance: CartesianCompliance | None
     budget: DeflectionBudget | None = Field(
         default=None,
-        description="Uncertainty budget of the length, with an exact load; null without a displacement, "
-        "with elastic links or coupling, or if unknown.",
+        description="Uncertainty budget of the length of the displacement, with an exact load; null without "
+        "a displacement, with elastic links or coupling, or if unknown.",
     )
     remarks: list[str] = Field(
-        description="Extrapolations, and reasons why a number or an interval is missing."
+        description="Warnings of extrapolation, and reasons why a number or an interval is missing."
     )
 
 
@@ -231,7 +248,7 @@ class DeflectionResult(FromRun):
 
     confidence: Dimensionless[float]
     model_error_postures: int = Field(
-        description="Number of postures that determine the bound of the model error."
+        description="Number of measured postures from which the bound of the model error was determined."
     )
     remarks: list[str] = Field(description="Remarks that concern all cases.")
     cases: list[CaseResult]
@@ -252,27 +269,32 @@ class MapOptions(AcceptingOptions, SagOptions):
     name: Name | None = None
     area: Metres[Box]
     grid: tuple[_Count, _Count, _Count] = Field(
-        description="Number of places along x, y and z, the faces of the box included; a single place is "
-        "in the middle."
+        description="Number of places along x, y and z, the faces of the box included; a single place is in "
+        "the middle of the box."
     )
     place: Metres[Vector3] = Field(
-        description="Position of the tool in the flange frame; the robot moves this point to each place."
+        description="Position of the tool in the flange frame; the robot moves this point to each place of "
+        "the map."
     )
     load_point: Metres[Vector3 | None] = Field(
-        default=None, description="Point where the force acts, flange frame; default: the tool's position."
+        default=None,
+        description="Point where the force acts, in the flange frame; default: the position of the tool.",
     )
     tool_axis: Dimensionless[Vector3] = Field(
         default=(0.0, 0.0, 1.0), description="Axis of the tool, in the flange frame."
     )
     directions: Dimensionless[Annotated[list[Vector3], Field(min_length=1, max_length=64)]] = Field(
-        default=[(0.0, 0.0, -1.0)], description="Directions in which the tool's axis may point, axes of R0."
+        default=[(0.0, 0.0, -1.0)],
+        description="Directions in which the axis of the tool may point, along the axes of the base "
+        "frame R0.",
     )
     turns: Annotated[int, Field(strict=True, ge=1, le=360)] = Field(
         default=1,
-        description="Number of angles about the tool's axis over a full turn. At the first angle, the "
-        "flange's x axis points along x of R0 (or y if the tool points along x).",
+        description="Number of angles of the tool about its axis, evenly over a full turn. At the first "
+        "angle, the x axis of the flange points along x of the base frame R0 (or y if the tool points along "
+        "x).",
     )
-    force: Newtons[Vector3] = Field(description="Force of the process on the robot.")
+    force: Newtons[Vector3] = Field(description="Force of the process on the robot, along `axes`.")
     moment: Torque[Vector3 | None] = Field(
         default=None, description="Moment of the process on the robot, about the load point."
     )
@@ -281,16 +303,17 @@ class MapOptions(AcceptingOptions, SagOptions):
     )
     direction: Dimensionless[Vector3 | None] = Field(
         default=None,
-        description="Direction to which the compliances along and across refer; default: the force's.",
+        description="Direction for the compliances along and across; default: the direction of the force.",
     )
     limits: Positions[dict[Name, tuple[Quantity, Quantity]]] = Field(
         default_factory=dict,
-        description="Additional joint limits by joint name.",
+        description="Joint limits by joint name, in addition to the limits of the robot.",
     )
     near: Positions[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] | None] = Field(
         default=None,
-        description="Posture as the controller shows it: each place gets the nearest posture; default: the "
-        "stiffest. Required with prismatic joints, which keep their position.",
+        description="Joint positions as the controller shows them: each place gets the posture nearest to "
+        "these positions. Default: each place gets its stiffest posture. Required with prismatic joints, "
+        "which keep their position.",
     )
     confidence: Dimensionless[Confidence] = 0.95
 
@@ -298,7 +321,7 @@ class MapOptions(AcceptingOptions, SagOptions):
 class MapRequest(MapOptions):
     """Request of a map."""
 
-    run_id: Identifier = Field(description="Id of the run whose model is used.")
+    run_id: Identifier = Field(description="Id of the run whose identified model is used.")
 
 
 PlaceStatus = Literal["reached", "out_of_reach", "joint_limits", "unseen_joint", "overloaded", "not_followed"]
@@ -311,24 +334,30 @@ class MapPlace(Message):
     joints: Positions[list[float]] = Field(
         description="Joint positions without the load, as the controller shows them."
     )
-    tool_direction: Dimensionless[Point] = Field(description="Direction in which the tool's axis points.")
-    displacement: Metres[Point] = Field(description="Displacement, loaded minus unloaded, axes of R0.")
+    tool_direction: Dimensionless[Point] = Field(
+        description="Direction in which the axis of the tool points."
+    )
+    displacement: Metres[Point] = Field(
+        description="Displacement by the load, loaded minus unloaded position, along the axes of the base "
+        "frame R0."
+    )
     deflection: Metres[float] = Field(description="Length of the displacement.")
     readings_only: Metres[Interval | None] = Field(
-        description="Interval of `deflection` from the readings alone; null if unknown."
+        description="Interval of `deflection` from the noise of the readings alone; null if unknown."
     )
     with_model_error: Metres[Interval | None] = Field(
-        description="Interval that includes the model error; null without a bound."
+        description="Interval of `deflection` that includes the model error; null without a bound of the "
+        "model error."
     )
     compliance_along: TranslationalCompliance[float | None] = Field(
-        description="Compliance along the direction; null with joints that are not determined."
+        description="Compliance along the direction; null if a joint's stiffness is not determined."
     )
     compliance_across: TranslationalCompliance[float | None] = Field(
         description="Greatest compliance across the direction; null if `compliance_along` is null."
     )
     extrapolation: Dimensionless[float | None] = Field(
-        description="Load, or uncertainty per load, divided by the campaign's greatest; above 1.01 the "
-        "place is extrapolated; null without model error."
+        description="Ratio of load, or of uncertainty per load, to the greatest value of the campaign; "
+        "above 1.01 the place is an extrapolation; null without model error."
     )
 
 
@@ -346,11 +375,17 @@ class MapResult(FromRun):
         description="Deflection that this percentage of the reached places does not exceed: `0`, `5`, `25`, "
         "`50`, `75`, `95`, `100`."
     )
-    worst: MapPlace | None = Field(description="Place with the largest deflection, if any is reached.")
-    stiffest: MapPlace | None = Field(description="Place with the smallest deflection, if any is reached.")
-    extrapolated: int = Field(description="Number of reached places beyond the campaign's loads or postures.")
+    worst: MapPlace | None = Field(
+        description="Place with the largest deflection; null if no place is reached."
+    )
+    stiffest: MapPlace | None = Field(
+        description="Place with the smallest deflection; null if no place is reached."
+    )
+    extrapolated: int = Field(
+        description="Number of reached places with loads or postures beyond those of the campaign."
+    )
     model_error_postures: int = Field(
-        description="Number of postures that determine the bound of the model error."
+        description="Number of measured postures from which the bound of the model error was determined."
     )
     remarks: list[str] = Field(description="Remarks that apply to all places.")
 

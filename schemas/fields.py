@@ -98,7 +98,8 @@ Confidence = Annotated[
 Vector3 = TypeAliasType(
     "Vector3",
     Annotated[
-        tuple[Quantity, Quantity, Quantity], Field(description="Three components along x, y and z, as given.")
+        tuple[Quantity, Quantity, Quantity],
+        Field(description="Three components along x, y and z, as stated by the user."),
     ],
 )
 """Three components along x, y and z, which a description of the API states once and refers to."""
@@ -106,7 +107,8 @@ Vector3 = TypeAliasType(
 Point = TypeAliasType(
     "Point",
     Annotated[
-        tuple[float, float, float], Field(description="Three components along x, y and z, as computed.")
+        tuple[float, float, float],
+        Field(description="Three components along x, y and z, as computed from the readings."),
     ],
 )
 """Three components of a result."""
@@ -206,7 +208,7 @@ class ResourceChange(Message):
     name: Name | None = Field(default=None, description="New name; null: unchanged.")
     deleted: StrictBool | None = Field(
         default=None,
-        description="True: delete; false: restore within 30 days.",
+        description="True to delete the resource; false to restore it within 30 days.",
     )
 
 
@@ -218,7 +220,7 @@ class Page(Message, Generic[Item]):
     """One page of a listing."""
 
     items: list[Item]
-    next: str | None = Field(description="`cursor` of the next page, if any.")
+    next: str | None = Field(description="Value of `cursor` for the next page; null on the last page.")
     total: int | None = Field(
         default=None,
         description=f"Number on all pages ({MOST_COUNTED + 1}: more); null from page 2 on.",
@@ -258,7 +260,7 @@ def parse_prior(text: str) -> tuple[str, dict[str, float]]:
         return name, {"stiffness": float(stiffness), "standard_uncertainty": float(uncertainty)}
     except ValueError:
         raise ValueError(
-            f"'{text}' must be like joint_5=4e5:4e4: joint, stiffness and standard uncertainty"
+            f"'{text}' must state joint, stiffness and standard uncertainty, such as joint_5=4e5:4e4"
         ) from None
 
 
@@ -268,7 +270,7 @@ def parse_stiffness(text: str) -> tuple[str, float]:
     try:
         return name, float(number)
     except ValueError:
-        raise ValueError(f"'{text}' must be like joint_2=3e6: joint, and stiffness in N·m/rad") from None
+        raise ValueError(f"'{text}' must state joint and stiffness in N·m/rad, such as joint_2=3e6") from None
 
 
 def parse_cause(text: str) -> dict[str, str | None]:
@@ -301,8 +303,8 @@ def parse_planned_load(text: str) -> dict[str, Any]:
         return {"kind": kind, "force": float(force)}
     except ValueError:
         raise ValueError(
-            f"'{text}' must be KIND:NEWTONS with the kind dead_weight or any_direction, such as "
-            "any_direction:1500"
+            f"'{text}' must state the kind of load (dead_weight or any_direction) and its force in newtons, "
+            "such as any_direction:1500"
         ) from None
 
 
@@ -321,7 +323,10 @@ def parse_target(text: str) -> tuple[str, list[float]]:
     name, _, numbers = text.rpartition("=")
     place = parse_numbers(numbers)
     if not name or len(place) != 3:
-        raise ValueError(f"'{text}' must be like P10=147,55,50: name and place on the flange in mm")
+        raise ValueError(
+            f"'{text}' must state the name of a target and its place on the flange in mm, such as "
+            "P10=147,55,50"
+        )
     return name.strip(), [1e-3 * part for part in place]
 
 
@@ -329,7 +334,9 @@ def parse_box(text: str) -> list[list[float]]:
     """Parse two corners of a box, `X,Y,Z,X,Y,Z` in mm; return [least corner, greatest corner] [m]."""
     numbers = [1e-3 * part for part in parse_numbers(text)]
     if len(numbers) != 6:
-        raise ValueError(f"'{text}' must be two corners in mm, such as 800,-600,400,1900,600,1600")
+        raise ValueError(
+            f"'{text}' must state two opposite corners of a box in mm, such as 800,-600,400,1900,600,1600"
+        )
     ranges = [sorted(pair) for pair in zip(numbers[:3], numbers[3:], strict=True)]  # along x, y and z
     return [[least for least, _ in ranges], [greatest for _, greatest in ranges]]
 

@@ -36,12 +36,16 @@ class Problem(Message):
     title: str = Field(description="Title of the kind of problem.")
     status: int = Field(description="HTTP status code.")
     detail: str = Field(description="Description of this problem in one sentence.")
-    where: str | None = Field(default=None, description="Path of the field with the fault, if any.")
+    where: str | None = Field(
+        default=None, description="Path of the field with the fault; null if no single field has the fault."
+    )
     remedy: str | None = Field(default=None, description="Recommended correction.")
     request_id: str | None = Field(
         default=None, description="Identifier of the request, as in `X-Request-Id` and in the service's log."
     )
-    errors: list[ProblemItem] = Field(default_factory=list, description="First twenty faults of the request.")
+    errors: list[ProblemItem] = Field(
+        default_factory=list, description="First twenty faults of the request, each with its field."
+    )
 
 
 Verdict = Literal["use", "use_with_care", "do_not_use"]
@@ -79,7 +83,7 @@ class NamedCause(Message):
     )
     first: Name | None = Field(
         default=None,
-        description="Label of the first affected observation; null: all.",
+        description="Label of the first observation that the mistake affects; null if it affects all.",
     )
 
     @property
@@ -98,33 +102,42 @@ class AdvisedAction(Message):
         "identify with `robot`. `state_payload`: keep `payload` with the robot. `omit_load_point`: keep "
         "the reading of the load point only."
     )
-    observations: list[Name] = Field(description="Labels of the observations to omit, or to show.")
-    joints: list[Name] = Field(description="Joints whose columns are exchanged, or whose map is corrected.")
+    observations: list[Name] = Field(description="Labels of the observations that the action omits or shows.")
+    joints: list[Name] = Field(
+        description="Joints whose columns the action exchanges, or whose joint map the action corrects."
+    )
     joint_map: Dimensionless[list[list[float]]] = Field(
-        description="Rows of the matrix of the corrected joint map; empty unless the map is corrected."
+        description="Rows of the matrix of the corrected joint map; empty unless the action corrects the map."
     )
     offset: Positions[list[float]] = Field(
-        description="Offset of each joint in the corrected joint map; empty unless the map is corrected."
+        description="Offset of each joint in the corrected joint map; empty unless the action corrects the "
+        "map."
     )
     target: Name | None = Field(
         description="Target whose position is exchanged with the load point; null for other actions."
     )
     targets: list[Name] = Field(
-        default_factory=list, description="Targets whose readings are exchanged; empty: all."
+        default_factory=list,
+        description="Targets whose readings are exchanged; empty if the readings of all targets are "
+        "exchanged.",
     )
-    causes: list[NamedCause] = Field(description="Causes to fit with the joints; empty for other actions.")
-    unit: Unit | None = Field(description="Unit of the corrected numbers; null for other actions.")
+    causes: list[NamedCause] = Field(
+        description="Systematic errors to fit together with the joints; empty for other actions."
+    )
+    unit: Unit | None = Field(
+        description="Unit of the numbers after their correction; null for other actions."
+    )
     robot: Name | None = Field(
         default=None,
-        description="Name of the robot to choose; null for other actions.",
+        description="Name of the robot that the action chooses; null for other actions.",
     )
     robot_id: Identifier | None = Field(
         default=None,
-        description="Id of the stored robot; null for an arm of the catalogue, and for other actions.",
+        description="Id of the stored robot; null for an arm of the catalogue and for other actions.",
     )
     payload: Payload | None = Field(
         default=None,
-        description="Payload of the robot, for `state_payload`.",
+        description="Payload of the robot, for the action `state_payload`.",
     )
 
     @classmethod
@@ -290,21 +303,23 @@ class Finding(Message):
 
     code: FindingCode = Field(description="Kind of the finding.")
     weight: Verdict = Field(
-        description="Best verdict that the finding allows. `do_not_use`: almost certainly a mistake. "
-        "`use_with_care`: check the readings. `use`: a remark."
+        description="Best verdict that the finding allows. `do_not_use`: the readings almost certainly "
+        "contain a mistake. `use_with_care`: check the readings. `use`: the finding is a remark."
     )
     where: str | None = Field(
         default=None,
-        description="Observation, reading, sweep or joint; null: the whole set. With two sides, the text "
-        "begins with the side.",
+        description="Observation, reading, sweep or joint that the finding concerns; null for the whole "
+        "set. In a comparison of two sides, the text begins with the side.",
     )
     observation: Name | None = Field(
-        default=None, description="Label of the observation; null if the finding concerns none or several."
+        default=None,
+        description="Label of the observation; null if the finding concerns no single observation.",
     )
     message: str = Field(description="Observed effect, with number and unit.")
     remedy: str = Field(description="Remedy in words.")
     action: AdvisedAction | None = Field(
-        default=None, description="Remedy that a program can carry out; null if only a person can."
+        default=None,
+        description="Remedy that a program can carry out; null if only a person can correct the mistake.",
     )
 
     @property
@@ -316,24 +331,24 @@ class Finding(Message):
 class Assessment(Message):
     """Assessment of a result: its verdict with the reasons."""
 
-    verdict: Verdict = Field(description="Worst verdict of the reasons; `use` without reasons.")
+    verdict: Verdict = Field(description="Worst verdict that a reason allows; `use` if there are no reasons.")
     reasons: list[Finding] = Field(
-        description="Findings that do not allow the verdict `use`, most severe first."
+        description="Findings that do not allow the verdict `use`; the most severe is first."
     )
     joints_identified: int | None = Field(
         default=None,
-        description="Number of joints whose stiffness has an upper limit; for several fits, the least "
-        "number; null for geometries.",
+        description="Number of joints whose stiffness has an upper limit; for several fits, the least of "
+        "their numbers; null for geometries.",
     )
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     headline: str | None = Field(
         default=None,
-        description="Verdict in one line, for results that are made from a run; null for runs and "
+        description="Verdict in one line, for results that are computed from a run; null for runs and "
         "geometries.",
     )
     notes: list[str] = Field(
         default_factory=list,
-        description="Checks that these readings do not allow, and assumptions made instead.",
+        description="Checks that these readings do not allow, and assumptions that were made instead.",
     )
 
 
@@ -344,7 +359,7 @@ class AcceptingOptions(Message):
         Literal["do_not_use"] | None, Terminal("--despite-verdict", flag="do_not_use")
     ] = Field(
         default=None,
-        description="`do_not_use`: also accept a run with this verdict.",
+        description="Confirmation: `do_not_use` accepts a run even if its verdict is *do not use*.",
     )
 
 
@@ -358,16 +373,17 @@ class ResultSummary(Message):
     compensation: Dimensionless[float | None] = Field(
         default=None,
         description="Fraction of the mean deflection that the model predicts; for a comparison, the "
-        "greatest of its runs or the smaller of two sides.",
+        "greatest fraction of its runs or the smaller fraction of its two sides.",
     )
     joints_identified: int | None = Field(
         default=None,
-        description="Number of joints whose stiffness has an upper limit; for a comparison, the most of "
-        "its runs or the least of two sides; null for geometries.",
+        description="Number of joints whose stiffness has an upper limit; for a comparison, the greatest "
+        "number of its runs or the least number of its two sides; null for geometries.",
     )
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     warning_count: int | None = Field(
-        default=None, description="Number of warnings; for a geometry, number of findings except notes."
+        default=None,
+        description="Number of warnings; for a geometry, the number of findings that are not notes.",
     )
 
 

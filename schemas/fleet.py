@@ -30,8 +30,8 @@ class FleetRequest(FleetOptions):
 
     measurement_set_ids: Annotated[list[Identifier], Field(min_length=1, max_length=MAX_SETS)] | None = Field(
         default=None,
-        description="Sets to identify. Null or absent: the last measured set with loads of each robot; the "
-        "job then names these sets.",
+        description="Measurement sets to identify. Null or absent: the last measured set with loads of each "
+        "robot; the job then states the ids of these sets.",
     )
 
     @field_validator("measurement_set_ids", mode="after")
@@ -51,10 +51,10 @@ class FleetRow(Message):
     robot_name: Name
     verdict: Verdict | None
     joint_kinds: dict[Name, JointKind] = Field(
-        description="Kinds of the joints in order; empty: all revolute."
+        description="Kinds of the joints from base to flange; empty if all joints are revolute."
     )
     stiffness: Stiffness[dict[Name, float | None]] = Field(
-        description="Stiffness of each joint, as in a run."
+        description="Stiffness of each joint, with the fields that a run has."
     )
     stiffness_interval: Stiffness[dict[Name, tuple[float, float | None] | None]]
     error: Problem | None
@@ -69,7 +69,7 @@ class FleetResult(Message):
     """Result of a fleet."""
 
     counts: dict[FleetOutcome, int] = Field(
-        description="Number of sets with each verdict, and of failed sets."
+        description="Number of sets with each verdict, and number of sets that failed."
     )
     rows: list[FleetRow] = Field(description="Row of each set, in the order of the request.")
 

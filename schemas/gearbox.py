@@ -39,29 +39,30 @@ class GearboxUnits(Message):
     """Units of the numbers of a weight step; masses are in kg."""
 
     length: LengthUnit = Field(description="Unit of the load's place.")
-    angle: AngleUnit = Field(description="Unit of joint angles, encoder angles and encoder_sigma.")
+    angle: AngleUnit = Field(description="Unit of joint angles, of encoder angles and of `encoder_sigma`.")
 
 
 class HungLoad(Message):
     """Load that is at the flange in the second state, and not in the first."""
 
     mass: Kilograms[Annotated[float, Field(strict=True, ge=LEAST_MASS, le=GREATEST_MASS)]] = Field(
-        description="Mass of the load in kg, with a hook or tool that is added."
+        description="Mass of the load in kg, including a hook or tool that is added with the load."
     )
     mass_uncertainty: Kilograms[Annotated[float, Field(strict=True, ge=0.0, le=GREATEST_MASS)] | None] = (
         Field(
             default=None,
-            description="Standard uncertainty of the mass in kg; absent: 1 % is assumed, and the verdict is "
-            "at best `use_with_care`.",
+            description="Standard uncertainty of the mass in kg; if absent, 1 % is assumed, and the verdict "
+            "is at best `use_with_care`.",
         )
     )
     point: Vector3 = Field(
-        description="Centre of mass of the load in the flange frame, in units.length; on a hook, the hook."
+        description="Centre of mass of the load in the flange frame, in units.length; for a load on a hook, "
+        "the position of the hook."
     )
     point_uncertainty: Annotated[float, Field(strict=True, ge=0.0, le=1e4)] | None = Field(
         default=None,
-        description="Standard uncertainty of each coordinate of `point`, in units.length; absent: 10 mm is "
-        "assumed.",
+        description="Standard uncertainty of each coordinate of `point`, in units.length; if absent, 10 mm "
+        "is assumed.",
     )
 
 
@@ -69,10 +70,11 @@ class EncoderAngles(Message):
     """Angles of both encoders of a joint at rest."""
 
     motor: Quantity = Field(
-        description="Angle of the motor's encoder over the gear ratio, in units.angle, with any offset."
+        description="Angle of the motor's encoder divided by the gear ratio, in units.angle; a constant "
+        "offset is allowed."
     )
     link: Quantity = Field(
-        description="Angle of the encoder behind the gearbox, in units.angle, with any offset."
+        description="Angle of the encoder behind the gearbox, in units.angle; a constant offset is allowed."
     )
 
 
@@ -84,7 +86,8 @@ class TwistReading(Message):
     loaded: EncoderAngles
     approach: Literal["+", "-"] | None = Field(
         default=None,
-        description="Sense in which the joint turned last, in both states; absent: unknown.",
+        description="Direction in which the joint turned last, the same with and without the load; absent "
+        "if unknown.",
     )
 
 
@@ -98,7 +101,7 @@ class StepPosture(Message):
 
     label: Name = Field(description="Label, unique in the step.", examples=["s01"])
     joints: Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
-        description="Joints as the controller shows them, in units.angle or units.length."
+        description="Joint positions as the controller shows them, in units.angle or units.length."
     )
     encoder_readings: _TwistReadings = Field(
         description="Readings of both encoders, at most one per joint and approach."
@@ -120,7 +123,9 @@ def parse_load(text: str) -> dict[str, Any]:
         load: dict[str, Any] = {"mass": float(mass), "point": parse_numbers(point_text)}
         return load | {"mass_uncertainty": float(uncertainty)} if sign else load
     except ValueError:
-        raise ValueError(f"'{text}' must be a mass and its place, such as 100.2±0.1,0,0,150") from None
+        raise ValueError(
+            f"'{text}' must state a mass in kg and the place of its centre, such as 100.2±0.1,0,0,150"
+        ) from None
 
 
 class GearboxRequest(Message):
@@ -129,28 +134,32 @@ class GearboxRequest(Message):
     name: Name = Field(default="gearboxes", examples=["LBR cell 2, 10 kg"])
     units: GearboxUnits
     robot_id: Annotated[Identifier | None, Terminal(hidden=True)] = Field(
-        default=None, description="Id of the robot; or give `robot`."
+        default=None, description="Id of a stored robot; omit this field if `robot` is given."
     )
-    robot: RobotDocument | None = Field(default=None, description="The robot, which is not stored.")
+    robot: RobotDocument | None = Field(
+        default=None, description="Robot document that the service does not store, in place of `robot_id`."
+    )
     load: Annotated[HungLoad | None, Terminal("--load", "KG[±KG],X,Y,Z", parse_load)] = Field(
         default=None, description="Load of the weight step."
     )
     gravity: Vector3 = Field(
         default=(0.0, 0.0, -9.80665),
-        description="Acceleration of gravity in R0, in m/s².",
+        description="Acceleration of gravity in the robot's base frame R0, in m/s².",
     )
     encoder_sigma: Annotated[float, Field(strict=True, ge=0.0, le=10.0)] | None = Field(
         default=None,
-        description="Standard uncertainty of an encoder's angle, in units.angle. The noise of a step is that "
-        "of the residuals, at least twice this value.",
+        description="Standard uncertainty of an encoder's angle, in units.angle. The noise of a step is "
+        "estimated from the residuals, and is at least twice this value.",
     )
     observations: Annotated[list[StepPosture], Field(max_length=MAX_POSTURES), FailFast()] = Field(
-        default_factory=list, description="Postures of the weight step; 12 are good practice."
+        default_factory=list,
+        description="Postures of the weight step, each read without and with the load; 12 postures are "
+        "good practice.",
     )
     motion: Motion | None = Field(
         default=None,
-        description="Logs of a motion, in place of `load` and `observations`: a check of a gearbox, within a "
-        "factor of 1.5, by the masses of the arm.",
+        description="Logs of a motion, in place of `load` and `observations`: the masses of the arm then "
+        "check the stiffness of a gearbox within a factor of 1.5.",
     )
 
     @property
@@ -172,7 +181,7 @@ class GearboxRequest(Message):
         has_step = self.load is not None and bool(self.observations)
         has_part = self.load is not None or bool(self.observations)
         if self.motion is None and not has_step:
-            raise ValueError("give `load` and `observations` of a weight step, or `motion` with logs")
+            raise ValueError("give `load` and `observations` of a weight step, or give `motion` with logs")
         if self.motion is not None and has_part:
             raise ValueError("give either `motion`, or `load` and `observations` of a weight step")
         return self
@@ -180,7 +189,7 @@ class GearboxRequest(Message):
     @model_validator(mode="after")
     def _require_plausible_gravity(self) -> GearboxRequest:
         if not 1.0 <= sum(part**2 for part in self.gravity) ** 0.5 <= 100.0:
-            raise ValueError("gravity must be 1 to 100 m/s²: 9.80665 on the ground")
+            raise ValueError("gravity must be 1 to 100 m/s²; on the earth it is 9.80665 m/s²")
         return self
 
     @model_validator(mode="after")
@@ -189,14 +198,14 @@ class GearboxRequest(Message):
         labels = [posture.label for posture in self.observations]
         if len(set(labels)) != len(labels):
             repeated = next(label for label in labels if labels.count(label) > 1)
-            raise ValueError(f"the label '{repeated}' is there twice: give each posture a label of its own")
+            raise ValueError(f"two postures have the label '{repeated}': give each posture a different label")
         for posture in self.observations:
             sides = [(reading.joint, reading.approach) for reading in posture.encoder_readings]
             if len(set(sides)) != len(sides):
                 joint = next(side[0] for side in sides if sides.count(side) > 1)
                 raise ValueError(
                     f"posture '{posture.label}' has two readings of {joint} with the same `approach`: state "
-                    "'+' for one and '-' for the other, or omit one"
+                    "'+' for one reading and '-' for the other, or omit one reading"
                 )
         return self
 
@@ -206,10 +215,10 @@ class GearboxStiffness(Message):
 
     joint: Name
     stiffness: Stiffness[float | None] = Field(
-        description="Stiffness of the gearbox; null if `reason` says why."
+        description="Stiffness of the gearbox; null if unknown, with the reason in `reason`."
     )
     stiffness_interval: Stiffness[tuple[float, float | None] | None] = Field(
-        description="95 % interval; its upper end is null if the gearbox may be rigid."
+        description="95 % interval of the stiffness; its upper end is null if the gearbox may be rigid."
     )
     half_width: Dimensionless[float | None] = Field(
         description="Half of the interval's width, relative to the stiffness; null if the interval has no "
@@ -217,28 +226,31 @@ class GearboxStiffness(Message):
     )
     compliance: RotationalCompliance[float | None]
     compliance_interval: RotationalCompliance[Interval | None]
-    reason: str | None = Field(description="Reason why there is no stiffness.")
+    reason: str | None = Field(description="Reason why the gearbox has no stiffness.")
     least_torque: Torque[float] = Field(
-        description="Least torque with which the motor holds the load, over the postures."
+        description="Least torque with which the motor carries the load, over all postures."
     )
     greatest_torque: Torque[float]
     offset: Radians[float | None] = Field(
-        description="Change of the twist that no torque explains, such as a drift of an encoder."
+        description="Change of the gearbox's twist that no torque explains, such as a drift of an encoder."
     )
     lost_motion: Radians[float | None] = Field(
-        description="Twist from the positive side less that from the negative side, mean over postures; null "
-        "without both."
+        description="Twist after an approach from the positive side less twist after an approach from the "
+        "negative side, mean over the postures; null unless both sides were measured."
     )
-    lost_motion_interval: Radians[Interval | None] = Field(description="95 % interval of the mean.")
+    lost_motion_interval: Radians[Interval | None] = Field(
+        description="95 % interval of the mean twist between both approaches."
+    )
     noise: Radians[float | None] = Field(
-        description="Standard deviation of the step of the twist in one posture."
+        description="Standard deviation of the step of the twist in a single posture."
     )
     degrees_of_freedom: int = Field(
-        description="Postures less unknowns; of logs, the number of independent samples."
+        description="Number of postures less number of unknowns; for logs, number of independent samples."
     )
-    postures: int = Field(description="Number of postures with readings of this joint; 0 for logs.")
+    postures: int = Field(description="Number of postures in which this joint was read; 0 for logs.")
     delay: Seconds[float | None] = Field(
-        default=None, description="Delay of the link encoder's readings in logs; null for a weight step."
+        default=None,
+        description="Delay of the readings of the link encoder in the logs; null for a weight step.",
     )
 
 
@@ -247,11 +259,14 @@ class StepResidual(Message):
 
     label: Name
     joint: Name
-    torque: Torque[float] = Field(description="Torque with which the motor holds the load.")
+    torque: Torque[float] = Field(description="Torque about the joint with which the motor carries the load.")
     step: Radians[float] = Field(
-        description="Twist with the load less twist without; mean over the approaches."
+        description="Twist of the gearbox with the load less twist without the load; mean over the "
+        "approaches."
     )
-    residual: Radians[float | None] = Field(description="Step less prediction; null without a stiffness.")
+    residual: Radians[float | None] = Field(
+        description="Measured step of the twist less predicted step; null without a stiffness."
+    )
 
 
 class LogEstimate(Message):
@@ -259,7 +274,9 @@ class LogEstimate(Message):
 
     label: Name
     joint: Name
-    stiffness: Stiffness[float | None] = Field(description="Null if the log has no upper end.")
+    stiffness: Stiffness[float | None] = Field(
+        description="Upper end of the interval; null if the log determines no upper end."
+    )
     stiffness_interval: Stiffness[tuple[float, float | None]] = Field(description="95 % interval.")
 
 
@@ -268,16 +285,17 @@ class GearboxResult(Result):
 
     assessment: Assessment
     gearboxes: list[GearboxStiffness]
-    not_observed: list[Name] = Field(description="Joints without readings of two encoders.")
+    not_observed: list[Name] = Field(description="Joints that were not read by two encoders.")
     mass_uncertainty: Kilograms[float | None] = Field(
-        description="Standard uncertainty of the mass, as used; null for logs."
+        description="Standard uncertainty of the mass, as used in the fit; null for logs."
     )
     point_uncertainty: Metres[float | None] = Field(
-        description="Standard uncertainty of each coordinate of the load's place, as used; null for logs."
+        description="Standard uncertainty of each coordinate of the place of the load, as used in the fit; "
+        "null for logs."
     )
     residuals: list[StepResidual]
     by_log: list[LogEstimate] = Field(
-        default_factory=list, description="Each log alone, if there are several."
+        default_factory=list, description="Result of each log alone; empty if there is only one log."
     )
     findings: list[Finding]
 

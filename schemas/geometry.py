@@ -42,52 +42,60 @@ class IdentifiedAxis(Message):
         description="Unit vector along the axis; positive rotation by the right-hand rule."
     )
     position_uncertainty: Metres[float | None] = Field(
-        description="Largest standard uncertainty across the axis at `point`, without that of R0; null if "
-        "not determined."
+        description="Largest standard uncertainty of the axis across its direction at `point`, without the "
+        "uncertainty of the base frame R0; null if not determined."
     )
     direction_uncertainty: Radians[float | None] = Field(
-        description="Largest standard uncertainty of the direction, without that of R0; null if not "
-        "determined."
+        description="Largest standard uncertainty of the direction, without the uncertainty of the base "
+        "frame R0; null if not determined."
     )
 
 
 class SweepEvidence(Message):
     """One sweep, fitted separately."""
 
-    joint: Name = Field(description="Name of the joint, as posted.")
-    turned: list[Name] = Field(description="Names of the model's joints that turn.")
+    joint: Name = Field(description="Name of the joint, as in the request.")
+    turned: list[Name] = Field(description="Names of the joints of the model that turn in the sweep.")
     positions: int
     arc: Radians[float] = Field(description="Arc covered by the readings.")
     radial_rms: Metres[dict[Name, float | None]] = Field(
-        description="Root mean square of the radial residuals by target; in a sweep that turns two axes, "
-        "across the axis; null for a target without a reading."
+        description="Root mean square of the radial residuals of each target; null for a target without a "
+        "reading. For a sweep that turns two axes: residuals across the axis."
     )
     axial_rms: Metres[dict[Name, float | None]] = Field(
-        description="Root mean square of the residuals along the axis by target."
+        description="Root mean square of the residuals of each target along the axis."
     )
     angle_scale: float = Field(
-        description="Measured rotation of the joint divided by that of controller and joint map."
+        description="Measured rotation of the joint divided by the rotation that the controller shows, "
+        "after the joint map."
     )
     angle_deviation: Radians[float | None] = Field(
-        description="Root mean square difference of measured angles from the controller's; null if the fit "
-        "uses the controller's."
+        description="Root mean square difference between measured angles and the angles of the controller; "
+        "null if the fit uses the angles of the controller."
     )
-    variance_factor: float = Field(description="χ²/dof of this sweep: 1 on average if sigma is right.")
+    variance_factor: float = Field(
+        description="χ² of this sweep per degree of freedom: 1 on average if sigma is right."
+    )
 
 
 class PoseEvidence(Message):
     """Unknowns that the poses determine."""
 
     positions: int
-    unknowns: int = Field(description="Number of unknowns: four per axis and three per target.")
-    determined: int = Field(description="Number of independent combinations that the poses determine.")
-    only_together: list[list[str]] = Field(
-        description="Unknowns of each combination that is not determined, and keeps its nominal value."
+    unknowns: int = Field(
+        description="Number of unknowns of the geometry: four for each axis and three for each target."
     )
-    rms_residual: Metres[float] = Field(description="Root mean square residual of a coordinate.")
+    determined: int = Field(
+        description="Number of independent combinations of unknowns that the poses determine."
+    )
+    only_together: list[list[str]] = Field(
+        description="Unknowns of each combination that the poses do not determine, so that the combination "
+        "keeps its nominal value."
+    )
+    rms_residual: Metres[float] = Field(description="Root mean square of the residuals of the coordinates.")
     held_out_rms: Metres[float | None] = Field(
-        description="Root mean square error of a coordinate of held-out poses (five-fold); null if the "
-        "other poses do not determine the geometry."
+        description="Root mean square error of a coordinate of held-out poses (five-fold cross-validation); "
+        "null if the other poses do not determine the geometry."
     )
 
 
@@ -96,12 +104,15 @@ class WristCentre(Message):
 
     way: Literal["sphere", "axes", "trilateration", "combined"]
     weight: Dimensionless[float] = Field(
-        description="Weight in the combined centre, mean of three coordinates; 1 for `combined`."
+        description="Weight of this estimate in the combined centre, mean over three coordinates; 1 for "
+        "`combined`."
     )
     tracker: Metres[Point]
     tracker_covariance: SquareMetres[Square3]
     base: Metres[Point] = Field(description="Point in R0.")
-    base_covariance: SquareMetres[Square3] = Field(description="Covariance, including the uncertainty of R0.")
+    base_covariance: SquareMetres[Square3] = Field(
+        description="Covariance of the centre, including the uncertainty of the base frame R0."
+    )
 
 
 class WristDistance(Message):
@@ -110,7 +121,9 @@ class WristDistance(Message):
     first: Literal["sphere", "axes", "trilateration"]
     second: Literal["sphere", "axes", "trilateration"]
     distance: Metres[float]
-    probability: float = Field(description="p-value of the hypothesis of equal wrist centres.")
+    probability: float = Field(
+        description="p-value of the hypothesis that both estimates have the same wrist centre."
+    )
 
 
 class WristTarget(Message):
@@ -118,12 +131,15 @@ class WristTarget(Message):
 
     name: Name
     offset: Metres[Point] = Field(
-        description="Target less the combined wrist centre, in the flange frame with the wrist at zero."
+        description="Position of the target relative to the combined wrist centre, in the flange frame with "
+        "the wrist joints at zero."
     )
-    distance: Metres[float] = Field(description="Distance from the wrist centre, by the spheres.")
+    distance: Metres[float] = Field(
+        description="Distance of the target from the wrist centre, by the fit of spheres."
+    )
     standard_uncertainty: Metres[float] = Field(description="Standard uncertainty of the distance.")
     trilaterates: StrictBool = Field(
-        description="True for the three targets from which the centre is trilaterated."
+        description="True if the target is one of the three from which the centre is trilaterated."
     )
 
 
@@ -131,20 +147,29 @@ class WristResult(Message):
     """Wrist centre, and the test of the last three axes for intersection."""
 
     estimates: list[WristCentre]
-    combined: WristCentre = Field(description="Weighted mean of the estimates, weights by their information.")
+    combined: WristCentre = Field(
+        description="Weighted mean of the estimates of the centre; the weights are their information "
+        "matrices."
+    )
     distances: list[WristDistance]
     targets: list[WristTarget] = Field(
         default_factory=list,
-        description="Targets relative to the wrist centre; empty without sweeps of two wrist joints.",
+        description="Positions of the targets (reflectors) relative to the wrist centre; empty unless two "
+        "wrist joints were swept.",
     )
-    posture: Radians[list[float]] = Field(description="Model angles at which the centre is given.")
+    posture: Radians[list[float]] = Field(
+        description="Model angles of the joints for which the centre is stated."
+    )
     miss_distance: Metres[float] = Field(
-        description="Largest distance of one of the three axes from the point nearest to them."
+        description="Largest distance of one of the last three axes from the point nearest to all three."
     )
     miss_uncertainty: Metres[float]
-    miss_probability: float = Field(description="p-value of the hypothesis that the axes intersect.")
+    miss_probability: float = Field(
+        description="p-value of the hypothesis that the last three axes intersect."
+    )
     decoupled_method: StrictBool = Field(
-        description="True if the decoupled method applies: the axes miss each other by at most 0.5 mm."
+        description="True if the decoupled method can be used, because the axes miss each other by at most "
+        "0.5 mm."
     )
 
 
@@ -154,7 +179,7 @@ class FlangeTarget(Message):
     name: Name
     position: Metres[Point]
     covariance: SquareMetres[Square3 | None] = Field(
-        description="Covariance of the position; null if not determined."
+        description="Covariance of the position; null if it is not determined."
     )
 
 
@@ -162,15 +187,18 @@ class LinkComparison(Message):
     """A length or an angle of the robot, nominal and identified."""
 
     quantity: Literal["a", "alpha", "beta", "d", "theta"] = Field(
-        description="Denavit-Hartenberg parameter; beta is the second angle of axes meant to be parallel."
+        description="Name of the Denavit-Hartenberg parameter; beta is the second angle between axes that "
+        "are nominally parallel."
     )
-    joint: Name = Field(description="Joint of the axis, or of the first of two neighbouring axes.")
+    joint: Name = Field(
+        description="Joint of the axis; for two neighbouring axes, the joint of the first axis."
+    )
     unit: Literal["m", "rad"] = Field(description="Unit of the numbers.")
     nominal: StatedUnit[float]
     identified: StatedUnit[float]
     difference: StatedUnit[float] = Field(description="Identified minus nominal value.")
     standard_uncertainty: StatedUnit[float | None] = Field(
-        description="Standard uncertainty of the identified value; null if not determined."
+        description="Standard uncertainty of the identified value; null if it is not determined."
     )
 
 
@@ -179,11 +207,11 @@ class IdentifiedDh(Message):
 
     convention: Literal["standard", "modified"]
     rows: list[DhRow]
-    base: Rigid = Field(description="Transform from frame 0 to R0.")
-    tool: Rigid = Field(description="Transform from the flange frame to frame n.")
+    base: Rigid = Field(description="Transform from frame 0 of the table to the robot's base frame R0.")
+    tool: Rigid = Field(description="Transform from the flange frame to frame n of the table.")
     deviation: Metres[float] = Field(
-        description="Largest distance between the table's flange and the identified model's, over 200 "
-        "random postures."
+        description="Largest distance between the flange by the table and the flange by the identified "
+        "model, over 200 random postures."
     )
 
 
@@ -191,17 +219,19 @@ class Drift(Message):
     """Motion of tracker relative to robot between two readings of the base targets."""
 
     transform_after_to_before: Rigid = Field(
-        description="Transform that corrects the drift in later readings."
+        description="Transform that corrects later readings for the drift."
     )
     displacement: Metres[Point] = Field(
-        description="Translation of the middle of the flange targets, tracker's frame."
+        description="Translation of the centre of the flange targets by the drift, in the tracker's frame."
     )
     displacement_covariance: SquareMetres[Square3]
     rotation: Radians[Point] = Field(description="Rotation vector, tracker's frame.")
-    probability: float = Field(description="p-value of the hypothesis of no drift.")
+    probability: float = Field(description="p-value of the hypothesis that there was no drift.")
     deformation_probability: float = Field(description="p-value of the residuals.")
     significant: StrictBool
-    moved_targets: list[Name] = Field(description="Base targets that moved relative to the others.")
+    moved_targets: list[Name] = Field(
+        description="Base targets that moved relative to the other base targets."
+    )
 
 
 class GeometryResult(Result):
@@ -209,43 +239,51 @@ class GeometryResult(Result):
 
     assessment: Assessment = Field(description="Assessment of the geometry; notes do not change the verdict.")
     axes: list[IdentifiedAxis]
-    sweeps: list[SweepEvidence] = Field(description="Fit of each sweep; empty for poses.")
+    sweeps: list[SweepEvidence] = Field(
+        description="Fit of each sweep; empty if the geometry is identified from poses."
+    )
     fit: Literal["one_by_one", "together"] | None = Field(
-        description="Fit that gave the axes; one_by_one if the sweeps disagree (finding "
+        description="Fit from which the axes were taken; `one_by_one` if the sweeps disagree (finding "
         "`sweeps_disagree`); null for poses."
     )
-    poses: PoseEvidence | None = Field(description="Calibration from poses; null for sweeps.")
+    poses: PoseEvidence | None = Field(description="Result of the calibration from poses; null for sweeps.")
     sigma: Metres[float] = Field(
-        description="Standard uncertainty of a coordinate of a reading, from which all uncertainties "
-        "follow; for an instrument, root mean square over the readings."
+        description="Standard uncertainty of a coordinate of a reading, from which all other uncertainties "
+        "follow; for an instrument, the root mean square over the readings."
     )
     sigma_source: Literal["stated", "residuals"]
     degrees_of_freedom: int
     variance_factor: float = Field(
-        description="χ²/dof: 1 on average if the stated sigma is right; 1 if sigma is estimated."
+        description="χ² per degree of freedom: 1 on average if the stated sigma is right; exactly 1 if "
+        "sigma is estimated."
     )
     agreement_probability: float | None = Field(
-        description="p-value of one model for all sweeps. If the value is small, fit the sweeps one by one."
+        description="p-value of the hypothesis that one model explains all sweeps. If the value is small, "
+        "fit the sweeps one by one."
     )
     controller_probability: float | None = Field(
-        description="p-value of exact angles of the controller. If the value is not small, use `angles` = "
-        "`controller`."
+        description="p-value of the hypothesis that the controller's angles are exact. If the value is not "
+        "small, use `angles` = `controller`."
     )
     base: Literal["nominal", "axes"] = Field(description="Definition of R0.")
     transform_tracker_to_base: Rigid
     transform_covariance: MixedSquares[Square6 | None] = Field(
-        description="Covariance of a small motion (δ, φ) in R0, ``y = (1 + [φ]×)(R x + t) + δ``; null if "
-        "not determined."
+        description="Covariance of a small motion of the frame, displacement δ and rotation φ in the base "
+        "frame R0: ``y = (1 + [φ]×)(R x + t) + δ``; null if not determined."
     )
-    wrist: WristResult | None = Field(description="Wrist centre; null if `no_wrist` gives a reason.")
-    no_wrist: str | None = Field(description="Reason why there is no wrist centre.")
+    wrist: WristResult | None = Field(
+        description="Wrist centre; null if unknown, with the reason in `no_wrist`."
+    )
+    no_wrist: str | None = Field(description="Reason why no wrist centre was determined.")
     targets: list[FlangeTarget]
     flange: Literal["nominal", "axes", "targets"] = Field(description="Definition of the flange frame.")
-    links: list[LinkComparison] = Field(description="Link parameters; empty without a nominal model.")
+    links: list[LinkComparison] = Field(
+        description="Identified link parameters; empty without a nominal model."
+    )
     robot: RobotDocument = Field(description="Identified model as a robot document, ready to be posted.")
     dh: list[IdentifiedDh]
     drift: Drift | None = Field(
-        description="Drift of the base targets; null unless the targets were read before and after."
+        description="Drift of the base targets; null unless the base targets were read before and after."
     )
     findings: list[Finding]
 
@@ -272,7 +310,7 @@ BasePositions = Annotated[dict[Name, Vector3], Field(min_length=3, max_length=16
 class GeometryUnits(Message):
     """Units of every number of the readings."""
 
-    length: LengthUnit = Field(description="Unit of positions, sigma and heights.")
+    length: LengthUnit = Field(description="Unit of positions, of sigma and of heights.")
     angle: AngleUnit = Field(description="Unit of joint angles.")
 
 
@@ -283,7 +321,7 @@ class GeometryNoise(Message):
         default=None, description="Standard uncertainty of one coordinate of one reading, in units.length."
     )
     instrument: Instrument | None = Field(
-        default=None, description="Uncertainty of the instrument, instead of `sigma`."
+        default=None, description="Uncertainty from the data sheet of the instrument, instead of `sigma`."
     )
 
     _one_kind = require_exactly_one("sigma", "instrument")
@@ -305,13 +343,15 @@ class JointSweep(Message):
     """Readings while one joint of the controller turns alone."""
 
     joint: Name = Field(
-        description="Name of the joint that turns: as in the robot, or joint_1, joint_2, … without a robot.",
+        description="Name of the joint that turns, as in the robot; joint_1, joint_2, … if the request has "
+        "no robot.",
         examples=["joint_1"],
     )
     observations: Annotated[
         list[TrackedPosition], Field(min_length=1, max_length=MAX_SWEEP_POSITIONS), FailFast()
     ] = Field(
-        description="Positions of the sweep: at least four; 10 to 20 over 90° or more are good practice."
+        description="Positions of the sweep, at least four; 10 to 20 positions over 90° or more are good "
+        "practice."
     )
 
 
@@ -326,14 +366,21 @@ class GeometryRequest(Message):
     name: Name = Field(default="geometry", examples=["KR 240 cell 3, sweeps"])
     units: GeometryUnits
     robot_id: Annotated[Identifier | None, Terminal(hidden=True)] = Field(
-        default=None, description="Id of the robot whose model is the nominal one; or give `robot`."
+        default=None,
+        description="Id of the stored robot whose model is the nominal model; omit this field if "
+        "`robot` is given.",
     )
-    robot: RobotDocument | None = Field(default=None, description="Nominal model, which is not stored.")
+    robot: RobotDocument | None = Field(
+        default=None, description="Nominal model as a document that the service does not store."
+    )
     joint_map: JointMap | None = Field(
-        default=None, description="Joint map, if no robot is given; default: identity."
+        default=None,
+        description="Map from the controller's joints to the joints of the model, if no robot is given; "
+        "default: identity.",
     )
     noise: GeometryNoise | None = Field(
-        default=None, description="Noise of the readings; if absent, sigma is estimated from the residuals."
+        default=None,
+        description="Noise of the readings; if absent, sigma is estimated from the residuals of the fit.",
     )
     sweeps: Annotated[list[JointSweep], Field(min_length=1, max_length=MAX_JOINTS)] | None = Field(
         default=None,
@@ -341,56 +388,57 @@ class GeometryRequest(Message):
     )
     poses: _Poses | None = Field(
         default=None,
-        description="Unloaded poses, instead of `sweeps`, to calibrate a nominal model: `robot_id` or "
-        "`robot`.",
+        description="Poses without load, instead of `sweeps`, to calibrate the nominal model of `robot_id` "
+        "or `robot`.",
     )
     fit: Literal["one_by_one", "together"] = Field(
         default="together",
-        description="Fit of the sweeps: one by one (uses only the angle of the moving joint), or all "
-        "together (uses the controller's angles of all joints).",
+        description="Way to fit the sweeps: one by one, which uses only the angle of the moving joint; or "
+        "all together, which uses the controller's angles of all joints.",
     )
     angles: Literal["free", "controller"] = Field(
         default="free",
-        description="Angles of the joint that turns: from the readings, or from the controller, which the "
-        "result tests.",
+        description="Source of the angles of the joint that turns: the readings, or the controller, whose "
+        "angles are then tested.",
     )
     base: Literal["nominal", "axes"] | None = Field(
         default=None,
-        description="Frame R0. `nominal`: as in the nominal model. `axes`: z along axis 1, x towards axis 2 "
-        "along the common perpendicular at model angle zero. Default: `nominal`, or `axes` without a model.",
+        description="Definition of the robot's base frame R0. `nominal`: as in the nominal model. `axes`: z "
+        "along axis 1, x towards axis 2 along the common perpendicular at model angle zero. Default: "
+        "`nominal`, or `axes` without a model.",
     )
     base_height: Quantity = Field(
         default=0.0,
-        description="Height of the common perpendicular of axes 1 and 2 above R0, in units.length, for "
-        "`base` = `axes`.",
+        description="Height of the common perpendicular of axes 1 and 2 above the origin of the base frame "
+        "R0, in units.length, if `base` is `axes`.",
     )
     flange: Literal["nominal", "axes", "targets"] | None = Field(
         default=None,
-        description="Flange frame, which no axis determines. `nominal`: as in the model. `axes`: z along "
-        "the last axis, origin nearest to the axis before, the centre of a spherical wrist. `targets`: by "
-        "`flange_targets`. Default: `nominal`, or `axes` without a model.",
+        description="Definition of the flange frame, which no axis determines. `nominal`: as in the model. "
+        "`axes`: z along the last axis, origin at the point nearest to the axis before (the centre of a "
+        "spherical wrist). `targets`: by `flange_targets`. Default: `nominal`, or `axes` without a model.",
     )
     flange_targets: tuple[Name, Name, Name] | None = Field(
         default=None,
-        description="Three targets for `flange` = `targets`: origin at the first, x towards the second, y "
-        "towards the third.",
+        description="Names of three targets that define the flange frame if `flange` is `targets`: origin "
+        "at the first target, x towards the second, y towards the third.",
     )
     base_targets_before: BasePositions | None = Field(
         default=None,
-        description="Targets on the robot's base, read before the other readings; tracker's frame, in "
-        "units.length. These targets show whether tracker or robot moved.",
+        description="Targets on the robot's base, read before the other readings; in the tracker's frame, "
+        "in units.length. They show whether tracker or robot moved.",
     )
     base_targets_after: BasePositions | None = Field(
         default=None,
-        description="The same base targets, read after the other readings; if absent, later readings in "
-        "this frame are compared with `base_targets_before`.",
+        description="Same base targets, read after the other readings. If absent, later readings in this "
+        "frame are compared with `base_targets_before`.",
     )
 
     @model_validator(mode="after")
     def _require_base_targets_before(self) -> GeometryRequest:
         if self.base_targets_after is not None and self.base_targets_before is None:
             raise ValueError(
-                "give `base_targets_before`, too: `base_targets_after` are compared with "
+                "give also `base_targets_before`, because `base_targets_after` are compared with "
                 "`base_targets_before`"
             )
         return self
@@ -415,7 +463,7 @@ class GeometryRequest(Message):
         if readings > MAX_GEOMETRY_READINGS:
             raise ValueError(
                 f"give at most {MAX_GEOMETRY_READINGS} readings of targets in all, not {readings}: omit "
-                "every second position, or targets beyond three"
+                "every second position, or give only three targets"
             )
         return self
 
@@ -428,8 +476,8 @@ class GeometryRequest(Message):
             raise ValueError("omit `joint_map`: the robot has a joint map already")
         if not self.has_robot and "nominal" in (self.base, self.flange):
             raise ValueError(
-                "`nominal` frames need a robot: give `robot_id` or `robot`, or choose other values of `base` "
-                "and `flange`"
+                "the frames `nominal` need a robot model: give `robot_id` or `robot`, or choose other "
+                "values of `base` and `flange`"
             )
         return self
 

@@ -43,12 +43,13 @@ class ImportUnits(Message):
     """Units of columns whose header has no unit."""
 
     length: Literal["m", "mm", "in"] | None = Field(
-        default=None, description="Unit of positions and deflections. Inches are converted to mm."
+        default=None,
+        description="Unit of positions and deflections. Positions in inches are converted to mm.",
     )
     angle: AngleUnit | None = Field(default=None, description="Unit of joint angles.")
     force: Literal["N", "kN", "kgf", "lbf"] | None = Field(default=None, description="Unit of forces.")
     moment: Literal["N.m", "N.mm", "kN.m", "kgf.m", "lbf.ft", "lbf.in"] | None = Field(
-        default=None, description="Unit of moments; force times m if lengths are in m."
+        default=None, description="Unit of moments; the unit of force times m if lengths are in m."
     )
 
 
@@ -56,73 +57,77 @@ class ImportOptions(Message):
     """Options for what the files do not state. Information in the files must agree."""
 
     units: ImportUnits | None = Field(
-        default=None, description="Units of columns whose header has no unit; units are never guessed."
+        default=None, description="Units of columns whose header states no unit; units are never guessed."
     )
     columns: Annotated[dict[HeaderCell, HeaderCell], Field(max_length=MAX_HEADER_CELLS)] = Field(
         default_factory=dict,
         description="Meanings of headers, such as `J1 [deg]`, `P10 loaded x` or `ignore`. A unit in the "
-        "file must agree.",
+        "file must be the same.",
         examples=[{"Winkel A1": "J1 [deg]", "shift": "ignore"}],
     )
     layouts: Annotated[
         list[Annotated[list[HeaderCell], Field(max_length=MAX_HEADER_CELLS)]], Field(max_length=64)
     ] = Field(
         default_factory=list,
-        description="Headers of the files of a template; a file with other headers is refused.",
+        description="Headers of the files that the template reads; a file with other headers is refused.",
     )
     delimiter: Delimiter | None = Field(
         default=None, description="Delimiter between cells; detected if absent."
     )
     decimal_mark: DecimalMark | None = Field(
-        default=None, description="Decimal mark of text files; detected if absent and unambiguous."
+        default=None,
+        description="Decimal mark of text files; detected if absent. An ambiguous mark must be stated.",
     )
     header: Annotated[list[HeaderCell], Field(min_length=1, max_length=MAX_HEADER_CELLS)] | None = Field(
-        default=None, description="Header for the files without a known header: one text per column."
+        default=None, description="Header for files without a known header: one text for each column."
     )
     ignore: Annotated[list[HeaderCell], Field(max_length=MAX_HEADER_CELLS)] = Field(
-        default_factory=list, description="Headers of columns to ignore; blanks are collapsed, * is any text."
+        default_factory=list,
+        description="Headers of columns to ignore. Repeated blanks count as one, and * stands for any text.",
     )
     sheet: str | None = Field(
         default=None,
         max_length=100,
-        description="Sheets of an Excel file or groups of an HDF5 file, separated by ;.",
+        description="Names of the sheets of an Excel file or of the groups of an HDF5 file, separated by ;.",
     )
     point_name: Template | None = Field(
         default=None,
-        description="Template of point names, of `{label}`, `{target}`, `{state}` and `{any}`.",
+        description="Pattern of point names, made of `{label}`, `{target}`, `{state}` and `{any}`.",
         examples=["{label}_{target}_{state}"],
     )
     file_name: Template | None = Field(
         default=None,
-        description="Template of file names, without the extension.",
+        description="Pattern of file names without the extension, made of the same parts.",
         examples=["{target}_{state}"],
     )
     state_words: Annotated[dict[Name, State], Field(max_length=MAX_TARGETS)] = Field(
         default_factory=dict,
-        description="Additional words for states such as `unloaded`, in names, headers and columns.",
+        description="Additional words for the states `unloaded` and `loaded` in names, headers and columns.",
     )
     state: State | None = Field(
         default=None,
-        description="State (unloaded or loaded) of positions for which no header, column or name shows it.",
+        description="State (unloaded or loaded) of positions whose state no header, column or name shows.",
     )
     by_order: StrictBool = Field(
         default=False,
-        description="Number the rows of files without labels; the first row of each file is observation 1.",
+        description="True to number the rows of files without labels; the first row of each file is "
+        "observation 1.",
     )
     allow_missing: StrictBool = Field(
         default=False,
-        description="Skip and list incomplete readings instead of refusing the file.",
+        description="True to skip and list incomplete readings instead of refusing the file.",
     )
     load_point_target: Name | None = Field(
         default=None,
-        description="Target at the hook, read without load, that gives the load point.",
+        description="Name of the target at the hook; its reading without load gives the load point.",
     )
     mean_of_repeats: StrictBool = Field(
-        default=False, description="Use the mean of repeated readings of a point."
+        default=False, description="True to use the mean of repeated readings of a point."
     )
     joint_tolerance: Annotated[Quantity, Field(gt=0.0)] = Field(
         default=0.01,
-        description="Greatest allowed difference of a joint's position between files, in deg or mm.",
+        description="Greatest allowed difference between the positions of a joint in different files, in "
+        "deg or mm.",
     )
 
 
@@ -130,15 +135,18 @@ class ColumnMeaning(Message):
     """One column and its meaning."""
 
     column: int = Field(description="Number of the column, from 1.")
-    header: str = Field(description="Header as it is in the file; empty without a header.")
+    header: str = Field(description="Header as written in the file; empty if the column has no header.")
     meaning: str = Field(
-        description="Meaning, as `columns` accepts it; `unknown` if not understood.",
+        description="Meaning of the column, in the words that `columns` accepts; `unknown` if it is not "
+        "understood.",
         examples=["P10 unloaded x", "joint 1", "ignored"],
     )
-    unit: str | None = Field(description="Unit of the numbers; null without a unit.")
+    unit: str | None = Field(
+        description="Unit of the numbers in the column; null if the numbers have no unit."
+    )
     guessed: StrictBool = Field(
         default=False,
-        description="True if the meaning was assumed, and should be checked.",
+        description="True if the meaning of the column is an assumption, which should be checked.",
     )
 
 
@@ -159,18 +167,20 @@ class FilePreview(Message):
     )
     assumptions: list[str] = Field(default_factory=list, description="Assumptions made in reading the file.")
     header_lines: list[int] = Field(
-        default_factory=list, description="Lines or rows of the file that make the header; empty without one."
+        default_factory=list,
+        description="Lines or rows of the file that form the header; empty without a header.",
     )
     first_lines: list[int] = Field(
         default_factory=list,
-        description="Line or row number in the file, for each of `first_rows`.",
+        description="Line or row number in the file for each row in `first_rows`.",
     )
     fault_rows: list[list[str]] = Field(
-        default_factory=list, description="Rows with faults beyond the first ones, as they are in the file."
+        default_factory=list,
+        description="Rows with faults that are not among the first rows, as written in the file.",
     )
     fault_lines: list[int] = Field(
         default_factory=list,
-        description="Line or row number in the file, for each of `fault_rows`.",
+        description="Line or row number in the file for each row in `fault_rows`.",
     )
 
 
@@ -187,7 +197,7 @@ class ImportFault(Message):
     )
     words: list[str] = Field(
         default_factory=list,
-        description="Words in the files that the option concerns.",
+        description="Words in the files that this option concerns.",
         examples=[["pre", "post"]],
     )
 
@@ -201,21 +211,21 @@ class ImportPreview(Message):
         default_factory=list, description=f"First labels, at most {MAX_PREVIEW_ROWS}."
     )
     joint_count: int | None = Field(
-        default=None, description="Number of joint angles per observation; null without joint angles."
+        default=None, description="Number of joint angles in each observation; null without joint angles."
     )
     joint_kinds: list[JointKind] = Field(
         default_factory=list,
-        description="Kinds of the joints by the units of their columns.",
+        description="Kinds of the joints (revolute or prismatic), by the units of their columns.",
     )
     targets: list[str] = Field(
         default_factory=list, description="Names of the targets, in order of appearance."
     )
     states: list[State] = Field(default_factory=list, description="States that the files contain.")
     reading_count: int = Field(
-        default=0, description="Number of complete readings, of all targets and observations."
+        default=0, description="Number of complete readings over all targets and observations."
     )
     assumptions: list[str] = Field(
-        default_factory=list, description="Assumptions made in combining the files."
+        default_factory=list, description="Assumptions made when the files were combined."
     )
     uncertainty: Literal["coordinate", "point"] | None = Field(
         default=None,
@@ -230,12 +240,16 @@ class ImportRequest(ImportOptions):
         default=None, description="Name of the measurement set; default: the name of the first file."
     )
     encoders: Literal["motor", "secondary"] | None = Field(
-        default=None, description="Encoders that close the position loop; must be stated."
+        default=None,
+        description="Encoders with which the controller closes the position loop; this field must be stated.",
     )
-    noise: Noise | None = Field(default=None, description="Noise of the readings, as in a measurement set.")
+    noise: Noise | None = Field(
+        default=None, description="Noise of the readings, with the fields of a measurement set."
+    )
     flange_targets: Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)] = Field(
         default_factory=dict,
-        description="Targets in the flange frame, in the files' unit; needed for deflections.",
+        description="Places of the targets in the flange frame, in the files' unit of length; needed for "
+        "deflections.",
     )
     load_point: Vector3 | None = Field(
         default=None,
@@ -243,27 +257,32 @@ class ImportRequest(ImportOptions):
     )
     length_unit: LengthUnit | None = Field(
         default=None,
-        description="Unit of `load_point`, `flange_targets` and lengths in `noise`; default: the files'.",
+        description="Unit of `load_point`, `flange_targets` and lengths in `noise`; default: the files' "
+        "unit of length.",
     )
     accept_unusual: StrictBool = Field(
         default=False,
-        description="True: accept values over 100 standard deviations from their column's median, and a "
-        "load point over 5 m from the flange.",
+        description="True to accept values over 100 standard deviations from the median of their column, "
+        "and a load point over 5 m from the flange.",
     )
     force: Vector3 | None = Field(
         default=None,
-        description="Force on the robot in every observation, axes of R0, in units.force.",
+        description="Force on the robot in every observation, along the axes of the base frame R0, in "
+        "units.force.",
     )
     robot_id: Identifier | None = Field(
-        default=None, description="Id of the measured robot; if given, the answer has the integrity findings."
+        default=None,
+        description="Id of the measured robot; if given, the answer contains the findings of the "
+        "integrity checks.",
     )
     accept_proposal: StrictBool = Field(
-        default=False, description="True: read columns without known names as `proposal` says."
+        default=False,
+        description="True to read columns without known names in the way that `proposal` states.",
     )
     show_faults: StrictBool = Field(
         default=False,
-        description="True: a file that is not understood gives `faults` and the preview, instead of the "
-        "status 422.",
+        description="True to answer a file that is not understood with `faults` and the preview, instead of "
+        "the status 422.",
     )
 
 
@@ -274,40 +293,47 @@ class ImportAnswer(ImportPreview):
         default_factory=list, description="First twenty faults; empty unless `show_faults` is set."
     )
     proposal: str | None = Field(
-        default=None, description="Meaning of the columns by the robot, if their names are unknown."
+        default=None,
+        description="Meaning of the columns that the robot's kinematics proposes, if their names are "
+        "unknown.",
     )
     missing_fields: list[MissingField] = Field(
-        default_factory=list, description="Missing items by field, in the order of `missing`."
+        default_factory=list,
+        description="Description of each missing item by field, in the order of `missing`.",
     )
     findings: list[Finding] | None = Field(
         default=None,
-        description="Integrity findings with the robot `robot_id`; null without `robot_id`.",
+        description="Findings of the integrity checks with the robot `robot_id`; null without `robot_id`.",
     )
     template: ImportRequest | None = Field(
         default=None,
-        description="Template: options that read files of this form again, and refuse others; null if "
-        "something is missing.",
+        description="Template: options that read files with the same headers, and refuse other files; null "
+        "if something is missing.",
     )
-    missing: list[str] = Field(description="Missing items of a measurement set; empty if complete.")
+    missing: list[str] = Field(
+        description="Missing fields of a measurement set; empty if the set is complete."
+    )
     unusual: list[str] = Field(
         default_factory=list, description="Unusual values, which `accept_unusual` confirms."
     )
     bodies: list[Body] = Field(
         default_factory=list,
-        description="Bodies of the robot with their masses, from a table of masses; empty without one.",
+        description="Bodies of the robot with their masses, read from a table of masses; empty without such "
+        "a table.",
     )
     geometry: GeometryRequest | None = Field(
         default=None,
-        description="Unloaded poses, to be posted to /v1/geometries with `robot_id`, if the files have "
-        "joint angles and unloaded positions only.",
+        description="Poses without load, to be posted to /v1/geometries with `robot_id`, if the files have "
+        "only joint angles and unloaded positions.",
     )
     weight_step: StepReadings | None = Field(
         default=None,
-        description="Readings of two encoders, to be posted to /v1/gearboxes with `robot_id` and `load`.",
+        description="Readings of two encoders per joint, to be posted to /v1/gearboxes with `robot_id` and "
+        "`load`.",
     )
     leave_out: list[Name] = Field(
-        description="Observations that a column `validation` holds out from the fit."
+        description="Labels of the observations that a column `validation` holds out from the fit."
     )
     measurement_set: MeasurementSetDocument | None = Field(
-        description="Measurement set, to be posted with `robot_id`; null if something is missing."
+        description="Measurement set, to be posted together with `robot_id`; null if something is missing."
     )

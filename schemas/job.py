@@ -35,7 +35,7 @@ class Progress(Message):
     waits: str | None = Field(
         default=None,
         exclude_if=lambda waits: waits is None,
-        description="Reason why it does not move.",
+        description="Reason why the robot does not move.",
     )
 
 
@@ -45,7 +45,7 @@ class Result(Message):
     assessment: Assessment | None
     joint_kinds: dict[Name, JointKind] = Field(
         default_factory=dict,
-        description="Kinds of the joints in order; empty: all revolute.",
+        description="Kinds of the joints from base to flange; empty if all joints are revolute.",
     )
 
     @property
@@ -57,7 +57,7 @@ class Result(Message):
 class FromRun(Result):
     """Result that is made from a run."""
 
-    assessment: Assessment = Field(description="Assessment, with reasons of the run.")
+    assessment: Assessment = Field(description="Assessment of the result, with the reasons of its run.")
 
 
 class Job(Message):
@@ -67,7 +67,9 @@ class Job(Message):
 
     id: Identifier
     kind: str
-    state: JobState = Field(description="Until its end, poll its address or follow its events.")
+    state: JobState = Field(
+        description="State of the job. Until the job ends, poll its address or follow its events."
+    )
     progress: Progress | None = Field(default=None, description="Null if computed at once.")
     request: Message
     result: Message | None = Field(description="Present if the job succeeded.")
@@ -95,43 +97,52 @@ class JobSummary(ResultSummary):
     state: JobState
     created_at: Timestamp
     name: Name | None = Field(
-        default=None, description="Name of the job; for a program, the name of its first file."
+        default=None,
+        description="Name of the job; for the correction of a program, the name of its first file.",
     )
     robot_id: Identifier | None = Field(
         default=None,
-        description="Robot; for a comparison, that of the first side; for a geometry, the nominal robot.",
+        description="Robot of the job; for a comparison, the robot of the first side; for a geometry, the "
+        "nominal robot.",
     )
     measurement_set_id: Identifier | None = Field(
         default=None,
-        description="Measurement set of a run, of a plan, or of a comparison's first side.",
+        description="Measurement set of a run or of a plan; for a comparison, the set of the first side.",
     )
     second_set_id: Identifier | None = Field(
-        default=None, description="Measurement set of a comparison's second side."
+        default=None, description="Measurement set of the second side of a comparison."
     )
     robot_name: Name | None = None
     measurement_set_name: Name | None = None
     serial_number: str | None = Field(
-        default=None, description="Serial number that the measurement set states."
+        default=None, description="Serial number of the robot, as stated in the measurement set."
     )
-    run_id: Identifier | None = Field(default=None, description="Run whose model a map or a program uses.")
+    run_id: Identifier | None = Field(
+        default=None, description="Run whose identified model a map or a corrected program uses."
+    )
     method: Method | None = None
     weighting: Weighting | None = None
     positive: StrictBool | None = Field(
         default=None, description="True if compliances were constrained to be zero or more."
     )
-    elasticity: Elasticity | None = Field(default=None, description="Parts that bend in the model.")
+    elasticity: Elasticity | None = Field(
+        default=None, description="Parts of the robot that bend in the model."
+    )
     leave_out: list[Name] = Field(default_factory=list, description="Labels of omitted observations.")
-    variant_of: Identifier | None = Field(default=None, description="Run that a run tries to improve.")
+    variant_of: Identifier | None = Field(
+        default=None, description="Earlier run that this run tries to improve."
+    )
     outputs: list[str] = Field(
         default_factory=list,
-        description="SHA-256 of each corrected file of a program, which is refused as input.",
+        description="SHA-256 of each corrected file of a program; such a file is refused as input, because "
+        "it would be corrected twice.",
     )
 
 
 def _require_true(value: bool) -> bool:
     """Return True unchanged; refuse False."""
     if not value:
-        raise ValueError("must be true: a job that was cancelled does not go on; post the job again")
+        raise ValueError("must be true, because a cancelled job does not go on: post the job again")
     return value
 
 
@@ -139,9 +150,9 @@ class JobChange(Message):
     """Changes of a job. Omitted fields remain unchanged."""
 
     cancelled: Annotated[StrictBool, AfterValidator(_require_true)] | None = Field(
-        default=None, description="True to cancel the job; a job that has ended does not change."
+        default=None, description="True to cancel the job; a job that has ended is not changed."
     )
     deleted: StrictBool | None = Field(
         default=None,
-        description="True: delete; false: restore within 30 days.",
+        description="True to delete the job; false to restore it within 30 days.",
     )

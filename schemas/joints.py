@@ -19,7 +19,7 @@ from pydantic import Field
 JointKind = Literal["revolute", "prismatic"]
 StatedKind = Annotated[
     JointKind,
-    Field(description="Kind; `prismatic`: positions in m, stiffnesses in N/m."),
+    Field(description="Kind of the joint; for `prismatic`, positions are in m and stiffnesses in N/m."),
 ]
 """Kind of a joint as messages state it."""
 

@@ -33,10 +33,11 @@ class LiveOptions(ReadingOptions):
     goal: Goal
     candidates: Annotated[int, Field(strict=True, ge=10, le=MAX_CANDIDATES)] = Field(
         default=1_000,
-        description="Number of postures drawn within the joints' limits to choose from.",
+        description="Number of random postures within the joint limits from which the next posture is "
+        "chosen.",
     )
     plan_id: Identifier | None = Field(
-        default=None, description="Plan whose robot, loads, targets and surroundings are used."
+        default=None, description="Id of a plan whose robot, loads, targets and surroundings are used."
     )
 
 
@@ -54,14 +55,16 @@ class LiveReading(Message):
         description="Greatest distance of a target from its predicted position."
     )
     doubtful: StrictBool = Field(
-        description="True if the reading should be repeated before the load is removed."
+        description="True if the reading should be repeated while the load still acts."
     )
-    causes: list[str] = Field(description="Causes of the doubt in words, the likeliest first.")
-    message: str | None = Field(description="Comparison with the other readings in words.")
+    causes: list[str] = Field(
+        description="Possible causes of the doubt in words; the likeliest cause is first."
+    )
+    message: str | None = Field(description="Comparison of this reading with the other readings, in words.")
     ball_ratio: Dimensionless[float | None] = Field(
         default=None,
-        description="Distance from the prediction, divided by the radius of 90 % of good readings; null if "
-        "not held out.",
+        description="Distance from the prediction, divided by the radius that contains 90 % of good "
+        "readings; null if the reading is not held out.",
     )
 
 
@@ -72,59 +75,74 @@ class LiveJoint(Message):
     kind: StatedKind = "revolute"
     stiffness: Stiffness[float | None]
     interval: Stiffness[tuple[float, float | None] | None] = Field(
-        description="95 % interval of the stiffness, with the model error where the postures show it."
+        description="95 % interval of the stiffness, including the model error if the postures show one."
     )
     relative: Dimensionless[float | None] = Field(
-        description="Relative half-width of the compliance's interval, without assumed errors."
+        description="Half-width of the compliance's interval, relative to the compliance, without assumed "
+        "errors."
     )
     relative_with_assumed: Dimensionless[float | None] = Field(
-        default=None, description="Like `relative`, with the assumed errors of load point and force."
+        default=None,
+        description="Half-width of the compliance's interval, relative to the compliance, with the "
+        "assumed errors of load point and force.",
     )
-    reason: str | None = Field(default=None, description="Reason why the joint will have no number.")
+    reason: str | None = Field(
+        default=None, description="Reason why the campaign will not determine this joint."
+    )
     prior: Literal["waits", "counts", "deviates"] | None = Field(
         default=None,
-        description="Prior of the joint: `waits` until readings determine the joint as well, `counts`, or is "
-        "ignored because it `deviates`. Null: none.",
+        description="State of the joint's prior: `waits` until readings determine the joint as well, "
+        "`counts`, or `deviates` and is ignored. Null without a prior.",
     )
 
 
 class LiveState(Message):
     """State of a live campaign: readings, results so far, and next reading."""
 
-    revision: int = Field(description="Number of entries in the record; every change adds one.")
+    revision: int = Field(
+        description="Number of entries in the record of the campaign; every change adds an entry."
+    )
     state: Literal["measuring", "reached", "cannot", "closed"] = Field(
-        description="`reached`: the goal is met, and a held-out reading agrees. `cannot`: the goal will "
-        "not be met; see `message`. `closed`: the campaign has ended."
+        description="State of the goal. `reached`: the goal is met, and a held-out reading agrees with its "
+        "prediction. `cannot`: the goal will not be met; see `message`. `closed`: the campaign has ended."
     )
     message: str = Field(description="State in words.")
     goal: str = Field(description="Declared goal in words.")
     share: Dimensionless[float | None] = Field(
-        description="Present uncertainty / uncertainty of the goal; null while unknown."
+        description="Present uncertainty divided by the uncertainty that the goal demands; null while "
+        "unknown."
     )
     still_needed: int | None = Field(
-        description="Number of readings still needed, including the held-out reading; null if unknown."
+        description="Number of readings still needed, including a reading held out from the fit; null if "
+        "unknown."
     )
     readings: list[LiveReading] = Field(description="All readings, in the order in which they came.")
-    joints: list[LiveJoint] = Field(description="Joints so far; empty until the readings determine a joint.")
+    joints: list[LiveJoint] = Field(
+        description="Results of the joints so far; empty until the readings determine a joint."
+    )
     residuals: list[Residual] = Field(
-        default_factory=list, description="Residuals of the last reading, in the fit of all."
+        default_factory=list, description="Residuals of the last reading in the fit of all readings."
     )
     deflection_uncertainty: Metres[float | None] = Field(
-        default=None, description="Expanded uncertainty (95 %) of the deflection in the work area."
+        default=None, description="Expanded uncertainty (95 %) of the predicted deflection in the work area."
     )
     greatest_deflection: Metres[float | None] = Field(
         default=None, description="Length of the greatest deflection in the work area."
     )
-    assessment: Assessment | None = Field(description="Verdict so far; null without a verdict.")
-    next: PlannedReading | None = Field(description="Next reading; null if nothing is left to read.")
+    assessment: Assessment | None = Field(
+        description="Verdict on the readings so far; null without a verdict."
+    )
+    next: PlannedReading | None = Field(description="Reading to measure next; null if no reading remains.")
     following: list[PlannedReading] = Field(
-        default_factory=list, description="Readings that will probably come after `next`, two at most."
+        default_factory=list, description="Readings that will probably follow `next`, two at most."
     )
     warnings: list[Finding] = Field(default_factory=list, description="Findings in the readings.")
     measurement_set_id: Identifier | None = Field(
-        default=None, description="Measurement set, once the campaign is closed."
+        default=None, description="Measurement set of the campaign; null until the campaign is closed."
     )
-    run_id: Identifier | None = Field(default=None, description="Run of the closed measurement set.")
+    run_id: Identifier | None = Field(
+        default=None, description="Run of the closed measurement set; null until the campaign is closed."
+    )
 
 
 class MeasurementSetPost(MeasurementSetRequest):
@@ -135,7 +153,7 @@ class MeasurementSetPost(MeasurementSetRequest):
         description=f"At most {MAX_OBSERVATIONS} observations; one at least without `open`.",
     )
     open: LiveOptions | None = Field(
-        default=None, description="Goal of a set that is measured live, one observation after the other."
+        default=None, description="Goal of a set that is measured live, observation by observation."
     )
 
 
@@ -143,7 +161,11 @@ class MeasurementSet(StoredMeasurementSet, MeasurementSetDocument):
     """A stored measurement set with its findings; one that is measured live has `open` and `live`."""
 
     observations: list[Observation] = Field(
-        description="Observations; for an open set, those that count so far."
+        description="Observations of the set; for an open set, the observations that count so far."
     )
-    open: LiveOptions | None = Field(default=None, description="Goal of an open set; null once it is closed.")
-    live: LiveState | None = Field(default=None, description="State of an open set; null once it is closed.")
+    open: LiveOptions | None = Field(
+        default=None, description="Goal of a set that is still measured; null once the set is closed."
+    )
+    live: LiveState | None = Field(
+        default=None, description="State of a set that is still measured; null once the set is closed."
+    )

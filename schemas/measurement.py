@@ -67,10 +67,11 @@ class Uncertainty(_Uncertain):
     """Standard uncertainty ``constant + per_distance · d`` at the distance d from the instrument."""
 
     constant: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(
-        description="Constant part, in the set's unit of length.", examples=[1e-5]
+        description="Constant part of the uncertainty, in the set's unit of length.", examples=[1e-5]
     )
     per_distance: Dimensionless[_PerDistance] = Field(
-        description="Part per distance: 5e-6 is 5 µm per metre, in any unit of length.", examples=[5e-6]
+        description="Part of the uncertainty per distance: 5e-6 is 5 µm per metre, in any unit of length.",
+        examples=[5e-6],
     )
 
 
@@ -82,12 +83,12 @@ class Instrument(Message):
     """
 
     station: Vector3 = Field(
-        description="Position of the tracker in the frame of the positions, in units.length: [0, 0, 0] in "
-        "its own frame."
+        description="Position of the tracker in the frame of the positions, in units.length; [0, 0, 0] if "
+        "the positions are in the tracker's own frame."
     )
-    range: Uncertainty = Field(description="Uncertainty along the line of sight.")
+    range: Uncertainty = Field(description="Standard uncertainty along the line of sight.")
     transverse: Uncertainty = Field(
-        description="Uncertainty across the line of sight, in each of two directions."
+        description="Standard uncertainty across the line of sight, in each of two directions."
     )
 
 
@@ -100,14 +101,14 @@ class ForceUncertainty(_Uncertain):
 
     scale: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] | None = Field(
         default=None,
-        description="Relative standard uncertainty of all forces and moments, and so of all stiffnesses; "
-        "0.01 if absent.",
+        description="Relative standard uncertainty of the scale of all forces and moments, and therefore of "
+        "all stiffnesses; 0.01 if absent.",
         examples=[0.005],
     )
     direction: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
         default=0.0,
-        description="Standard uncertainty of a rotation of all forces and moments about each axis of R0, "
-        "in rad.",
+        description="Standard uncertainty of a common rotation of all forces and moments about each axis of "
+        "the base frame R0, in rad.",
         examples=[0.002],
     )
 
@@ -120,13 +121,14 @@ class AxisUncertainty(_Uncertain):
 
     position: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(
         default=0.0,
-        description="Standard uncertainty of an axis's position in each direction across it, in "
+        description="Standard uncertainty of the position of a joint axis in each direction across it, in "
         "units.length.",
         examples=[1e-4],
     )
     direction: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
         default=0.0,
-        description="Standard uncertainty of an axis's tilt about each of two directions across it, in rad.",
+        description="Standard uncertainty of the tilt of a joint axis about each of two directions across "
+        "it, in rad.",
         examples=[1e-4],
     )
 
@@ -151,9 +153,9 @@ class Grounds(Message):
 
     load_point: LoadPointGround | None = Field(
         default=None,
-        description="Ground of the load point, with the least standard uncertainty of each coordinate in "
-        "the fit: measured by `tracker` at the hook 1 mm, from a `drawing` 3 mm, by `hand` 10 mm. Absent: "
-        "10 mm.",
+        description="Way in which the load point was measured, which sets the least standard uncertainty of "
+        "each coordinate in the fit: by `tracker` at the hook 1 mm, from a `drawing` 3 mm, by `hand` 10 mm. "
+        "If absent, 10 mm.",
         examples=["tracker"],
     )
     force: ForceGround | None = Field(
@@ -165,21 +167,21 @@ class Grounds(Message):
     )
     tared: StrictBool | None = Field(
         default=None,
-        description="True if the `cell` was tared before each reading: its zero along the rope is uncertain "
-        "by 2 N, else within 60 N. Loads of two sizes show the zero.",
+        description="True if the load `cell` was set to zero before each reading: its zero along the rope "
+        "is then uncertain by 2 N, otherwise within 60 N. Loads of two sizes show the zero.",
     )
     between: BetweenReadings | None = Field(
         default=None,
-        description="Between the two readings of a posture the arm stood `still`, as is assumed if absent; "
-        "or the controller knew of the load, by its payload or a gravity compensation: such readings are "
-        "refused.",
+        description="State of the arm between both readings of a posture. `still` (assumed if absent), or "
+        "an arm whose controller compensated the load by its payload or by gravity compensation: such "
+        "readings are refused.",
     )
 
     @model_validator(mode="after")
     def _require_cell(self) -> Grounds:
         """Refuse a statement about the zero of a load cell without a load cell."""
         if self.tared is not None and self.force != "cell":
-            raise ValueError("omit `tared`, or state `force` as `cell`: only a load cell is tared")
+            raise ValueError("omit `tared`, or state `force` as `cell`, because only a load cell is tared")
         return self
 
 
@@ -192,43 +194,46 @@ class Noise(Message):
     sigma: Sigma | None = Field(
         default=None,
         description="Standard uncertainty of one coordinate of one position, in units.length; a deflection "
-        "has √2 times as much.",
+        "has √2 times this uncertainty.",
         examples=[2e-5],
     )
     encoder_sigma: Annotated[float, Field(strict=True, ge=1e-10, le=10.0)] | None = Field(
         default=None,
-        description="Standard uncertainty of one reading of a secondary encoder, in units.angle.",
+        description="Standard uncertainty of one reading of a secondary encoder (behind the gearbox), in "
+        "units.angle.",
         examples=[5e-6],
     )
     repeatability: Annotated[float, Field(strict=True, ge=0.0, le=1.0)] | None = Field(
         default=None,
-        description="Standard deviation of a joint's angle from posture to posture, in units.angle; "
-        "absent: estimated.",
+        description="Standard deviation of a joint's random angle from posture to posture, in units.angle; "
+        "estimated if absent.",
         examples=[2e-5],
     )
     instrument: Instrument | None = Field(
-        default=None, description="Uncertainty from the tracker's data sheet, instead of `sigma`."
+        default=None, description="Uncertainty from the data sheet of the tracker, instead of `sigma`."
     )
     force: ForceUncertainty | None = Field(
         default=None,
-        description="Uncertainty of the load; absent: 1 % of its size is assumed, with a note.",
+        description="Uncertainty of the load; if absent, 1 % of the load is assumed, with a note.",
     )
     load_point: Place | None = Field(
         default=None,
-        description="Standard uncertainty of each coordinate of the load point, in units.length; one error "
-        "for all observations. The fit uses at least that of `grounds.load_point`.",
+        description="Standard uncertainty of each coordinate of the load point, in units.length; all "
+        "observations have the same error. The fit uses at least the uncertainty that `grounds.load_point` "
+        "implies.",
         examples=[5e-4],
     )
     target_places: Place | None = Field(
         default=None,
         description="Standard uncertainty of each coordinate of each target in the flange frame, in "
-        "units.length; one error for all observations; if absent, positions count as exact.",
+        "units.length; all observations have the same error. If absent, positions count as exact.",
         examples=[5e-4],
     )
     drift: Place | None = Field(
         default=None,
-        description="Standard uncertainty of the drift of loaded against unloaded positions from one "
-        "observation to the next, in units.length; if absent, no drift (in a live campaign, 1 µm).",
+        description="Standard uncertainty of the drift between unloaded and loaded positions from one "
+        "observation to the next, in units.length. If absent, no drift is assumed (in a live campaign, 1 "
+        "µm).",
         examples=[2e-6],
     )
 
@@ -237,13 +242,13 @@ class Noise(Message):
         description="Uncertainty of the robot's geometry; if absent, the geometry counts as exact.",
     )
     grounds: Grounds | None = Field(
-        default=None, description="Grounds of the statements about the load; absent: not stated."
+        default=None, description="Ways in which the data of the load were measured; absent if not stated."
     )
     refuted: StrictBool = Field(
         default=False,
         strict=True,
-        description="True if the residuals refuted the stated noise of the tracker: sigma is estimated "
-        "from the residuals, and the verdict is at most *use with care*.",
+        description="True if the residuals contradict the stated noise of the tracker: sigma is then "
+        "estimated from the residuals, and the verdict is at best *use with care*.",
     )
 
     @model_validator(mode="after")
@@ -252,7 +257,7 @@ class Noise(Message):
         if self.sigma is not None and self.instrument is not None:
             raise ValueError("give either `sigma` or `instrument`, not both")
         if not self.states_something:
-            raise ValueError("give `sigma`, `instrument` or `force`, or leave `noise` out")
+            raise ValueError("give `sigma`, `instrument` or `force` in `noise`, or omit `noise`")
         return self
 
     @property
@@ -283,22 +288,25 @@ class Frame(Message):
 
     geometry_id: Identifier | None = Field(
         default=None,
-        description="Geometry of the same robot, measured by the same tracker from the same station.",
+        description="Id of a geometry of the same robot that the same tracker measured from the same "
+        "station.",
     )
     rotation: Dimensionless[Rotation | None] = Field(
-        default=None, description="Rotation matrix row by row, tracker to R0."
+        default=None,
+        description="Rotation matrix from the tracker's frame to the robot's base frame R0, row by row.",
     )
     translation: Vector3 | None = Field(
-        default=None, description="The tracker's origin in R0, in units.length."
+        default=None,
+        description="Origin of the tracker's frame in the robot's base frame R0, in units.length.",
     )
     base_targets: Annotated[dict[Name, Vector3], Field(min_length=3, max_length=16)] | None = Field(
         default=None,
-        description="Base targets of the geometry (needs `geometry_id`), read with this set, in "
-        "units.length. They correct a motion of tracker or robot, with a warning.",
+        description="Targets on the robot's base, read together with this set, in units.length (needs "
+        "`geometry_id`). They correct a motion of tracker or robot, with a warning.",
     )
     forces: Literal["base", "tracker"] = Field(
         default="base",
-        description="Frame of forces and moments: R0, or the tracker's frame.",
+        description="Frame of forces and moments: the robot's base frame R0, or the tracker's frame.",
     )
 
     @model_validator(mode="after")
@@ -311,7 +319,8 @@ class Frame(Message):
             raise ValueError("give either `geometry_id`, or both `rotation` and `translation`")
         if self.base_targets is not None and self.geometry_id is None:
             raise ValueError(
-                "give `geometry_id`, too: `base_targets` are compared with the base targets of the geometry"
+                "give also `geometry_id`, because `base_targets` are compared with the base targets of the "
+                "geometry"
             )
         return self
 
@@ -326,11 +335,13 @@ class Rigid(Message):
 class ResolvedFrame(Message):
     """Frame as resolved when the set was stored, valid even if the geometry is deleted."""
 
-    rotation: Dimensionless[Rotation] = Field(description="Rotation matrix row by row, tracker to R0.")
+    rotation: Dimensionless[Rotation] = Field(
+        description="Rotation matrix from the tracker's frame to the robot's base frame R0, row by row."
+    )
     translation: Metres[Vector3] = Field(description="The tracker's origin in R0.")
     flange_targets: Metres[dict[Name, Vector3]] = Field(
-        description="Targets of the geometry in the flange frame, used for deflections of targets whose "
-        "position the set does not state; empty if the geometry has another flange frame."
+        description="Places of the geometry's targets in the flange frame, used for targets whose place the "
+        "set does not state; empty if the geometry has another flange frame."
     )
 
 
@@ -354,13 +365,13 @@ class SetMetadata(Message):
 
     measured_at: Moment | None = Field(
         default=None,
-        description="Time of the measurement, ISO 8601 with its zone; kept in UTC.",
+        description="Time of the measurement, ISO 8601 with its time zone; stored in UTC.",
         examples=["2026-11-20T14:30:00+01:00"],
     )
     operator: Name | None = Field(default=None, description="Person or team that measured.")
     instrument: Name | None = Field(
         default=None,
-        description="Instrument, for people; its uncertainty is in `noise`.",
+        description="Name of the instrument, for readers; its uncertainty is stated in `noise`.",
         examples=["Leica AT960, 750123"],
     )
     serial_number: Name | None = Field(default=None, description="Serial number of the robot.")
@@ -392,11 +403,11 @@ class SetChange(ResourceChange, SetMetadata):
 
     withdrawn: Annotated[dict[Name, Notes], Field(max_length=MAX_OBSERVATIONS)] = Field(
         default_factory=dict,
-        description="Labels of readings that do not count any more, each with the reason.",
+        description="Labels of withdrawn readings, each with the reason.",
         examples=[{"m04": "target P11 was blocked"}],
     )
     kept: Annotated[list[Name], Field(max_length=MAX_OBSERVATIONS)] = Field(
-        default_factory=list, description="Labels of doubtful readings that are to count."
+        default_factory=list, description="Labels of doubtful readings that the user accepted."
     )
     skipped: Name | None = Field(
         default=None,
@@ -424,12 +435,12 @@ class Units(Message):
     )
     angle: AngleUnit = Field(description="Unit of joint angles, encoder readings and encoder_sigma.")
     force: ForceUnit = Field(
-        description="Unit of forces; 1 kgf = 9.80665 N, 1 lbf = 4.44822 N. `kg`: weight of a hung mass; "
-        "150 kg are `[0, 0, -150]`."
+        description="Unit of forces; 1 kgf = 9.80665 N, 1 lbf = 4.44822 N. With `kg`, forces are the "
+        "weights of hung masses: 150 kg are `[0, 0, -150]`."
     )
     moment: MomentUnit | None = Field(
         default=None,
-        description="Unit of moments; default if lengths are in m: unit of force times m.",
+        description="Unit of moments; if lengths are in m, the default is the unit of force times m.",
     )
 
 
@@ -442,27 +453,31 @@ class Reading(Message):
     target: Name = Field(description="Name of the target (reflector).", examples=["P10"])
     unloaded: Vector3 | None = Field(
         default=None,
-        description="Position in R0 without load, in units.length; without `loaded` only for runs with "
-        "`weight`.",
+        description="Position in the base frame R0 without load, in units.length; may be given without "
+        "`loaded` only for runs with `weight`.",
     )
-    loaded: Vector3 | None = Field(default=None, description="Position in R0 under load, in units.length.")
+    loaded: Vector3 | None = Field(
+        default=None, description="Position in the base frame R0 under load, in units.length."
+    )
     unloaded_after: Vector3 | None = Field(
-        default=None, description="Position in R0 after unloading; requires `unloaded` and `loaded`."
+        default=None,
+        description="Position in the base frame R0 after the load was removed, in units.length; "
+        "requires `unloaded` and `loaded`.",
     )
     deflection: Vector3 | None = Field(
         default=None,
-        description="Loaded minus unloaded, axes of R0, in units.length. Requires the target's position in "
-        "`flange_targets`.",
+        description="Deflection: loaded minus unloaded position, along the axes of the base frame R0, in "
+        "units.length. Requires the place of the target in `flange_targets`.",
     )
     displacement: Quantity | None = Field(
         default=None,
-        description="Loaded minus unloaded reading of a dial gauge or 1-D laser, along `direction` or "
-        "`flange_direction`, in units.length. Needs `flange_targets`.",
+        description="Loaded minus unloaded reading of a dial gauge or 1-D laser along `direction` or "
+        "`flange_direction`, in units.length. Requires `flange_targets`.",
     )
     direction: Vector3 | None = Field(
         default=None,
-        description="Direction of `displacement`, of any length from 1e-6 on, axes of R0; of `frame`, if the "
-        "set has one.",
+        description="Direction of `displacement`, a vector of length 1e-6 or more, along the axes of the "
+        "base frame R0, or of `frame` if the set has one.",
         examples=[[0.0, 0.0, 1.0]],
     )
     flange_direction: Vector3 | None = Field(
@@ -471,16 +486,17 @@ class Reading(Message):
     sigma: Sigma | None = Field(
         default=None,
         description="Standard uncertainty of one coordinate of either position, or of the gauge, in "
-        "units.length. Either all tracker readings state `sigma`, or `noise` does; a reading along a "
-        "direction always may.",
+        "units.length. Either all tracker readings state `sigma`, or `noise` states it for all; a reading "
+        "along a direction may always state it.",
     )
     unloaded_covariance: Matrix3 | None = Field(
         default=None,
-        description="Covariance of the unloaded position, axes of R0, in units.length squared, instead of "
-        "`sigma`.",
+        description="Covariance of the unloaded position along the axes of the base frame R0, in "
+        "units.length squared, instead of `sigma`.",
     )
     loaded_covariance: Matrix3 | None = Field(
-        default=None, description="Covariance of the position under load."
+        default=None,
+        description="Covariance of the position under load, with the axes and unit of `unloaded_covariance`.",
     )
 
     @model_validator(mode="after")
@@ -494,8 +510,8 @@ class Reading(Message):
         stated = {name for name in _KINDS_OF_READING if getattr(self, name) is not None}
         if stated not in ({"unloaded"}, {"unloaded", "loaded"}, {"deflection"}, {"displacement"}):
             raise ValueError(
-                "give `unloaded` and `loaded`, or `deflection`, or `displacement` with its direction, or "
-                "`unloaded` alone for runs with `weight`"
+                "a reading needs `unloaded` and `loaded`, or `deflection`, or `displacement` with its "
+                "direction, or (for runs with `weight`) `unloaded` alone"
             )
         if self.unloaded_after is not None and stated != {"unloaded", "loaded"}:
             raise ValueError("give `unloaded` and `loaded` with `unloaded_after`")
@@ -509,8 +525,8 @@ class Reading(Message):
             )
         if self.displacement is not None and self.unloaded_covariance is not None:
             raise ValueError(
-                "with a `displacement`, give `sigma`, not covariances: a `displacement` has a single "
-                "component"
+                "with a `displacement`, give `sigma` instead of covariances, because a `displacement` has a "
+                "single component"
             )
         return self
 
@@ -520,8 +536,8 @@ class EncoderReading(Message):
 
     joint: Name = Field(description="Name of the robot's joint.", examples=["joint_2"])
     unloaded: Quantity = Field(
-        description="Unloaded angle of the model's joint, in units.angle, after the joint map, with any "
-        "offset."
+        description="Angle of the model's joint without load, after the joint map, in units.angle; a "
+        "constant offset is allowed."
     )
     loaded: Quantity = Field(description="Angle under load, in units.angle.")
 
@@ -534,12 +550,15 @@ class Observation(Message):
 
     label: Name = Field(description="Label, unique in the set.", examples=["c01"])
     joints: Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
-        description="Joints as the controller shows them, in units.angle or units.length."
+        description="Joint positions as the controller shows them, in units.angle or units.length."
     )
-    force: Vector3 = Field(description="Force on the robot, axes of R0, in units.force.")
+    force: Vector3 = Field(
+        description="Force on the robot, along the axes of the base frame R0, in units.force."
+    )
     moment: Vector3 | None = Field(
         default=None,
-        description="Moment on the robot about the load point, axes of R0, in units.moment.",
+        description="Moment on the robot about the load point, along the axes of the base frame R0, in "
+        "units.moment.",
     )
     load_point: Vector3 | None = Field(
         default=None,
@@ -550,8 +569,8 @@ class Observation(Message):
     )
     encoder_readings: _EncoderReadings | None = Field(
         default=None,
-        description="Readings of secondary encoders, at most one per joint; not if these encoders close "
-        "the loop.",
+        description="Readings of secondary encoders, at most one per joint; empty if these encoders close "
+        "the position loop.",
     )
 
 
@@ -561,34 +580,38 @@ class MeasurementSetHeader(SetMetadata):
     name: Name = Field(examples=["cell 3, dead weight, 2026-11-20"])
     units: Units
     encoders: Literal["motor", "secondary"] = Field(
-        description="Encoders that close the position loop: the motors', or secondary ones behind the "
-        "gearboxes."
+        description="Encoders with which the controller closes the position loop: those of the motors, or "
+        "secondary encoders behind the gearboxes."
     )
     noise: Noise | None = Field(
         default=None,
-        description="Noise of the readings; if neither set nor readings state it, sigma is estimated.",
+        description="Noise of the readings; sigma is estimated if neither the set nor the readings state "
+        "their noise.",
     )
     frame: Frame | None = Field(
         default=None,
-        description="Frame of positions, deflections, covariances and a tracker's station; default: R0.",
+        description="Frame of positions, deflections, covariances and of a tracker's station; default: the "
+        "robot's base frame R0.",
     )
     flange_targets: Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)] = Field(
         default_factory=dict,
-        description="Targets in the flange frame, in units.length; needed for deflections.",
+        description="Places of the targets in the flange frame, in units.length; needed for deflections.",
     )
     load_point: Vector3 | None = Field(
         default=None,
-        description="Load point in the flange frame, in units.length; an observation may have its own.",
+        description="Load point in the flange frame, in units.length; an observation may state another load "
+        "point.",
     )
     load_point_target: Name | None = Field(
         default=None,
-        description="Target at the hook: its unloaded reading in any observation gives the load point. A "
-        "stated load point is tested against it.",
+        description="Name of the target at the hook: its reading without load in any observation gives the "
+        "load point. A stated load point is tested against this reading.",
         examples=["hook"],
     )
     joint_kinds: Annotated[list[JointKind], Field(max_length=MAX_JOINTS)] | None = Field(
         default=None,
-        description="Kinds of the joints as the readings state; must equal the robot's.",
+        description="Kinds of the joints as the readings state them; must equal the kinds of the robot's "
+        "joints.",
     )
 
 
@@ -612,7 +635,8 @@ class StoredSet(SetMetadata):
     id: Identifier
     robot_id: Identifier
     content_hash: str | None = Field(
-        description="SHA-256 of the readings with units, noise and frame; null while the set is open."
+        description="SHA-256 of the readings with their units, noise and frame; null while the set is still "
+        "measured."
     )
     created_at: Timestamp
 
@@ -624,7 +648,7 @@ class MeasurementSetSummary(StoredSet):
     encoders: Literal["motor", "secondary"]
     observation_count: int
     warning_count: int
-    open: StrictBool = Field(default=False, description="True while the set is measured live.")
+    open: StrictBool = Field(default=False, description="True while the set is still measured.")
 
 
 class StoredMeasurementSet(MeasurementSetHeader, StoredSet):
@@ -632,12 +656,12 @@ class StoredMeasurementSet(MeasurementSetHeader, StoredSet):
 
     resolved_frame: Rigid | None = Field(
         default=None,
-        description="Transform from tracker to R0 to which `frame` referred when the set was stored.",
+        description="Transform from the tracker's frame to the base frame R0, as `frame` stated it when the "
+        "set was stored.",
     )
     geometry_targets: Metres[dict[Name, Vector3]] = Field(
         default_factory=dict,
-        description="Targets of the geometry of `frame` in the flange frame, if the set does not state "
-        "their positions.",
+        description="Places of the geometry's targets in the flange frame, if the set does not state them.",
     )
     warnings: list[Finding]
 

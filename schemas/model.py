@@ -26,11 +26,11 @@ class ScoreStep(Message):
     """A step of the distribution of residuals in postures omitted from the fit."""
 
     score: Metres[float | None] = Field(
-        description="Length of a residual divided by the root of its load's size, or by its growth with "
-        "`noise`; null if the other postures do not determine it."
+        description="Score of a reading: length of its residual divided by the root of its load's size, or "
+        "by its growth with `noise`; null if the other postures do not determine the prediction."
     )
     share: float = Field(
-        description="Fraction of the readings whose score is at most this score, with equal weights of the "
+        description="Fraction of the readings whose score is at most this score, with equal weights for all "
         "P postures, multiplied by P/(P + 1). Dimensionless."
     )
 
@@ -38,28 +38,29 @@ class ScoreStep(Message):
 class ModelError(Message):
     """Residuals in postures omitted in turn, which calibrate the bound of the model error."""
 
-    postures: int = Field(description="Number of postures that were omitted in turn.")
+    postures: int = Field(description="Number of postures that were omitted, one after the other.")
     steps: list[ScoreStep] = Field(
-        description="Steps of the distribution of scores, ascending; neighbours are merged to leave about "
-        "500."
+        description="Steps of the cumulative distribution of scores, ascending; neighbouring steps are "
+        "merged to leave about 500."
     )
     force: Newtons[float] = Field(
-        description="Reference for the size of loads: the greatest load has size 1; zero without loads."
+        description="Reference for the size of forces: the greatest load has size 1; zero without loads."
     )
     moment: Torque[float] = Field(
-        description="Reference for moments of loads: the greatest moment has size 1; zero without moments."
+        description="Reference for the size of moments: the greatest moment has size 1; zero without moments."
     )
-    least_load: float = Field(description="Least size of a load. Dimensionless.")
+    least_load: float = Field(description="Least size of a load in the campaign. Dimensionless.")
     leverage: Metres[float] = Field(
-        description="Greatest standard uncertainty of a target's prediction over the size of its load."
+        description="Greatest ratio of the standard uncertainty of a target's prediction to the size of its "
+        "load."
     )
     noise: Metres[float | None] = Field(
         default=None,
-        description="Standard deviation of a coordinate of a reading: residuals grow with it and the "
-        "standard uncertainty of the prediction; null if they grow with the root of the load.",
+        description="Standard deviation of a coordinate of a reading. Residuals grow with this value and "
+        "with the standard uncertainty of the prediction; null if they grow with the root of the load.",
     )
     load_point_leverage: Metres[float] = Field(
-        default=0.0, description="The same as `leverage`, for load points in their postures."
+        default=0.0, description="Ratio `leverage` for the load points, in the postures of the campaign."
     )
 
 
@@ -68,77 +69,82 @@ class ElasticPart(Message):
 
     links: list[Name] = Field(description="Joints whose links may bend.")
     columns: list[int] = Field(
-        description="Place of each entry among the n joints, the upper triangle of their coupling by "
-        "columns, 21 entries per link in the same order, and 21 of the base; entries off a diagonal are "
-        "multiplied by √2."
+        description="Place of each entry in the list of all compliances: n joints; upper triangle of their "
+        "coupling by columns; 21 entries for each link in the same order; 21 of the base. Entries off a "
+        "diagonal are multiplied by √2."
     )
-    entries: list[float] = Field(description="Entries in SI units: rad/(N.m), m/N, rad/N.")
+    entries: list[float] = Field(description="Values of the entries in SI units: rad/(N.m), m/N, rad/N.")
     covariance_root: list[float] = Field(
-        description="Upper triangular T row by row, T T' the covariance of the entries; empty if sigma is "
-        "unknown. Units of the entries."
+        description="Upper triangular matrix T row by row, with T T' the covariance of the entries, in the "
+        "units of the entries; empty if sigma is unknown."
     )
 
 
 class WeightPart(Message):
     """Own weight of the robot as it was identified with the compliances, for the sag."""
 
-    gravity: Point = Field(description="Acceleration of gravity in R0, in m/s².")
+    gravity: Point = Field(description="Acceleration of gravity in the robot's base frame R0, in m/s².")
     mass: list[list[float]] = Field(
-        description="Mass in kg that each joint carries (columns), in the torque of each joint (rows); "
-        "readings determine products of a compliance and a mass.",
+        description="Mass in kg that each joint (column) carries, as it acts on the torque of each joint "
+        "(row); readings determine only products of a compliance and a mass.",
         json_schema_extra={"unit": "kg"},
     )
     centre: Metres[list[list[Point]]] = Field(
-        description="Centres of these masses, in the frames that move with the joints."
+        description="Centres of these masses, each in the frame that moves with its joint."
     )
     covariance_root: list[list[float]] = Field(
-        description="R with R R' the covariance of all compliances, then of their products with mass and "
-        "first moment in the order of `mass`. SI units."
+        description="Matrix R, with R R' the covariance of all compliances, then of the products of "
+        "compliance with mass and first moment in the order of `mass`. SI units."
     )
 
 
 class IdentifiedModel(Message):
     """Compliances with their errors before any constraint, and the constraints."""
 
-    joints: list[Name] = Field(description="All joints, in the order of the robot.")
+    joints: list[Name] = Field(description="All joints of the robot, in its order.")
     compliance: Compliance[list[float]] = Field(
-        description="Compliance of each joint, as predictions use it; zero if unknown. Those of "
-        "joints not in `seen` serve the sag by own weight only."
+        description="Compliance of each joint for predictions; zero if unknown. Compliances of joints that "
+        "are not in `seen` are used only for the sag by own weight."
     )
-    seen: list[Name] = Field(description="Joints to which the following rows and columns belong.")
+    seen: list[Name] = Field(
+        description="Joints to which the rows and columns of the following matrices belong."
+    )
     estimate: Compliance[list[float]] = Field(description="Estimate without constraints.")
     covariance: SquareCompliance[list[list[float]]] = Field(
-        description="Covariance of the unconstrained estimate, the uncertainty of the force included; "
+        description="Covariance of the unconstrained estimate, including the uncertainty of the force; "
         "empty if sigma is unknown."
     )
     information_root: list[list[float]] | None = Field(
-        description="Matrix R with R'R the inverse of the covariance of the determined combinations, in "
+        description="Matrix R, with R'R the inverse of the covariance of the determined combinations, in "
         "N.m/rad; null if the covariance is regular."
     )
     lower: Compliance[list[float | None]] = Field(
-        description="Lower bound of each joint's compliance; null: no bound."
+        description="Lower bound of each joint's compliance; null for a joint without a bound."
     )
     upper: Compliance[list[float | None]] = Field(
-        description="Upper bound of each joint's compliance; null: no bound."
+        description="Upper bound of each joint's compliance; null for a joint without a bound."
     )
     order: list[tuple[int, int]] = Field(
-        description="Pairs of joints: the first is no softer than the second."
+        description="Pairs of joints in which the first joint is at least as stiff as the second."
     )
     elastic: ElasticPart | None = Field(
         default=None,
-        description="All compliances if links or coupling are elastic; the other matrices are then "
-        "empty, and `seen` names the observable joints.",
+        description="All compliances of a model with elastic links or coupling; the other matrices are then "
+        "empty, and `seen` lists the observable joints.",
     )
     weight: WeightPart | None = Field(
-        default=None, description="Own weight; null for a run by loads alone, or with spring balancers."
+        default=None,
+        description="Effect of the own weight; null for a run by loads alone, or with spring balancers.",
     )
     degrees_of_freedom: float | None = Field(
-        description="Degrees of freedom of sigma; null if sigma was given."
+        description="Degrees of freedom of the estimate of sigma; null if sigma was given."
     )
     error: ModelError | None = Field(
-        description="Model error; null if no posture could be omitted, see `no_error`."
+        description="Model error; null if no posture could be omitted, with the reason in `no_error`."
     )
-    no_error: str | None = Field(default=None, description="Reason why no posture could be omitted.")
+    no_error: str | None = Field(
+        default=None, description="Reason why no posture could be omitted from the fit."
+    )
 
 
 Source = Literal["given", "cross_validation"]
@@ -148,7 +154,9 @@ Matrix = list[list[float]]
 class PrincipalCompliance(Message):
     """Principal compliance to forces or to moments, in the axes of the joint's frame or of R0."""
 
-    value: float = Field(description="Principal compliance: m/N for translation, rad/(N.m) for rotation.")
+    value: float = Field(
+        description="Compliance along a principal axis: m/N for translation, rad/(N.m) for rotation."
+    )
     direction: Dimensionless[Point] = Field(description="Unit vector of its axis.")
 
 
@@ -156,11 +164,12 @@ class ElasticCompliance(Message):
     """Compliance of a link, or of the base below joint 1, about the origin and in the axes of its frame."""
 
     joint: Name | None = Field(
-        description="Joint whose frame moves with the link's near end; null for the base, whose frame is R0."
+        description="Joint whose frame moves with the near end of the link; null for the base, whose frame "
+        "is R0."
     )
     matrix: Matrix = Field(
-        description="Compliance, 6 x 6, positive semidefinite: displacement and rotation by force and "
-        "moment. Units by block of three: m/N, rad/N; m/(N.m), rad/(N.m).",
+        description="Compliance matrix, 6 x 6, positive semidefinite: displacement and rotation caused by "
+        "force and moment. Units of the blocks of three: m/N, rad/N; m/(N.m), rad/(N.m).",
     )
     translation: TranslationalCompliance[list[PrincipalCompliance]] = Field(
         description="Principal translational compliances, largest first."
@@ -169,7 +178,8 @@ class ElasticCompliance(Message):
         description="Principal rotational compliances, largest first."
     )
     effective_freedom: Dimensionless[float] = Field(
-        description="Effective number of parameters that the readings, not the penalty, determine."
+        description="Effective number of parameters that the readings determine; the penalty determines the "
+        "others."
     )
     parameters: int = Field(description="Number of parameters.")
 
@@ -179,14 +189,14 @@ class ElementShare(Message):
 
     kind: Literal["joint", "coupling", "link", "base"]
     joint: Name | None = Field(
-        description="Joint, or joint that carries the link; null for coupling and base."
+        description="Joint, or joint that carries the link; null for the coupling and for the base."
     )
     share: Dimensionless[float] = Field(
-        description="Fraction of the measured deflections that this element explains, by projection; with "
-        "the rest the sum is 1."
+        description="Fraction of the measured deflections that this element explains, by projection; the "
+        "fractions of all elements and of the rest add up to 1."
     )
     by_observation: Dimensionless[list[float]] = Field(
-        description="Fractions in each observation, in the order of the set."
+        description="Fraction for each observation, in the order of the set."
     )
 
 
@@ -194,36 +204,43 @@ class LinkCertificate(Message):
     """Proof of optimality, recomputed from the data at the returned numbers."""
 
     least_eigenvalue: float = Field(
-        description="Least eigenvalue of all matrices, in their SI units; never negative."
+        description="Least eigenvalue of all compliance matrices, in their SI units; never negative."
     )
     dual: Dimensionless[float] = Field(
-        description="Distance of the slack matrices from semidefinite, relative to the penalty."
+        description="Distance of the slack matrices from positive semidefinite matrices, relative to the "
+        "penalty."
     )
     gap: Dimensionless[float] = Field(
-        description="Gap, in units of `scale`: for the loss `squared`, bound of the distance of the fitted "
-        "readings from the optimum's; else of the objective's excess."
+        description="Gap of the solution, in units of `scale`. Loss `squared`: bound of the distance "
+        "between fitted and optimal readings; other losses: bound of the excess of the objective."
     )
-    scale: Metres[float] = Field(description="Sigma if given, else the residual scale of the joint model.")
+    scale: Metres[float] = Field(
+        description="Sigma if it was given, else the scale of the residuals of the joint model."
+    )
 
 
 class LinksResult(Message):
     """Compliances of the elements that deflect besides the joints."""
 
-    loss_source: Source = Field(description="Source of the loss; `given` also if the options allow only one.")
+    loss_source: Source = Field(
+        description="Source of the loss; `given` also if the options allow only this loss."
+    )
     penalty: Dimensionless[float] = Field(description="Weight of the penalty.")
     penalty_source: Source
     coupled_joints: Compliance[Matrix | None] = Field(
-        description="Joint compliance for elasticity `coupled_joints`; zero for joints that are not "
-        "observable."
+        description="Compliance matrix of the joints for elasticity `coupled_joints`; zero for joints that "
+        "are not observable."
     )
     links: list[ElasticCompliance] = Field(description="Compliances of the elastic links.")
     base: ElasticCompliance | None = Field(
-        default=None, description="Compliance of the base; null for elasticities whose base is rigid."
+        default=None, description="Compliance matrix of the base; null for elasticities with a rigid base."
     )
-    elements: list[ElementShare] = Field(description="Contribution of each joint and link.")
+    elements: list[ElementShare] = Field(
+        description="Contribution of each joint and link to the deflections."
+    )
     unexplained: Dimensionless[float] = Field(
         description="Fraction of the squared deflection that no element explains; `compensation` compares "
-        "lengths instead."
+        "mean lengths instead."
     )
     effective_freedom: Dimensionless[float] = Field(
         description="Effective number of parameters that the readings determine."
@@ -239,12 +256,13 @@ class ScoredModel(Message):
     loss: StoredLoss
     penalty: Dimensionless[float | None] = Field(description="Penalty; null for joints alone.")
     compensation: Dimensionless[float] = Field(
-        description="Compensation of held-out configurations, mean over the folds."
+        description="Mean compensation of held-out configurations over all folds."
     )
     standard_error: Dimensionless[float] = Field(
-        description="Standard error of that mean, from the dispersion of the folds."
+        description="Standard error of the mean compensation, from the dispersion of the folds."
     )
     by_fold: Dimensionless[list[float]] = Field(description="Compensation of each fold.")
     mean_residual: Metres[float | None] = Field(
-        description="Mean length of the residuals of held-out postures; null without an answer."
+        description="Mean length of the residuals of held-out postures; null if the model could not be "
+        "fitted."
     )

@@ -39,12 +39,12 @@ class MovingBody(Body):
     """A body that a joint carries in motion."""
 
     mass_uncertainty: Dimensionless[_Tolerance] = Field(
-        default=0.1, description="Relative half-width of the bounds of the mass: 0.1 is ± 10 %."
+        default=0.1, description="Relative half-width of the range of the mass: 0.1 is ± 10 %."
     )
     inertia: Inertia[tuple[float, float, float, float, float, float]] = Field(
         default=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-        description="Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass, along the axes of "
-        "the frame of `centre`; default: a point mass.",
+        description="Moments and products of inertia Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass, "
+        "along the axes of the frame of `centre`; default: a point mass.",
     )
 
 
@@ -53,12 +53,12 @@ class CarriedLoad(Message):
 
     mass: Kilograms[Annotated[float, Field(strict=True, ge=0.0, le=1e4)]]
     mass_uncertainty: Dimensionless[_Tolerance] = Field(
-        default=0.05, description="Relative half-width of the bounds of the mass: 0.05 is ± 5 %."
+        default=0.05, description="Relative half-width of the range of the mass: 0.05 is ± 5 %."
     )
     point: Vector3 = Field(description="Centre of mass in the flange frame, in units.length.")
     point_uncertainty: Annotated[float, Field(strict=True, ge=0.0, le=1e4)] | None = Field(
         default=None,
-        description="Radius of the ball that contains the centre, in units.length; absent: 10 mm.",
+        description="Radius of the ball that contains the centre, in units.length; if absent, 10 mm.",
     )
 
 
@@ -70,17 +70,18 @@ class GasSpring(Message):
 
     joint: Name = Field(examples=["joint_2"])
     radius_before: Metres[Annotated[float, Field(strict=True, gt=0.0, le=10.0)]] = Field(
-        description="Distance of the end before the joint from the joint's axis."
+        description="Distance from the joint's axis to the end of the spring that is mounted before the "
+        "joint."
     )
     radius_behind: Metres[Annotated[float, Field(strict=True, gt=0.0, le=10.0)]] = Field(
-        description="Distance of the end behind the joint from the joint's axis."
+        description="Distance from the joint's axis to the end of the spring that moves with the joint."
     )
     angle: Quantity = Field(
-        description="Angle from the end before to the end behind, about the joint's axis, at joint position "
-        "0 of the model, in units.angle."
+        description="Angle about the joint's axis from the end before the joint to the end that moves with "
+        "it, at joint position 0 of the model, in units.angle."
     )
     area: SquareMetres[Annotated[float, Field(strict=True, gt=0.0, le=1.0)]] = Field(
-        description="Area on which the gas acts: piston less rod."
+        description="Area on which the gas acts: area of the piston less area of the rod."
     )
     pressure: Pascals[Annotated[float, Field(strict=True, gt=0.0, le=1e9)]] = Field(
         description="Pressure of the gas at its greatest volume."
@@ -89,7 +90,7 @@ class GasSpring(Message):
         description="Greatest volume of the gas."
     )
     pressure_uncertainty: Dimensionless[_Tolerance] = Field(
-        default=0.1, description="Relative half-width of the bounds of the pressure: 0.1 is ± 10 %."
+        default=0.1, description="Relative half-width of the range of the pressure: 0.1 is ± 10 %."
     )
 
 
@@ -103,13 +104,13 @@ class MotionLog(Message):
     motor: dict[Name, _Samples] = Field(
         min_length=1,
         max_length=MAX_JOINTS,
-        description="Joint → angles of its motor divided by the gear ratio, as the controller shows the "
-        "joint, in units.angle or units.length; all joints of the robot.",
+        description="Angles of the motor of each joint, by joint name, divided by the gear ratio, as the "
+        "controller shows the joint, in units.angle or units.length. All joints of the robot are needed.",
     )
     link: dict[Name, _Samples] = Field(
         min_length=1,
         max_length=MAX_LINK_ENCODERS,
-        description="Joint → angles of the encoder behind its gearbox, in units.angle.",
+        description="Angles of the encoder behind the gearbox of each joint, by joint name, in units.angle.",
     )
 
     @model_validator(mode="after")
@@ -120,8 +121,8 @@ class MotionLog(Message):
         longest = max(map(len, encoders.values()))
         if len(encoders[shortest]) < longest:
             raise ValueError(
-                f"the {shortest} has {len(encoders[shortest])} samples, others {longest}: "
-                "give each encoder one sample at each time"
+                f"the {shortest} has {len(encoders[shortest])} samples, but other encoders have {longest}: "
+                "give one sample of each encoder at each time"
             )
         return self
 
@@ -130,7 +131,8 @@ class MotionLog(Message):
         duration = self.period * len(next(iter(self.motor.values())))
         if duration < LEAST_DURATION:
             raise ValueError(
-                f"the log takes {duration:.3g} s: log at least {LEAST_DURATION:g} s, better 10 s"
+                f"the log takes {duration:.3g} s, which is too short: log at least {LEAST_DURATION:g} s, "
+                "better 10 s"
             )
         return self
 
@@ -142,21 +144,22 @@ class Motion(Message):
     payload: CarriedLoad
     bodies: Annotated[list[MovingBody], Field(min_length=1, max_length=MAX_BODIES)] | None = Field(
         default=None,
-        description="Bodies of the arm without the load; default: bodies of the robot, as point masses.",
+        description="Bodies of the arm without the load; default: the bodies of the robot as point masses.",
     )
     gas_springs: Annotated[list[GasSpring], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list, description="Gas springs that balance joints."
     )
     start: Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] | None = Field(
         default=None,
-        description="Joints, as the controller shows them, where all angles of the logs are zero; default: "
-        "zero. In units.angle or units.length.",
+        description="Joint positions as the controller shows them, in units.angle or units.length, for "
+        "which all angles of the logs are zero; default: zero.",
     )
     gear_periods: dict[
         Name, Annotated[list[Annotated[float, Field(strict=True, ge=1.0, le=1e5)]], Field(max_length=8)]
     ] = Field(
         default_factory=dict,
-        description="Joint → periods of the error of its gearbox, in periods a turn of the joint.",
+        description="Periods of the error of the gearbox of each joint, by joint name, in periods per turn "
+        "of the joint.",
     )
 
     @model_validator(mode="after")
@@ -164,7 +167,7 @@ class Motion(Message):
         labels = [log.label for log in self.logs]
         repeated = [label for label in labels if labels.count(label) > 1]
         if repeated:
-            raise ValueError(f"the label '{repeated[0]}' is there twice: give each log a label of its own")
+            raise ValueError(f"two logs have the label '{repeated[0]}': give each log a different label")
         for number, log in enumerate(self.logs):
             for other in self.logs[:number]:
                 if (log.motor, log.link) == (other.motor, other.link):

@@ -44,19 +44,20 @@ class CrossValidation(Message):
     """Settings of the cross-validation, which chooses the penalty of the links and compares the models."""
 
     folds: Annotated[int, Field(strict=True, ge=2, le=20)] = Field(
-        default=5, description="Number of folds; fewer if there are fewer postures."
+        default=5, description="Number of folds of the cross-validation; fewer if there are fewer postures."
     )
     draws: Annotated[int, Field(strict=True, ge=1, le=20)] = Field(
         default=1,
-        description="Number of random divisions into folds; 1 if `link_penalty` is given.",
+        description="Number of random divisions of the postures into folds; 1 if `link_penalty` is given.",
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
-        default=0, description="Random seed of the division into folds."
+        default=0, description="Random seed of the division of the postures into folds."
     )
     rule: Literal["best", "one_standard_error"] = Field(
         default="best",
-        description="`best`: least held-out residual (mean length; beyond 500 targets root mean square). "
-        "`one_standard_error`: largest penalty within one standard error of the best.",
+        description="Rule that chooses the penalty. `best`: least held-out residual (mean length; beyond "
+        "500 targets root mean square). `one_standard_error`: largest penalty within one standard error of "
+        "the best.",
     )
 
 
@@ -69,13 +70,13 @@ class Resampling(Message):
     """Size, number and seed of the draws."""
 
     size: Annotated[int, Field(strict=True, ge=1, le=10_000)] = Field(
-        description="Number of configurations per draw, at most those of the set.", examples=[10]
+        description="Number of configurations in each draw, at most the number in the set.", examples=[10]
     )
     repetitions: Annotated[int, Field(strict=True, ge=1, le=MAX_REPETITIONS)] = Field(
         default=1000, description="Number of draws."
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
-        default=0, description="Random seed; gives the same numbers on any machine."
+        default=0, description="Random seed; the same seed gives the same numbers on any machine."
     )
     replacement: Annotated[bool, Field(strict=True)] = Field(
         default=False, description="True if a configuration may be drawn more than once (bootstrap)."
@@ -88,19 +89,22 @@ _Bounds = tuple[Annotated[float, Field(strict=True, ge=0.0, le=1e9)], Annotated[
 class Balancer(Message):
     """A spring between the base and a link, pulled from its free length."""
 
-    joint: Name = Field(description="Name of the joint that carries the spring's other end.")
-    on_base: Metres[Vector3] = Field(description="End of the spring on the base, in R0.")
-    on_link: Metres[Vector3] = Field(
-        description="Other end of the spring, in the frame that moves with the joint (as of a body's "
-        "centre of mass)."
+    joint: Name = Field(description="Name of the joint that carries the moving end of the spring.")
+    on_base: Metres[Vector3] = Field(
+        description="Position of the spring's fixed end on the base, in the base frame R0."
     )
-    rate: _Bounds = Field(description="Least and greatest rate of the spring, in N/m.")
-    pull: Newtons[_Bounds] = Field(description="Least and greatest rate times free length, in N.")
+    on_link: Metres[Vector3] = Field(
+        description="Position of the spring's moving end, in the frame that moves with the joint."
+    )
+    rate: _Bounds = Field(description="Least and greatest spring rate, in N/m.")
+    pull: Newtons[_Bounds] = Field(
+        description="Least and greatest product of spring rate and free length, in N."
+    )
 
     @model_validator(mode="after")
     def _require_ordered_ranges(self) -> Balancer:
         if self.rate[0] > self.rate[1] or self.pull[0] > self.pull[1]:
-            raise ValueError("give the least, then the greatest value of `rate` and of `pull`")
+            raise ValueError("give the least value of `rate` and of `pull` first, then the greatest value")
         return self
 
 
@@ -113,7 +117,7 @@ class OwnWeight(Message):
     kind: Literal["own_weight"] = "own_weight"
     gravity: Vector3 = Field(
         default=(0.0, 0.0, -9.80665),
-        description="Acceleration of gravity in R0, in m/s²; default: along −z of R0.",
+        description="Acceleration of gravity in the robot's base frame R0, in m/s²; default: along −z of R0.",
     )
     estimate_gravity: Annotated[bool, Field(strict=True)] = Field(
         default=False,
@@ -121,16 +125,17 @@ class OwnWeight(Message):
     )
     rigid_base: Annotated[bool, Field(strict=True)] = Field(
         default=False,
-        description="True: the base is rigid; false: the tilt of the base under the weight is estimated.",
+        description="True if the base is rigid; if false, the tilt of the base under the weight is "
+        "estimated.",
     )
     balancers: Annotated[list[Balancer], Field(max_length=MAX_JOINTS)] = Field(
-        default_factory=list, description="Spring balancers, whose bounds are stated."
+        default_factory=list, description="Spring balancers of the arm, each with bounds of its spring."
     )
 
     @model_validator(mode="after")
     def _require_plausible_gravity(self) -> OwnWeight:
         if not 1.0 <= sum(part**2 for part in self.gravity) ** 0.5 <= 100.0:
-            raise ValueError("gravity must be 1 to 100 m/s²: 9.80665 on the ground")
+            raise ValueError("gravity must be 1 to 100 m/s²; on the earth it is 9.80665 m/s²")
         return self
 
 
@@ -156,7 +161,7 @@ class StiffnessPrior(Message):
 
     stiffness: Stiffness[PositiveStiffness]
     standard_uncertainty: Stiffness[PositiveStiffness] = Field(
-        description="Standard uncertainty of the stiffness; at most half of the stiffness."
+        description="Standard uncertainty of the prior stiffness; at most half of the stiffness."
     )
 
     @field_validator("standard_uncertainty", mode="after")
@@ -164,7 +169,9 @@ class StiffnessPrior(Message):
     def _refuse_vague_prior(cls, uncertainty: float, info: ValidationInfo) -> float:
         stiffness = info.data.get("stiffness")
         if stiffness is not None and uncertainty > stiffness / 2:
-            raise ValueError("must be at most half of the stiffness; if less is known, omit the prior")
+            raise ValueError(
+                "must be at most half of the stiffness: omit the prior if the stiffness is less certain"
+            )
         return uncertainty
 
 
@@ -177,19 +184,20 @@ class MethodOptions(Message):
 
     method: Method = Field(
         default="partial_pose",
-        description="`complete_pose`: six rows per configuration, from three targets or more. "
-        "`partial_pose`: three rows per target. `decoupled_partial_pose`: fits the arm by the wrist "
+        description="Method of the fit. `complete_pose`: six rows per configuration, from three targets or "
+        "more. `partial_pose`: three rows per target. `decoupled_partial_pose`: fits the arm by the wrist "
         "centre, then the wrist; needs three targets and a spherical wrist.",
     )
     weighting: Weighting = Field(
         default="covariance",
-        description="`covariance`: by the uncertainty of the readings. `characteristic_length`: translations "
-        "divided by a length (complete pose only). `uniform`: equal in SI units.",
+        description="Weighting of the readings. `covariance`: by their uncertainty. "
+        "`characteristic_length`: translations divided by a length (complete pose only). `uniform`: equal "
+        "in SI units.",
     )
     characteristic_length: Metres[Annotated[float, Field(strict=True, ge=1e-3, le=1e3)] | None] = Field(
         default=None,
-        description="Length for weighting `characteristic_length`; default: the length that gives the "
-        "regressor the smallest condition number.",
+        description="Length for the weighting `characteristic_length`; default: the length that minimises "
+        "the condition number of the regressor.",
     )
 
     @field_validator("characteristic_length", mode="after")
@@ -220,34 +228,35 @@ class RunOptions(MethodOptions):
     """Options of an identification. All defaults suit three targets and a tracker."""
 
     positive: Annotated[bool, Field(strict=True)] = Field(
-        default=True, strict=True, description="Constrain every compliance to be zero or positive."
+        default=True, strict=True, description="True to constrain every compliance to be zero or positive."
     )
     stiffness_bounds: Stiffness[Annotated[dict[Name, StiffnessBound], Field(max_length=MAX_JOINTS)]] = Field(
         default_factory=dict,
-        description="Minimum and maximum stiffness by joint, null: no limit. Bounds imply a positive "
-        "stiffness.",
+        description="Minimum and maximum stiffness of each joint, null for no limit. Bounds imply a "
+        "positive stiffness.",
         examples=[{"joint_2": [1e6, None]}],
     )
     loss: Annotated[Literal["squared", "huber", "automatic"], BeforeValidator(_replace_missing_loss)] = Field(
         default="automatic",
         description="Loss of the norm of each target's whitened residual. `huber`: linear beyond a "
-        "threshold, so that bumped targets count less. `automatic`: `squared` for joints alone and with "
-        "`link_penalty`, else by cross-validation. With links, `huber` accepts at most 500 targets.",
+        "threshold, so that bumped targets count less; with links, at most 500 targets. `automatic`: "
+        "`squared` for joints alone and with `link_penalty`, else chosen by cross-validation.",
     )
     huber_threshold: Annotated[float, Field(strict=True, ge=0.1, le=100.0)] | None = Field(
         default=None,
-        description="Threshold of the Huber loss, on the norm of a target's residual divided by sigma; "
-        "default 2.8 (95 % of good readings are below). Dimensionless.",
+        description="Threshold of the Huber loss for the norm of a target's residual divided by sigma; "
+        "default 2.8, above which 5 % of good readings lie. Dimensionless.",
     )
     complementary_stiffness: Literal["neglected", "included"] = Field(
         default="included",
-        description="Include or neglect the change of the load's joint torques with the deflection (Chen & "
-        "Kao, K_c); neglected with links or coupling.",
+        description="Treatment of the change of the load's joint torques by the deflection (Chen & Kao, "
+        "K_c): `included` or `neglected`; always neglected with links or coupling.",
     )
     causes: Causes = Field(
         default_factory=list,
-        description="Causes to fit with the joints, as a reason recommends: the readings stay as they are, "
-        "and the intervals include the uncertainty of the causes.",
+        description="Systematic errors to fit together with the joints, as a reason of the verdict "
+        "recommends: the readings stay as they are, and the intervals include the uncertainty of these "
+        "errors.",
     )
     priors: Annotated[
         dict[Name, StiffnessPrior],
@@ -255,7 +264,7 @@ class RunOptions(MethodOptions):
         Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", parse_prior, "dict"),
     ] = Field(
         default_factory=dict,
-        description="Priors by joint name, for example from a data sheet.",
+        description="Prior knowledge of stiffnesses by joint name, for example from a data sheet.",
         examples=[{"joint_5": {"stiffness": 4e5, "standard_uncertainty": 4e4}}],
     )
     stiffness_order: Annotated[
@@ -264,8 +273,8 @@ class RunOptions(MethodOptions):
         Terminal("", "JOINT,JOINT,...", parse_names, "list"),
     ] = Field(
         default_factory=list,
-        description="Order constraints: chains of joints, each at least as stiff as the next; their "
-        "stiffnesses are positive.",
+        description="Order of stiffnesses: chains of joints, in which each joint is at least as stiff as "
+        "the next joint. The stiffnesses of these joints are positive.",
         examples=[[["joint_2", "joint_4"]]],
     )
     elasticity: Elasticity = Field(
@@ -280,17 +289,17 @@ class RunOptions(MethodOptions):
     )
     links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
-        description="Elastic links, each named by the joint that carries it; default: all.",
+        description="Elastic links, each named by the joint that carries the link; default: all links.",
         examples=[["joint_2", "joint_3"]],
     )
     link_penalty: Annotated[float, Field(strict=True, ge=1e-9, le=1e3)] | None = Field(
         default=None,
-        description="Penalty on links and coupling; default: chosen by cross-validation, which may take "
-        "long.",
+        description="Penalty on the compliance of links and coupling; default: chosen by cross-validation, "
+        "which may take long.",
     )
     cross_validation: CrossValidation = Field(
         default=CrossValidation(),
-        description="Settings of the cross-validation, for all elasticities but `joints`.",
+        description="Settings of the cross-validation; not used for the elasticity `joints`.",
     )
     resampling: Annotated[
         Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_resampling)
@@ -302,13 +311,14 @@ class RunOptions(MethodOptions):
     confidence: Confidence = 0.95
     weight: OwnWeight | None = Field(
         default=None,
-        description="Use the robot's own weight as load, with known loads of the set; also estimate the "
-        "geometry. Needs `bodies` of the robot, default method, weighting, loss and elasticity; no bounds, "
-        "priors, order or resampling.",
+        description="Run by the robot's own weight as load, together with known loads of the set; the "
+        "geometry is also estimated. Needs `bodies` of the robot and the default method, weighting, loss "
+        "and elasticity; excludes bounds, priors, order and resampling.",
     )
     leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
         default_factory=list,
-        description="Labels of observations to omit; the remaining observations are checked again.",
+        description="Labels of observations to omit; the checks are then repeated for the remaining "
+        "observations.",
         examples=[["c07"]],
     )
 

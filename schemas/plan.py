@@ -50,7 +50,8 @@ class JointsGoal(Message):
 
     kind: Literal["joints"]
     relative: Dimensionless[_Share] = Field(
-        description="Greatest half-width of a 95 % interval, relative to the compliance: 0.15 for ± 15 %."
+        description="Greatest half-width of a 95 % interval of a compliance, relative to the compliance: "
+        "0.15 for ± 15 %."
     )
 
 
@@ -59,13 +60,13 @@ class DeflectionGoal(Message):
 
     kind: Literal["deflection"]
     uncertainty: Metres[_Length] = Field(
-        description="Greatest expanded uncertainty (95 %) of a coordinate, root mean square over places of "
-        "the work area and forces along the axes of R0."
+        description="Greatest expanded uncertainty (95 %) of a coordinate of the deflection, root mean "
+        "square over places of the work area and over forces along the axes of the base frame R0."
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,
-        description="Force in the work area, axes of R0; default: that of the load, down for a weight, "
-        "else along each axis.",
+        description="Force in the work area, along the axes of the base frame R0. Default: the force of the "
+        "load; downwards for a weight, else along each axis.",
     )
 
 
@@ -74,13 +75,14 @@ class DecisionGoal(Message):
 
     kind: Literal["decision"]
     limit: Metres[_Length] = Field(
-        description="Greatest deflection in the work area, by a force along an axis of R0. Decided once the "
-        "95 % interval of the greatest deflection does not contain this value."
+        description="Limit of the greatest deflection in the work area by a force along an axis of the base "
+        "frame R0. The question is decided once the 95 % interval of this deflection does not contain the "
+        "limit."
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,
-        description="Force in the work area, axes of R0; default: that of the load, down for a weight, "
-        "else along each axis.",
+        description="Force in the work area, along the axes of the base frame R0. Default: the force of the "
+        "load; downwards for a weight, else along each axis.",
     )
 
 
@@ -89,7 +91,7 @@ class LoadPointGoal(Message):
 
     kind: Literal["load_point"]
     mistake: Metres[_Length] = Field(
-        description="Error of the load point that a test detects in 80 % of cases."
+        description="Error of the load point that the test detects in 80 % of all cases."
     )
 
 
@@ -140,7 +142,11 @@ MAX_BOXES = 32
 Force = Annotated[float, Field(strict=True, gt=0.0, le=1e6)]
 _Angle = Annotated[float, Field(strict=True, ge=0.0, le=3.2)]
 Box = TypeAliasType(
-    "Box", Annotated[tuple[Vector3, Vector3], Field(description="Least and greatest corner, in R0.")]
+    "Box",
+    Annotated[
+        tuple[Vector3, Vector3],
+        Field(description="Least and greatest corner of the box, in the robot's base frame R0."),
+    ],
 )
 
 
@@ -150,7 +156,7 @@ class DeadWeight(Message):
     kind: Literal["dead_weight"] = "dead_weight"
     force: Newtons[Force | None] = Field(default=None, description="Weight; or give `mass`.")
     mass: Kilograms[Force | None] = Field(
-        default=None, description="Hung mass, instead of `force`; 1 kg weighs 9.80665 N."
+        default=None, description="Mass of a hung weight, instead of `force`; 1 kg weighs 9.80665 N."
     )
 
     _stated_once = require_exactly_one("force", "mass")
@@ -166,7 +172,7 @@ class AnyDirection(Message):
 
     kind: Literal["any_direction"]
     force: Newtons[Force] = Field(
-        description="Magnitude of the force; reduced where a torque would exceed its limit."
+        description="Magnitude of the force; it is reduced where a joint torque would exceed its limit."
     )
 
 
@@ -188,13 +194,13 @@ class PlannedStep(Message):
 
     mass: Kilograms[Force] = Field(description="Mass of the load.")
     mass_uncertainty: Kilograms[Annotated[float, Field(strict=True, ge=0.0, le=1e6)] | None] = Field(
-        default=None, description="Standard uncertainty of the mass; absent: 1 % is assumed."
+        default=None, description="Standard uncertainty of the mass; if absent, 1 % is assumed."
     )
     point_uncertainty: Metres[Annotated[float, Field(strict=True, ge=0.0, le=1.0)]] = Field(
         default=0.01, description="Standard uncertainty of each coordinate of the load point."
     )
     noise: Radians[Annotated[float, Field(strict=True, ge=1e-9, le=0.1)]] = Field(
-        default=1e-5, description="Standard deviation of the step of a twist in one posture."
+        default=1e-5, description="Standard deviation of the step of a gearbox's twist in a single posture."
     )
 
 
@@ -202,20 +208,25 @@ class Surroundings(Message):
     """Obstacles that links avoid; each link is a capsule from joint to joint."""
 
     floor: Metres[Quantity | None] = Field(
-        default=None, description="Least height of links and targets, in R0."
+        default=None, description="Least height of links and targets, in the robot's base frame R0."
     )
-    inside: Metres[Box | None] = Field(default=None, description="Box that contains all links and targets.")
+    inside: Metres[Box | None] = Field(
+        default=None, description="Box in which all links and targets must remain."
+    )
     obstacles: Metres[Annotated[list[Box], Field(max_length=MAX_BOXES)]] = Field(
-        default_factory=list, description="Boxes that links and targets avoid."
+        default_factory=list, description="Boxes that links and targets must avoid."
     )
     link_radius: Metres[Annotated[float, Field(strict=True, ge=0.0, le=10.0)] | None] = Field(
-        default=None, description="Radius of the capsules; default: 4 % of the stretched arm's length."
+        default=None,
+        description="Radius of the capsules that stand for the links; default: 4 % of the length of the "
+        "stretched arm.",
     )
     facing: Dimensionless[dict[Name, Vector3]] = Field(
-        default_factory=dict, description="Direction in which each reflector looks, flange frame."
+        default_factory=dict, description="Direction in which each reflector looks, in the flange frame."
     )
     acceptance: Radians[_Angle] = Field(
-        default=3.2, description="Greatest angle between `facing` and the line of sight."
+        default=3.2,
+        description="Greatest angle between the direction of a reflector (`facing`) and the line of sight.",
     )
 
 
@@ -229,66 +240,77 @@ class ReadingOptions(Message):
     """Equipment, surroundings and candidates, from which readings are chosen."""
 
     work_area: Annotated[Metres[Box | None], Terminal("--area", "X,Y,Z,X,Y,Z[mm]", parse_box, text=_AREA)] = (
-        Field(default=None, description="Work area: box, in R0, in which deflections will be predicted.")
+        Field(
+            default=None,
+            description="Work area: box in the robot's base frame R0 in which deflections will be predicted.",
+        )
     )
     load: Annotated[PlannedLoad | None, Terminal("", "KIND:NEWTONS", parse_planned_load)] = Field(
         default=None,
-        description="Load to apply; default: the campaign's strongest force, or the own weight.",
+        description="Load to apply; default: the strongest force of the campaign, or the own weight.",
     )
     targets: Annotated[
         Metres[Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)]],
         Terminal("--target", "NAME=X,Y,Z[mm]", parse_target, "dict"),
     ] = Field(
-        default_factory=dict, description="Targets in the flange frame; default: the targets of the campaign."
+        default_factory=dict,
+        description="Places of the targets in the flange frame; default: the targets of the campaign.",
     )
     directions: Annotated[
         Dimensionless[Annotated[list[Vector3], Field(max_length=8)]],
         Terminal("--direction", "X,Y,Z", parse_numbers, "list"),
     ] = Field(
         default_factory=list,
-        description="Directions in R0 that a dial gauge or 1-D laser can measure, one per reading; empty: "
-        "all three coordinates are read.",
+        description="Directions in the base frame R0 along which a dial gauge or 1-D laser can measure, one "
+        "per reading; empty if all three coordinates are read.",
     )
     load_point: Metres[Vector3 | None] = Field(
         default=None,
-        description="Load point in the flange frame; default: that of the campaign, or the origin.",
+        description="Load point in the flange frame; default: the load point of the campaign, or the origin.",
     )
     sigma: Metres[Annotated[float, Field(strict=True, ge=1e-9, le=1.0)] | None] = Field(
         default=None,
-        description="Standard uncertainty of one coordinate of one reading; default: the campaign's, or 20 "
-        "µm.",
+        description="Standard uncertainty of one coordinate of one reading; default: that of the campaign, "
+        "or 20 µm.",
     )
     repeatability: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.01)] | None] = Field(
         default=None,
-        description="Standard deviation of each joint from posture to posture; default: the campaign's, or "
-        "0.",
+        description="Standard deviation of the random position of each joint from posture to posture; "
+        "default: that of the campaign, or 0.",
     )
     tracker: Instrument | None = Field(
-        default=None, description="Tracker in R0, in SI units; its errors replace `sigma`."
+        default=None,
+        description="Tracker with its position in the base frame R0, in SI units; its errors replace "
+        "`sigma`.",
     )
     torque_limits: Effort[dict[Name, Annotated[float, Field(strict=True, gt=0.0)]]] = Field(
         default_factory=dict,
-        description="Greatest torque of the load about a joint [N.m], or force along a prismatic one [N].",
+        description="Greatest torque of the load about a joint [N.m], or greatest force along a prismatic "
+        "joint [N].",
     )
     stiffness: Annotated[
         Stiffness[dict[Name, Annotated[float, Field(strict=True, gt=0.0, le=1e15)]]],
         Terminal("--stiffness", "JOINT=STIFFNESS", parse_stiffness, "dict"),
     ] = Field(
         default_factory=dict,
-        description="Expected stiffnesses, to which relative uncertainties refer; default: the campaign's, "
-        "or such that all joints move the targets equally.",
+        description="Expected stiffnesses, to which relative uncertainties refer. Default: those of the "
+        "campaign, or stiffnesses with which all joints move the targets equally.",
     )
     priors: Annotated[
         dict[Name, StiffnessPrior],
         Field(max_length=MAX_JOINTS),
         Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", parse_prior, "dict"),
-    ] = Field(default_factory=dict, description="Prior knowledge of stiffnesses, which counts like readings.")
+    ] = Field(
+        default_factory=dict,
+        description="Prior knowledge of stiffnesses, which counts like additional readings.",
+    )
     joints: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
-        default_factory=list, description="Joints to determine; default: all joints that the loads twist."
+        default_factory=list,
+        description="Joints whose stiffness is to be determined; default: all joints that the loads twist.",
     )
     candidates: Annotated[int, Field(strict=True, ge=10, le=MAX_CANDIDATES)] = Field(
         default=5_000,
-        description="Number of postures drawn within the joints' limits, in whole degrees and millimetres.",
+        description="Number of random postures within the joint limits, in whole degrees and millimetres.",
     )
     postures: Positions[
         Annotated[
@@ -297,18 +319,19 @@ class ReadingOptions(Message):
         ]
     ] = Field(
         default_factory=list,
-        description="Postures to choose from, with joints as the controller shows, instead of random "
-        "postures.",
+        description="Postures from which the plan is chosen, with joints as the controller shows them, "
+        "instead of random postures.",
     )
     surroundings: Surroundings = Field(default_factory=Surroundings)
     distinct_angle: Radians[_Angle] = Field(
         default=0.17453292519943295,
-        description="Least difference of two postures in one joint's angle (or position, in metres); 0 "
-        "allows repeated postures.",
+        description="Least difference between two postures in the angle of one joint (or in its position, "
+        "in metres); 0 allows repeated postures.",
     )
     elastic_links: StrictBool | None = Field(
         default=None,
-        description="True to allow for elastic links; default: true if the campaign shows lack of fit.",
+        description="True to plan for a model with elastic links; default: true if the fit of the campaign "
+        "shows that joints alone do not explain the readings.",
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**32 - 1)] = Field(
         default=0, description="Random seed of the postures; the same seed gives the same plan."
@@ -319,7 +342,7 @@ class PlanOptions(AcceptingOptions, ReadingOptions):
     """Options of a plan."""
 
     readings: Annotated[int, Field(strict=True, ge=1, le=MAX_READINGS)] = Field(
-        default=20, description="Number of readings, including those for validation."
+        default=20, description="Number of readings in the plan, including the readings for validation."
     )
     goal: Annotated[
         PlanGoal | None,
@@ -332,14 +355,15 @@ class PlanOptions(AcceptingOptions, ReadingOptions):
         ),
     ] = Field(
         default=None,
-        description="Goal, instead of `readings`: the plan has the fewest readings that meet the goal (95 "
-        "%). A goal for joints is relative to `stiffness`.",
+        description="Goal of the plan, instead of `readings`: the plan then has the fewest readings that "
+        "meet the goal (95 %). A goal for joints is relative to `stiffness`.",
     )
     weight_step: Annotated[PlannedStep | None, Terminal("--weight-step", "KG[±KG]", parse_planned_step)] = (
         Field(
             default=None,
-            description="Load of a weight step of two encoders, in place of `load`: plan postures that are "
-            "read from both sides, without and with it; `joints` have two encoders. No reading is held out.",
+            description="Load of a weight step, in place of `load`: plan postures in which two encoders of "
+            "each of the `joints` are read without and with the load, after approaches from both sides. No "
+            "reading is held out.",
         )
     )
     criterion: PlanCriterion | None = Field(
@@ -351,14 +375,14 @@ class PlanOptions(AcceptingOptions, ReadingOptions):
     )
     causes: Causes = Field(
         default_factory=list,
-        description="Causes to fit with the joints to the readings so far.",
+        description="Systematic errors that are fitted together with the joints to the readings so far.",
     )
     leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
         default_factory=list,
-        description="Labels of observations of the campaign to omit.",
+        description="Labels of observations of the campaign that are omitted.",
     )
     validation: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
-        default=0.2, description="Fraction of the readings that are held out from the fit."
+        default=0.2, description="Fraction of the readings that are held out from the fit to validate it."
     )
 
 
@@ -375,21 +399,23 @@ class PlannedReading(Message):
     """A planned reading: posture and load."""
 
     label: Name = Field(
-        description="Label to send with the reading; v1, v2, … for held-out readings of a plan."
+        description="Label that is sent with the reading; the held-out readings of a plan have the labels "
+        "v1, v2, …."
     )
-    joints: Positions[list[float]] = Field(description="Joints as the controller shows them.")
-    force: Newtons[Point] = Field(description="Force on the robot, axes of R0.")
-    anchor: int | None = Field(default=None, description="Index of the cable's anchor, from 0.")
+    joints: Positions[list[float]] = Field(description="Joint positions as the controller shows them.")
+    force: Newtons[Point] = Field(description="Force on the robot, along the axes of the base frame R0.")
+    anchor: int | None = Field(default=None, description="Index of the anchor of the cable, from 0.")
     direction: Dimensionless[Point | None] = Field(
-        default=None, description="Direction in R0 along which to read; null if all coordinates are read."
+        default=None,
+        description="Direction in the base frame R0 along which to read; null if all coordinates are read.",
     )
     held_out: StrictBool = Field(
-        description="True if the reading is held out from the fit; a live campaign first compares the "
+        description="True if the reading is held out from the fit; a live campaign first compares this "
         "reading with its prediction."
     )
     block: int = Field(
         default=1,
-        description="Number of the block, from 1; you may stop after any block.",
+        description="Number of the block of readings, from 1; the measurement may end after any block.",
     )
     reason: str | None = Field(default=None, description="Reason why a live campaign chose this reading.")
 
@@ -400,19 +426,20 @@ class PlannedJoint(Message):
     name: Name
     kind: StatedKind = "revolute"
     standard_uncertainty: Compliance[float] = Field(
-        description="Standard uncertainty of the compliance after the plan."
+        description="Standard uncertainty of the compliance after the readings of the plan."
     )
     relative: Dimensionless[float | None] = Field(
-        description="Standard uncertainty relative to the compliance; null if the compliance is unknown."
+        description="Standard uncertainty divided by the compliance; null if the compliance is unknown."
     )
     before: Compliance[float | None] = Field(
-        description="Standard uncertainty before the plan; null if the joint is not determined."
+        description="Standard uncertainty before the readings of the plan; null if the joint is not "
+        "determined."
     )
     random: Compliance[float | None] = Field(
-        description="Standard uncertainty after random plans of equal length."
+        description="Standard uncertainty after random plans with the same number of readings."
     )
     one_at_a_time: Compliance[float | None] = Field(
-        description="Standard uncertainty if each reading is chosen as the best next reading."
+        description="Standard uncertainty after a plan that always adds the best next reading."
     )
 
 
@@ -420,47 +447,54 @@ class PlanResult(Result):
     """List of readings with its predicted uncertainties."""
 
     assessment: Assessment | None = Field(
-        description="Assessment of the plan, with the reasons of the campaign so far (joints alone)."
+        description="Assessment of the plan, with the reasons from the campaign so far (for a model of "
+        "joints alone)."
     )
 
     readings: list[PlannedReading] = Field(
-        description="Readings in blocks of four, ordered for short travel; with several anchors for few "
-        "load changes."
+        description="Readings in blocks of four, ordered for short travel; with several anchors, ordered "
+        "for few changes of the load."
     )
-    targets: Metres[dict[Name, Point]] = Field(description="Targets to measure, in the flange frame.")
+    targets: Metres[dict[Name, Point]] = Field(
+        description="Places of the targets to measure, in the flange frame."
+    )
     load_point: Metres[Point] = Field(description="Load point of the plan, in the flange frame.")
     joints: list[PlannedJoint]
     left_out: list[Name] = Field(
-        description="Joints that the plan does not determine: neither twisted by a load nor requested."
+        description="Joints that the plan does not determine, because no load twists them or they were not "
+        "requested."
     )
     criterion: PlanCriterion
-    elastic_links: StrictBool = Field(description="True if elastic links were unknowns, too.")
+    elastic_links: StrictBool = Field(description="True if elastic links were also unknowns of the plan.")
     efficiency: Dimensionless[float] = Field(
-        description="Certified: the list has at least this fraction of the information of the best list of "
-        "its length from these candidates."
+        description="Certified fraction: the plan has at least this fraction of the information of the best "
+        "plan with the same number of readings from the same candidates."
     )
     efficiencies: Dimensionless[dict[str, float]] = Field(description="Efficiency by other criteria.")
     goal_share: Dimensionless[float | None] = Field(
         default=None,
-        description="Expanded uncertainty divided by the goal's; null without a goal.",
+        description="Expanded uncertainty divided by the uncertainty that the goal demands; null without a "
+        "goal.",
     )
-    weights_gap: Dimensionless[float] = Field(description="1 − certified efficiency of the optimal weights.")
+    weights_gap: Dimensionless[float] = Field(
+        description="Certified bound of the loss of information of the optimal weights (1 − efficiency)."
+    )
     random_efficiency: Dimensionless[float] = Field(
-        description="Efficiency of random plans, relative to this plan."
+        description="Efficiency of random plans relative to this plan."
     )
     one_at_a_time_efficiency: Dimensionless[float] = Field(
-        description="Efficiency of a plan that always takes the best next reading, relative to this plan."
+        description="Efficiency relative to this plan of a plan that always adds the best next reading."
     )
     deflection_uncertainty: Metres[float | None] = Field(
-        description="Standard uncertainty of a deflection in the work area under this load, over all "
-        "directions: root mean square."
+        description="Standard uncertainty of a deflection in the work area under this load, root mean "
+        "square over all directions."
     )
     worst_deflection_uncertainty: Metres[float | None] = Field(
-        description="Standard uncertainty of a deflection at the worst place."
+        description="Standard uncertainty of a deflection at the worst place of the work area."
     )
-    considered: int = Field(description="Number of readings that were considered.")
+    considered: int = Field(description="Number of candidate readings that were considered.")
     feasible: int = Field(description="Number of feasible readings.")
-    struck_out: dict[str, int] = Field(description="Number of infeasible readings, by reason.")
+    struck_out: dict[str, int] = Field(description="Number of infeasible candidate readings for each reason.")
 
 
 class Plan(Job):

@@ -71,50 +71,52 @@ class ProcessOptions(ProgramOptions):
         Terminal("--turn", "free|keep|LEAST,GREATEST[deg]", parse_turn, unit="deg"),
     ] = Field(
         default="free",
-        description="Turn of the tool about the spindle: `free`, `keep` (as programmed), or least and "
-        "greatest turn from the program's, in units.angle.",
+        description="Rotation of the tool about its spindle: `free`, `keep` (as programmed), or the least "
+        "and the greatest rotation from the programmed one, in units.angle.",
     )
     turns: Annotated[int, Field(strict=True, ge=1, le=MAX_TURNS)] = Field(
-        default=72, description="Number of turns that are tried in a full turn."
+        default=72, description="Number of rotations of the tool that are tried over a full turn."
     )
     feed: Annotated[
         Annotated[Quantity, Field(gt=0.0)] | None, Terminal("--feed", "SPEED[mm/s]", parse_feed, unit="m")
     ] = Field(
         default=None,
-        description="Feed of the cut, in units.length per s; default: that of the table of loads, of the "
-        "program, or of the cut. Moves that a program states faster carry no force.",
+        description="Feed of the cut, in units.length per s; default: the feed in the table of loads, in "
+        "the program, or of the cut. Moves with a faster programmed speed carry no force.",
     )
     rate: Annotated[Quantity, Field(gt=0.0, le=1_000.0, json_schema_extra={"unit": "deg/mm"})] = Field(
         default=1.0,
-        description="Greatest turn of the tool along the path; without a feed no joint moves faster, either. "
-        "0.3 keeps nine tenths of the gain.",
+        description="Greatest rotation of the tool per length of path; without a feed, it also limits the "
+        "speed of the joints. 0.3 keeps nine tenths of the gain.",
     )
     branches: Literal["keep", "free"] = Field(
         default="keep",
-        description="Branch of the inverse kinematics: the program's, or `free`: a program is written only "
-        "if it can state the branches; else see turns.csv.",
+        description="Branch of the inverse kinematics: that of the program, or `free`. With `free`, a "
+        "program is written only if it can state the branches; otherwise turns.csv states them.",
     )
     clearance: Annotated[Quantity, Field(ge=0.0)] = Field(
         default=0.04,
-        description="Least allowed singular value of the flange's Jacobian, in m, rad.",
+        description="Least allowed singular value of the flange's Jacobian, in m and rad.",
     )
     objective: Literal["rms", "greatest"] = Field(
         default="rms",
-        description="Deflection along the path that is minimised: root mean square, or greatest.",
+        description="Quantity that is minimised: the root mean square or the greatest deflection along the "
+        "path.",
     )
     place: Annotated[Box | None, Terminal("--place", "X,Y,Z,X,Y,Z[mm]", parse_box, unit="m")] = Field(
         default=None,
-        description="Box in which the path's centre (the middle of its bounding box) may be, in "
-        "units.length; default: the workpiece stays.",
+        description="Box in which the centre of the path (the middle of its bounding box) may lie, in "
+        "units.length; default: the workpiece does not move.",
     )
     grid: Annotated[tuple[_Count, _Count, _Count], Terminal("--grid", "N,N,N", parse_counts)] = Field(
-        default=(4, 4, 3), description="Number of positions along x, y and z in the box."
+        default=(4, 4, 3), description="Number of positions along x, y and z that are tried in the box."
     )
     place_turns: Annotated[int, Field(strict=True, ge=1, le=MAX_TURNS)] = Field(
-        default=8, description="Number of turns of the workpiece about z, evenly over a full turn."
+        default=8,
+        description="Number of rotations of the workpiece about z that are tried, evenly over a full turn.",
     )
     correct: StrictBool = Field(
-        default=True, description="True: also compensate the remaining deflection, as `compensate` does."
+        default=True, description="True to also compensate the remaining deflection, as `compensate` does."
     )
     force_uncertainty: Dimensionless[Annotated[Quantity, Field(ge=0.0, le=1.0)] | None] = Field(
         default=None,
@@ -128,25 +130,31 @@ class ProcessOptions(ProgramOptions):
         if isinstance(self.turn, tuple) and self.turn[0] > self.turn[1]:
             raise ValueError("`turn` needs the least turn first")
         if self.place is not None and any(a > b for a, b in zip(*self.place, strict=True)):
-            raise ValueError("`place` needs the corner with the least coordinates first")
+            raise ValueError("the first corner of `place` must have the least coordinates")
         count = self.grid[0] * self.grid[1] * self.grid[2] * self.place_turns
         if self.place is not None and count > MAX_PROCESS_PLACES:
-            raise ValueError(f"`grid` and `place_turns` give {count} places, more than {MAX_PROCESS_PLACES}")
+            raise ValueError(
+                f"`grid` and `place_turns` give {count} places of the workpiece, but at most "
+                f"{MAX_PROCESS_PLACES} are possible"
+            )
         return self
 
 
 class ProcessRequest(ProcessOptions):
     """Request of a process: options and files."""
 
-    run_id: Identifier | None = Field(default=None, description="Id of the run whose model is used.")
+    run_id: Identifier | None = Field(
+        default=None, description="Id of the run whose identified model is used."
+    )
     robot_id: Identifier | None = Field(
         default=None,
-        description="Robot that was not measured, instead of `run_id`: its stiffness is assumed within a "
-        "factor of two.",
+        description="Id of a robot that was not measured, instead of `run_id`: its stiffness is assumed to "
+        "be known within a factor of two.",
     )
     files: Annotated[list[ProgramFile], Field(max_length=MAX_FILES)] = Field(
         default_factory=list,
-        description="Program or table of poses, and the table of loads; post as the form's `files`.",
+        description="Program or table of poses, together with the table of loads; post both as the form's "
+        "`files`.",
     )
 
     _one_source: Any = require_exactly_one("run_id", "robot_id")
@@ -162,24 +170,26 @@ class DeflectionBand(Message):
 
     value: Metres[float]
     readings: Metres[Interval | None] = Field(
-        description="Interval from the errors of readings and forces; null if unknown."
+        description="Interval that includes the errors of the readings and of the forces; null if unknown."
     )
     with_model_error: Metres[Interval | None] = Field(
-        description="Interval that includes the model error; null if unknown."
+        description="Interval that also includes the model error; null if unknown."
     )
 
 
 class ProcessPlace(Message):
     """A possible place of the workpiece."""
 
-    centre: Metres[Point] = Field(description="Centre of the path in R0.")
-    shift: Metres[Point] = Field(description="Displacement of the centre from its present place.")
-    turn: Radians[float] = Field(description="Turn of the workpiece about z through its centre.")
+    centre: Metres[Point] = Field(description="Centre of the path in the robot's base frame R0.")
+    shift: Metres[Point] = Field(description="Displacement of the centre of the path from its present place.")
+    turn: Radians[float] = Field(
+        description="Rotation of the workpiece about z through the centre of the path."
+    )
     deflection: DeflectionBand
     behind_best: DeflectionBand | None = Field(
-        description="Deflection minus that of the best place; null for the best place."
+        description="Deflection at this place minus deflection at the best place; null for the best place."
     )
-    is_worse: StrictBool = Field(description="True if the interval of the difference excludes zero.")
+    is_worse: StrictBool = Field(description="True if the interval of this difference excludes zero.")
 
 
 class ProcessResult(ProgramResult):
@@ -187,52 +197,63 @@ class ProcessResult(ProgramResult):
 
     objective: Literal["rms", "greatest"]
     gain: Literal["less", "no_order", "no_gain"] = Field(
-        description="Comparison of chosen path and program. `less`: the interval of the difference with "
-        "model error excludes zero; else `no_order`. `no_gain`: no turn changes the deflection."
+        description="Comparison of the chosen path with the program. `less`: the interval of the "
+        "difference, with model error, excludes zero. `no_order`: it contains zero. `no_gain`: no rotation "
+        "of the tool changes the deflection."
     )
     before: DeflectionBand | None = Field(
-        description="Deflection along the path as sent; null if the robot does not follow the path there."
+        description="Deflection along the path as sent; null if the robot cannot follow the path as sent."
     )
-    turned: DeflectionBand = Field(description="Deflection with the chosen turns and place.")
-    remaining: DeflectionBand = Field(description="Deflection that remains after the correction.")
+    turned: DeflectionBand = Field(
+        description="Deflection with the chosen rotations of the tool and the chosen place of the workpiece."
+    )
+    remaining: DeflectionBand = Field(description="Deflection that remains after the compensation.")
     difference: DeflectionBand | None = Field(description="`turned` minus `before`.")
     fixed_turns: Radians[list[float]] = Field(
-        description="Constant turns that were tried along the whole path."
+        description="Constant rotations of the tool that were tried along the whole path."
     )
     fixed_deflections: Metres[list[float | None]] = Field(
-        description="Deflection with each constant turn, at the knots; null if limits exclude the turn."
+        description="Deflection with each constant rotation of the tool, at the knots of the path; null if "
+        "joint limits exclude the rotation."
     )
     feed: Annotated[float | None, Field(json_schema_extra={"unit": "m/s"})] = Field(
-        default=None, description="Greatest feed under load; null if unknown: speeds are those at 0.05 m/s."
+        default=None,
+        description="Greatest feed under load; null if unknown: joint speeds are then those at 0.05 m/s.",
     )
     needed_speeds: Annotated[list[float], Field(json_schema_extra={"unit": "rad/s"})] = Field(
-        default_factory=list, description="Greatest speed that each joint needs along the lines."
+        default_factory=list, description="Greatest speed that the lines of the path demand of each joint."
     )
     speed_shares: Dimensionless[list[float | None]] = Field(
         default_factory=list,
-        description="Greatest part of each joint's speed by the maker; null if that is unknown.",
+        description="Greatest speed of each joint divided by the maker's limit; null if the limit is "
+        "unknown.",
     )
     sent_speed_shares: Dimensionless[list[float | None]] = Field(
-        default_factory=list, description="`speed_shares` of the program as sent; empty if unknown."
+        default_factory=list,
+        description="Ratios `speed_shares` for the program as sent; empty if unknown.",
     )
     places: Annotated[list[ProcessPlace], Field(max_length=MAX_BEST_PLACES)] = Field(
-        description="Best places of the workpiece, best first."
+        description="Best places of the workpiece; the very best is first."
     )
-    places_tried: int = Field(description="Number of places that were tried.")
-    places_reached: int = Field(description="Number of places from which the robot follows the path.")
+    places_tried: int = Field(description="Number of places of the workpiece that were tried.")
+    places_reached: int = Field(
+        description="Number of places of the workpiece at which the robot can follow the path."
+    )
     flat_low: Metres[Point | None] = Field(
-        description="Least coordinates of places within 5 % of the best, of all tried places."
+        description="Least coordinates of all tried places whose deflection is within 5 % of the best."
     )
     flat_high: Metres[Point | None] = Field(
-        description="Greatest coordinates of the places within 5 % of the best, if any."
+        description="Greatest coordinates of all tried places whose deflection is within 5 % of the best; "
+        "null if there are none."
     )
-    flat_places: int = Field(description="Number of places within 5 % of the best.")
+    flat_places: int = Field(description="Number of tried places whose deflection is within 5 % of the best.")
     frames: list[ProgramFrame] = Field(
-        description="Base frames to set in the controller for the best place, in the program's notation. A "
-        "base with numbers in the program stays, and its targets move."
+        description="Base frames to set in the controller for the best place, in the notation of the "
+        "program. If the program states the numbers of a base, the base stays and its targets move."
     )
     choice: ProgramFile = Field(
-        description="Tables of turns and places; null in answers: get `turns.csv` and `places.csv`."
+        description="Tables of rotations and places; null in answers, because the files `turns.csv` and "
+        "`places.csv` contain them."
     )
 
 

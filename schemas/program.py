@@ -56,8 +56,8 @@ class ProgramFrame(Message):
 
     name: Name | None = Field(
         default=None,
-        description="Name in the program, such as `BASE_DATA[2]`, `UT 3` or `tMill`; default: all frames "
-        "without numbers.",
+        description="Name of the frame in the program, such as `BASE_DATA[2]`, `UT 3` or `tMill`; default: "
+        "all frames without numbers.",
     )
     values: _FrameNumbers
 
@@ -65,17 +65,22 @@ class ProgramFrame(Message):
 class ProcessLoad(Message):
     """A load of the process on the robot."""
 
-    force: Vector3 = Field(description="Force on the tool, in units.force, along the axes of `axes`.")
+    force: Vector3 = Field(
+        description="Force on the tool, in units.force, along the axes that `axes` states."
+    )
     moment: Vector3 = Field(
-        default=(0.0, 0.0, 0.0), description="Moment on the tool about the load point, in units.moment."
+        default=(0.0, 0.0, 0.0),
+        description="Moment on the tool about the load point, in units.moment, along the same axes as "
+        "the force.",
     )
     first_line: _Line | None = Field(
         default=None,
-        description="First line of the moves under this load, from 1; default: first line of the program.",
+        description="First line of the moves under this load, counted from 1; default: the first line of "
+        "the program.",
     )
     last_line: _Line | None = Field(
         default=None,
-        description="Last line of the moves under this load; default: last line of the program.",
+        description="Last line of the moves under this load; default: the last line of the program.",
     )
 
     @model_validator(mode="after")
@@ -95,20 +100,24 @@ class Cut(Message):
     """A milling cut; its mean force follows from Kienzle's specific cutting force, in SI units."""
 
     material: CutMaterial | None = Field(
-        default=None, description="Material, for `pressure` and `exponent`; or state both."
+        default=None,
+        description="Material of the workpiece, which gives `pressure` and `exponent`; omit this field "
+        "if these two are stated.",
     )
     pressure: Annotated[
         Annotated[Quantity, Field(gt=0.0)] | None, Field(json_schema_extra={"unit": "Pa"})
     ] = Field(
-        default=None, description="Specific cutting force k_c1.1: force per area for a chip 1 mm thick."
+        default=None,
+        description="Specific cutting force k_c1.1: force per area of a chip that is 1 mm thick.",
     )
     exponent: Dimensionless[Annotated[Quantity, Field(ge=0.0, lt=1.0)] | None] = Field(
-        default=None, description="Exponent m_c of the chip's thickness."
+        default=None,
+        description="Exponent m_c by which the specific cutting force falls with the chip's thickness.",
     )
     diameter: Metres[Annotated[Quantity, Field(gt=0.0)]] = Field(description="Diameter of the tool.")
     teeth: Annotated[int, Field(strict=True, ge=1, le=1_000)] = Field(description="Number of teeth.")
     speed: Annotated[Quantity, Field(gt=0.0, json_schema_extra={"unit": "1/s"})] = Field(
-        description="Speed of the spindle, which turns to the right."
+        description="Speed of the spindle, which turns clockwise."
     )
     feed: Annotated[Quantity, Field(gt=0.0, json_schema_extra={"unit": "m/s"})] = Field(
         description="Speed of the tool along its path."
@@ -117,22 +126,23 @@ class Cut(Message):
         description="Depth of the cut along the spindle."
     )
     width: Metres[Annotated[Quantity, Field(gt=0.0)]] = Field(
-        description="Width of the cut across the feed, at most the diameter."
+        description="Width of the cut across the feed, at most the diameter of the tool."
     )
     direction: Literal["climb", "conventional"] = Field(
-        default="climb", description="`climb`: the workpiece is on the right of the feed."
+        default="climb",
+        description="Direction of the cut; `climb`: the workpiece is on the right of the feed.",
     )
     radial: Dimensionless[Annotated[Quantity, Field(ge=0.0)]] = Field(
-        default=0.35, description="Radial force relative to the cutting force."
+        default=0.35, description="Radial force divided by the cutting force."
     )
     axial: Dimensionless[Quantity] = Field(
-        default=0.0, description="Force from tip to spindle relative to the cutting force."
+        default=0.0, description="Axial force from tip to spindle, divided by the cutting force."
     )
     first_line: _Line | None = Field(
-        default=None, description="First line of the cut; default: first line of the program."
+        default=None, description="First line of the cut; default: the first line of the program."
     )
     last_line: _Line | None = Field(
-        default=None, description="Last line of the cut; default: last line of the program."
+        default=None, description="Last line of the cut; default: the last line of the program."
     )
 
     @model_validator(mode="after")
@@ -149,16 +159,20 @@ class Cut(Message):
 class ProgramOptions(AcceptingOptions, PredictionOptions):
     """Options of a compensated program."""
 
-    units: Units = Field(description="Units of the numbers in this request; the program has its own.")
+    units: Units = Field(
+        description="Units of the numbers in this request; the program has units of its own."
+    )
     accuracy_option: Literal["off", "same_as_measured", "compensates_load"] = Field(
-        description="Accuracy option of the controller: `off`; `same_as_measured`: on, as in the campaign; "
-        "`compensates_load`: refused, because the load would be compensated twice."
+        description="Accuracy option of the controller: `off`; `same_as_measured`: switched on, as in the "
+        "campaign; `compensates_load`: refused, because the load would be compensated twice."
     )
     load: Annotated[ProcessLoad | None, Terminal("--force", "X,Y,Z[N]", parse_force, unit="N")] = Field(
-        default=None, description="Load of all moves, or of the moves in its lines; other moves have no load."
+        default=None,
+        description="Load of all moves, or of the moves in the stated lines; other moves have no load.",
     )
     segments: Annotated[list[ProcessLoad], Field(max_length=MAX_SEGMENTS)] = Field(
-        default_factory=list, description="Loads by lines, instead of `load`; other moves have no load."
+        default_factory=list,
+        description="Loads for ranges of lines, instead of `load`; other moves have no load.",
     )
     loads: Name | None = Field(
         default=None,
@@ -168,55 +182,60 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     cut: Annotated[Cut | None, Terminal(hidden=True)] = Field(
         default=None,
-        description="Milling cut from which the force is computed, instead of `load`; its values are in SI "
+        description="Milling cut from which the force is computed, instead of `load`; its numbers are in SI "
         "units.",
     )
     axes: Literal["robot", "tool", "base", "feed"] = Field(
         default="robot",
-        description="Axes of forces: of R0, of the tool, of the program's base; or `feed`: feed, normal (to "
-        "the right, seen from the spindle) and spindle.",
+        description="Axes of forces: of the robot's base frame R0, of the tool or of the program's base; or "
+        "`feed`: feed, normal (to the right, seen from the spindle) and spindle.",
     )
     spindle: Annotated[Vector3 | None, Terminal("--spindle", "X,Y,Z", parse_numbers)] = Field(
         default=None,
-        description="Direction from spindle to tip, flange frame; default: the tool's z axis.",
+        description="Direction from spindle to tip, in the flange frame; default: the z axis of the tool.",
     )
     load_point: Annotated[Vector3 | None, Terminal(unit="m")] = Field(
         default=None,
-        description="Point where the force acts, flange frame, in units.length; default: the tool's centre.",
+        description="Point where the force acts, in the flange frame, in units.length; default: the centre "
+        "of the tool.",
     )
     tools: Annotated[
         list[ProgramFrame],
         Field(max_length=MAX_FRAMES),
         Terminal("--tool", "[NAME=]NUMBERS", parse_frame, "list"),
-    ] = Field(default_factory=list, description="Tool frames that the program names without values.")
+    ] = Field(
+        default_factory=list, description="Tool frames that the program names without stating their numbers."
+    )
     bases: Annotated[
         list[ProgramFrame],
         Field(max_length=MAX_FRAMES),
         Terminal("--base", "[NAME=]NUMBERS", parse_frame, "list"),
     ] = Field(
         default_factory=list,
-        description="Base frames in the controller's world that the program names without values.",
+        description="Base frames that the program names without stating their numbers, in the controller's "
+        "world frame.",
     )
     world: _FrameNumbers | None = Field(
-        default=None, description="World frame of the controller in R0, if it differs from R0."
+        default=None,
+        description="World frame of the controller in the robot's base frame R0, if both frames differ.",
     )
     flange: _FrameNumbers | None = Field(
         default=None,
-        description="Flange frame of the controller in the model's flange frame, if they differ.",
+        description="Flange frame of the controller in the flange frame of the model, if both frames differ.",
     )
     tool_x: Vector3 | None = Field(
         default=None,
-        description="Direction of the tool's x axis in the base frame, for programs that state a position "
-        "alone, or with the direction of the tool's z axis.",
+        description="Direction of the tool's x axis in the base frame, for programs that state only "
+        "positions, or positions and directions of the tool's z axis.",
     )
     start: Annotated[
         Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] | None,
         Terminal("", "NUMBERS[deg]", parse_numbers, unit="deg"),
     ] = Field(
         default=None,
-        description="Joints near the first cartesian target, as the controller shows them, in units.angle or "
-        "units.length. Needed if the program does not state the configuration, or for prismatic "
-        "joints, which stay there.",
+        description="Joint positions near the first cartesian target, as the controller shows them, in "
+        "units.angle or units.length. Needed if the program does not state the configuration, and for "
+        "prismatic joints, which keep these positions.",
     )
     max_displacement: Annotated[Annotated[Quantity, Field(gt=0.0)] | None, Terminal(unit="m")] = Field(
         default=None, description="Greatest displacement of a correction, in units.length; default: 5 mm."
@@ -226,34 +245,35 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     ramp_length: Annotated[Quantity, Field(ge=0.0), Terminal(unit="m")] = Field(
         default=0.0,
-        description="Length of path over which corrections rise and fall with the load, in units.length.",
+        description="Length of path over which corrections rise when the load begins and fall when it ends, "
+        "in units.length.",
     )
     leave_alone: Annotated[list[Name], Field(max_length=1_000)] = Field(
         default_factory=list,
-        description="Routines of other files that neither move the robot nor change its frames.",
+        description="Routines in other files that neither move the robot nor change its frames.",
     )
     trust_routines: StrictBool = Field(
         default=False,
-        description="True: no unknown routine moves the robot, frames or points, except what it gets by "
-        "reference.",
+        description="True if no unknown routine moves the robot or changes frames or points, except those "
+        "that it gets by reference.",
     )
     leave_others: StrictBool = Field(
         default=False,
-        description="True: leave moves uncorrected whose target, base or tool is uncertain; false: refuse "
-        "such a program.",
+        description="True to leave moves uncorrected if their target, base or tool is uncertain; false to "
+        "refuse a program with such moves.",
     )
     external_axes: Literal["carry_nothing"] | None = Field(
         default=None,
-        description="`carry_nothing`: external axes carry neither arm nor part. If absent, moves with an "
-        "external axis away from zero are not corrected.",
+        description="Statement about external axes. `carry_nothing`: they carry neither the arm nor the "
+        "workpiece. If absent, moves with an external axis away from zero are not corrected.",
     )
     format: ProgramFormat | None = Field(
-        default=None, description="Format of the program; default: by the file's name."
+        default=None, description="Format of the program; default: detected by the name of the file."
     )
     mark: StrictBool = Field(
         default=True,
-        description="True: write run, verdict and date as a comment (always for the verdict do_not_use). A "
-        "program with this comment is not corrected again.",
+        description="True to write run, verdict and date as a comment (always written for the verdict "
+        "do_not_use). A program with this comment is not corrected again.",
     )
 
     @model_validator(mode="after")
@@ -283,18 +303,20 @@ class ProgramFile(Message):
 
     name: Name
     bytes: int = Field(description="Size of the file.", json_schema_extra={"unit": "byte"})
-    content: str | None = Field(default=None, description="Content; null in answers: get the file.")
+    content: str | None = Field(
+        default=None, description="Content of the file; null in answers: get the file instead."
+    )
     sha256: str | None = Field(default=None, description="SHA-256 of the file, hexadecimal.")
 
 
 class ProgramRequest(ProgramOptions):
     """Request of a compensated program: options and files."""
 
-    run_id: Identifier = Field(description="Id of the run whose model is used.")
+    run_id: Identifier = Field(description="Id of the run whose identified model is used.")
     files: Annotated[list[ProgramFile], Field(max_length=MAX_FILES)] = Field(
         default_factory=list,
-        description="Files of the program, first the file to correct, then the table of loads. Post them "
-        "as the form's `files`.",
+        description="Files of the program: first the file to correct, then other files, then the table of "
+        "loads. Post the files as the form's `files`.",
     )
 
     @property
@@ -322,26 +344,33 @@ class ProgramPoint(Message):
     """One target under load."""
 
     number: int = Field(description="Number of the point along the path, from 1.")
-    name: str = Field(description="Name of the target in the program; may be empty.")
+    name: str = Field(description="Name of the programmed target; may be empty.")
     line: int = Field(description="Line with the target's numbers.")
-    place: Metres[Point] = Field(description="Programmed position of the tool's centre, in R0.")
+    place: Metres[Point] = Field(
+        description="Programmed position of the centre of the tool, in the robot's base frame R0."
+    )
     deflection: Metres[float] = Field(
-        description="Distance by which the load moves the tool without a correction."
+        description="Distance by which the load would move the tool if the program were not corrected."
     )
     deflection_rotation: Radians[float]
-    correction: Metres[float] = Field(description="Distance from the programmed to the commanded position.")
+    correction: Metres[float] = Field(
+        description="Distance from the programmed position to the corrected (commanded) position."
+    )
     correction_rotation: Radians[float]
     standard_uncertainty: Metres[float | None] = Field(
         description="Standard uncertainty of `deflection`; null if unknown."
     )
     interval: Metres[Interval | None] = Field(
-        description="Interval of the deflection from the errors of the readings."
+        description="Interval of `deflection` that includes the errors of the readings."
     )
     interval_with_model_error: Metres[Interval | None] = Field(
         default=None,
-        description="Interval of the deflection with model error; null without a bound.",
+        description="Interval of `deflection` that includes the model error; null without a bound of the "
+        "model error.",
     )
-    residual: Metres[float] = Field(description="Predicted distance of the loaded tool from its target.")
+    residual: Metres[float] = Field(
+        description="Predicted distance between the loaded tool and its programmed target."
+    )
     residual_rotation: Radians[float]
     residual_interval: Metres[Interval | None] = Field(
         default=None,
@@ -349,12 +378,14 @@ class ProgramPoint(Message):
     )
     residual_interval_with_model_error: Metres[Interval | None] = Field(
         default=None,
-        description="The same with the model error.",
+        description="Interval of the predicted distance with the model error.",
     )
     rounding: Metres[float] = Field(
-        description="Part of `residual` due to the rounding of numbers in the program."
+        description="Part of `residual` that the rounding of numbers in the program causes."
     )
-    share: Dimensionless[float] = Field(description="Fraction of the full correction that is applied.")
+    share: Dimensionless[float] = Field(
+        description="Fraction of the full correction that is applied to the point."
+    )
     capped: StrictBool = Field(description="True if the limits reduce the correction.")
 
 
@@ -362,42 +393,51 @@ class ProgramResult(FromRun):
     """Counts, spreads and the worst points; the files have all points."""
 
     format: ProgramFormat
-    points: int = Field(description="Number of targets of the program.")
-    moves: int = Field(description="Number of moves of the program.")
+    points: int = Field(description="Number of programmed targets.")
+    moves: int = Field(description="Number of moves in the program.")
     moves_left: int = Field(
         default=0,
-        description="Number of uncertain moves, which are left uncorrected.",
+        description="Number of moves that are left uncorrected because they are uncertain.",
     )
     corrected: int = Field(description="Number of corrected targets.")
-    capped: int = Field(description="Number of targets whose correction is reduced by the limits.")
-    left_alone: dict[LeftAlone, int] = Field(description="Number of targets without a correction, by reason.")
-    deflection: Metres[Spread | None] = Field(
-        description="Distance of the tool from its target without correction; null if no point is loaded."
+    capped: int = Field(description="Number of programmed targets whose correction is reduced by the limits.")
+    left_alone: dict[LeftAlone, int] = Field(
+        description="Number of programmed targets without a correction, for each reason."
     )
-    correction: Metres[Spread | None] = Field(description="Displacement of targets by the correction.")
+    deflection: Metres[Spread | None] = Field(
+        description="Distance between the loaded tool and its programmed target without a correction; null "
+        "if no point is loaded."
+    )
+    correction: Metres[Spread | None] = Field(
+        description="Distance by which the correction moves programmed targets."
+    )
     residual: Metres[Spread | None] = Field(
-        description="Distance of the tool from its target with the compensated program."
+        description="Distance between the loaded tool and its programmed target with the compensated program."
     )
     deflection_ends: Metres[SpreadEnds | None] = Field(
-        default=None, description="Ends of the intervals of `deflection`."
+        default=None, description="Least and greatest ends of the intervals of `deflection`."
     )
     residual_ends: Metres[SpreadEnds | None] = Field(
-        default=None, description="Ends of the intervals of `residual`."
+        default=None, description="Least and greatest ends of the intervals of `residual`."
     )
     with_model_error: StrictBool = Field(
         default=False,
-        description="True: the intervals include the model error.",
+        description="True if the intervals include the model error.",
     )
     rounding: Metres[Spread | None] = Field(
-        description="Part of `residual` due to the rounding of numbers in the program."
+        description="Part of `residual` that the rounding of numbers in the program causes."
     )
     confidence: Dimensionless[float] = Field(description="Confidence of the intervals.")
     worst: Annotated[list[ProgramPoint], Field(max_length=MAX_WORST)] = Field(
-        description="Points with the greatest deflections without a correction, greatest first."
+        description="Points with the greatest deflections before the correction; the greatest is first."
     )
-    remarks: list[str] = Field(description="Remarks on unchanged lines and on the prediction.")
-    files: list[ProgramFile] = Field(description="Compensated program; null in answers: its file `program`.")
-    table: ProgramFile = Field(description="All points; null in answers: its file `points.csv`.")
+    remarks: list[str] = Field(description="Remarks on lines that were not changed, and on the prediction.")
+    files: list[ProgramFile] = Field(
+        description="Compensated program; null in answers, because the file `program` contains it."
+    )
+    table: ProgramFile = Field(
+        description="All points of the path; null in answers, because the file `points.csv` contains them."
+    )
 
 
 class Program(Job):

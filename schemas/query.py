@@ -25,7 +25,9 @@ class PageQuery(Message):
         default=50, description="Maximum number of resources per page."
     )
     cursor: Annotated[str, Field(max_length=64)] | None = Field(
-        default=None, description="`next` of the previous page; omit `cursor` for the first page."
+        default=None,
+        description="Cursor of the page: the value of `next` in the previous page; omit it for the "
+        "first page.",
     )
 
 
@@ -34,17 +36,18 @@ class ListQuery(PageQuery):
 
     q: ExactName | None = Field(
         default=None,
-        description="Words to find in names (of the resource, its robot or set) or in a set's serial "
-        "number, operator or instrument; case is ignored.",
+        description="Words to find in names (of the resource, its robot or its set) or in a set's serial "
+        "number, operator or instrument; upper and lower case are equal.",
     )
     sort: Literal["created_at", "-created_at", "name", "-name"] = Field(
         default="-created_at",
-        description="Order by time or by name; `-`: descending, the newest first. Runs are sorted by the "
-        "name of their set.",
+        description="Order by time or by name; `-` means descending, so that the newest is first. Runs are "
+        "ordered by the names of their sets.",
     )
     deleted: bool = Field(
         default=False,
-        description="True: only deleted resources, which can be restored; false: only the others.",
+        description="True to list only deleted resources, which can be restored; false to list only the "
+        "others.",
     )
 
     def listing_arguments(self) -> dict[str, Any]:
@@ -67,22 +70,26 @@ class JobQuery(ListQuery):
     robot_id: Reference | None = Field(default=None, description="Filter by robot.")
     measurement_set_id: Reference | None = Field(
         default=None,
-        description="Filter by measurement set; for comparisons, by the set of the first side.",
+        description="Id of a measurement set by which to filter; comparisons are filtered by the set of "
+        "their first side.",
     )
     second_set_id: Reference | None = Field(
-        default=None, description="Filter comparisons by the measurement set of the second side."
+        default=None,
+        description="Id of the measurement set of the second side by which to filter comparisons.",
     )
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
     method: Method | None = Field(default=None, description="Filter runs by method.")
     weighting: Weighting | None = Field(default=None, description="Filter runs by weighting.")
-    elasticity: Elasticity | None = Field(default=None, description="Filter runs by the parts that bend.")
+    elasticity: Elasticity | None = Field(
+        default=None, description="Filter of runs by the parts that bend in their model."
+    )
 
 
 class WaitQuery(Message):
     """Time to wait for a posted job."""
 
     wait: Annotated[float, Field(ge=0, le=MAX_WAIT_SECONDS)] = Field(
-        default=5, description="Time to wait for a long job to finish, in seconds."
+        default=5, description="Time for which the request waits for a long job to finish, in seconds."
     )
 
 
@@ -92,9 +99,9 @@ class FileQuery(AcceptingOptions):
     unit: Literal["MNm/rad", "kNm/deg", "Nm/arcmin", "Nm/rad", "urad/Nm"] = Field(
         default="MNm/rad", description="Unit of stiffness in `tables.json`."
     )
-    details: bool = Field(default=True, description="False: only the main tables in `tables.json`.")
+    details: bool = Field(default=True, description="False to include only the main tables in `tables.json`.")
     file: Annotated[str, Field(max_length=MAX_NAME_LENGTH)] | None = Field(
-        default=None, description="Name of the file of a compensated `program`; default: the first file."
+        default=None, description="Name of a file of a compensated `program`; default: the first file."
     )
     seed: Annotated[int, Field(ge=0, lt=2**32)] = Field(
         default=1, description="Random seed of `rehearsal.json`."
@@ -106,7 +113,8 @@ class RobotQuery(ListQuery):
 
     sort: Literal["created_at", "-created_at", "name", "-name", "worst"] = Field(  # type: ignore[assignment]
         default="-created_at",
-        description="Order by time, by name (`-`: descending), or by the change of the joints, worst first.",
+        description="Order by time, by name (`-` means descending), or by the change of the joints' "
+        "stiffness, with the worst first.",
     )
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
     content_hash: Reference | None = Field(default=None, description="Filter by `content_hash`.")
@@ -128,21 +136,24 @@ class SetQuery(OpenSetQuery):
 
     open: bool = Field(
         default=False,
-        description="True: only sets that are measured live; of the other filters only `robot_id` is "
-        "allowed.",
+        description="True to list only sets that are still measured; the only other filter is then "
+        "`robot_id`.",
     )
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
     encoders: Literal["motor", "secondary"] | None = Field(default=None, description="Filter by encoders.")
-    serial_number: ExactName | None = Field(default=None, description="Filter by the robot's serial number.")
+    serial_number: ExactName | None = Field(
+        default=None, description="Filter by the serial number of the robot."
+    )
     operator: ExactName | None = Field(default=None, description="Filter by operator (exact).")
     instrument: ExactName | None = Field(default=None, description="Filter by instrument (exact).")
     content_hash: Reference | None = Field(default=None, description="Filter by `content_hash`.")
     measured_from: Moment | None = Field(
         default=None,
-        description="Filter by time of measurement: from this time on, with its zone.",
+        description="Filter by time of measurement: from this time on, stated with its time zone.",
     )
     measured_to: Moment | None = Field(
-        default=None, description="Filter by time of measurement: before this time, with its zone."
+        default=None,
+        description="Filter by time of measurement: before this time, stated with its time zone.",
     )
 
     @model_validator(mode="after")

@@ -18,7 +18,9 @@ class Party(Message):
 
     name: Name
     address: Lines = Field(default_factory=list, description="Lines of the address.")
-    contact: Name | None = Field(default=None, description="Telephone number, mail address or person.")
+    contact: Name | None = Field(
+        default=None, description="Telephone number, mail address or name of a contact person."
+    )
 
 
 class Laboratory(Party):
@@ -31,37 +33,44 @@ class Laboratory(Party):
     )
     languages: Annotated[list[Annotated[str, Field(pattern="^[a-z]{2}$")]], Field(max_length=8)] = Field(
         default_factory=list,
-        description="Languages of names, notes and conditions except English, ISO 639-1, for certificates.",
+        description="Languages of names, notes and conditions other than English, ISO 639-1, for "
+        "certificates.",
         examples=[["fr"]],
     )
     responsible: Name | None = Field(
-        default=None, description="Person who is responsible for certificates, by name."
+        default=None, description="Name of the person who is responsible for certificates."
     )
     kind_of_place: Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"] = Field(
-        default="laboratory", description="Kind of the place of the measurement, for certificates."
+        default="laboratory", description="Kind of place in which the measurement is made, for certificates."
     )
     ended_on: date | None = Field(
         default=None,
-        description="Day on which the measurement ended, for certificates; default: that of `measured_at`.",
+        description="Day on which the measurement ended, for certificates; default: the day of "
+        "`measured_at`.",
     )
     place: Name | None = Field(
-        default=None, description="Place of the measurement; the laboratory's address if absent."
+        default=None, description="Place of the measurement; default: the laboratory's address."
     )
     accreditation: Name | None = Field(
-        default=None, description="Accreditation with its number. Reports name one only if it is given here."
+        default=None,
+        description="Accreditation of the laboratory with its number. Reports state an accreditation "
+        "only if it is given here.",
     )
     traceability: Notes | None = Field(
         default=None,
-        description="Traceability of tracker and force: certificates, their numbers and dates.",
+        description="Traceability of tracker and force to standards: certificates, their numbers and dates.",
     )
     conditions: Name | None = Field(
-        default=None, description="Conditions of the measurement, for sets that state none."
+        default=None,
+        description="Conditions of the measurement, for measurement sets that state no conditions.",
     )
     method: Notes | None = Field(
         default=None,
-        description="Procedure of the laboratory by its number, in addition to the method of this software.",
+        description="Number of the laboratory's procedure, which is stated in addition to the method of "
+        "this software.",
     )
     customer: Party | None = Field(default=None, description="Customer of the reports.")
     logo: Name | None = Field(
-        default=None, description="File next to this one, PNG or JPEG: a name without a folder."
+        default=None,
+        description="Name of a PNG or JPEG file in the same folder as this file, without a path.",
     )

@@ -39,8 +39,10 @@ class DhRow(Message):
 
     a: Metres[Quantity] = Field(description="Link length a.")
     alpha: Radians[Quantity] = Field(description="Link twist alpha.")
-    d: Metres[Quantity] = Field(description="Link offset d, constant added to a prismatic joint's length.")
-    theta: Radians[Quantity] = Field(description="Constant added to the joint's angle.")
+    d: Metres[Quantity] = Field(
+        description="Link offset d; for a prismatic joint, the constant that is added to its length."
+    )
+    theta: Radians[Quantity] = Field(description="Constant angle that is added to the angle of the joint.")
     lower: Positions[Quantity | None] = Field(default=None, description="Lower joint limit, if known.")
     upper: Positions[Quantity | None] = Field(default=None, description="Upper joint limit, if known.")
     speed: JointSpeeds[Quantity | None] = Field(default=None, description="Greatest speed, if known.")
@@ -58,8 +60,8 @@ class DhModel(Message):
     length_unit: Literal["m", "mm"] = "m"
     angle_unit: Literal["rad", "deg"] = "rad"
     rows: Annotated[list[DhRow], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
-        description="Rows from base to flange, one per joint; stored in m and rad. A revolute joint adds its "
-        "angle to theta, a prismatic one its length to d. The last frame is the flange's."
+        description="Rows from base to flange, one per joint; stored in m and rad. The angle of a revolute "
+        "joint is added to theta, the length of a prismatic joint to d. The last frame is the flange frame."
     )
 
 
@@ -73,7 +75,7 @@ class UrdfModel(Message):
         description="URDF document with xacro already expanded, at most 2 MiB.",
         examples=['<robot name="arm">…</robot>'],
     )
-    base: Name = Field(description="Link whose frame is R0, the robot's base frame.")
+    base: Name = Field(description="Link whose frame is the robot's base frame R0.")
     flange: Name = Field(description="Link whose frame is the flange frame.")
 
 
@@ -89,7 +91,7 @@ class CatalogueModel(Message):
 
     format: Literal["catalogue"]
     arm: Name = Field(
-        description="Name of the arm, or a part of the name that no other arm has.",
+        description="Name of the arm, or a part of the name that identifies the arm.",
         examples=["KUKA KR 210 R2700 extra"],
     )
 
@@ -104,7 +106,8 @@ class JointMap(Message):
     matrix: Annotated[
         list[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]], Field(max_length=MAX_JOINTS)
     ] = Field(
-        description="Invertible n × n matrix, in SI units of the joints; dimensionless among revolute ones."
+        description="Invertible n × n matrix from the controller's joints to the model's joints, in their "
+        "SI units; dimensionless among revolute joints."
     )
     offset: Positions[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]] = Field(
         description="Offset, n numbers."
@@ -119,11 +122,11 @@ class Body(Message):
     mass: Kilograms[Annotated[float, Field(strict=True, gt=0.0, le=1e6)]] = Field(description="Mass.")
     mass_uncertainty: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, lt=1.0)]] = Field(
         default=0.2,
-        description="Relative half-width of the bounds of the mass: 0.1 is ± 10 %.",
+        description="Relative half-width of the range of the mass: 0.1 is ± 10 %.",
     )
     centre: Metres[Vector3] = Field(
-        description="Centre of mass in a frame that moves with the joint: in a URDF the frame of the child "
-        "link; in a DH table z is the joint's axis, with the origin where the row's theta applies."
+        description="Centre of mass in a frame that moves with the joint. In a URDF, the frame of the child "
+        "link; in a DH table, z is the axis of the joint, and the origin is where theta of the row applies."
     )
     centre_uncertainty: Metres[Annotated[float, Field(strict=True, ge=0.0, le=10.0)]] = Field(
         default=0.0, description="Radius of the ball that contains the centre of mass."
@@ -137,17 +140,18 @@ class RobotDocument(Message):
     model: PostedModel
     joint_map: JointMap | None = Field(
         default=None,
-        description="Joint map; default: identity, or that of the arm of the catalogue. A geometry has its "
-        "own.",
+        description="Joint map from the controller's joints to the model's joints; default: identity, or "
+        "the map of the arm of the catalogue. A geometry contains its own map.",
     )
     bodies: Annotated[list[Body], Field(min_length=1, max_length=2 * MAX_JOINTS)] | None = Field(
         default=None,
-        description="Bodies with masses, for `weight`; default: the inertials of the URDF, each within ± "
-        "20 %.",
+        description="Bodies of the arm with their masses, for `weight`; default: the inertials of the URDF, "
+        "each within ± 20 %.",
     )
     payload: Payload | None = Field(
         default=None,
-        description="Payload by the maker, to check the unit of forces; default: the catalogue's.",
+        description="Payload that the maker states, used to check the unit of forces; default: the payload "
+        "in the catalogue.",
     )
 
     @model_validator(mode="after")
@@ -162,8 +166,12 @@ class Joint(Message):
 
     name: Name
     kind: StatedKind = "revolute"
-    lower: Positions[float | None] = Field(description="Lower limit of the model's joint; null if unlimited.")
-    upper: Positions[float | None] = Field(description="Upper limit of the model's joint; null if unlimited.")
+    lower: Positions[float | None] = Field(
+        description="Lower limit of the joint of the model; null if unlimited."
+    )
+    upper: Positions[float | None] = Field(
+        description="Upper limit of the joint of the model; null if unlimited."
+    )
     speed: JointSpeeds[float | None] = Field(default=None, description="Greatest speed; null if unknown.")
 
 
@@ -180,9 +188,11 @@ class ChangedJoint(Message):
     """A joint whose stiffness differs from that in the first campaign."""
 
     joint: Name
-    serial_number: str | None = Field(description="Serial number of the arm; null if no set states a number.")
+    serial_number: str | None = Field(
+        description="Serial number of the arm; null if no measurement set states a number."
+    )
     change: Estimate = Field(
-        description="Relative change of stiffness: -0.1 for a joint that is 10 % softer."
+        description="Relative change of stiffness: -0.1 for a joint that became 10 % softer."
     )
 
 
@@ -190,12 +200,16 @@ class LastCampaign(Message):
     """The latest campaign of a robot, with any verdict and options, and changes that its trends show."""
 
     run_id: Identifier
-    at: Timestamp = Field(description="Time of the measurement; if not stated, time of storing.")
-    serial_number: str | None = Field(description="Serial number that the campaign's set states.")
+    at: Timestamp = Field(
+        description="Time of the measurement; time of storing if no time of measurement is stated."
+    )
+    serial_number: str | None = Field(
+        description="Serial number of the robot that the measurement set of the campaign states."
+    )
     verdict: Verdict = Field(description="Newest verdict.")
     changed: list[ChangedJoint] = Field(
-        description="Joints that changed in the trend of any serial number and options, each once for its "
-        "serial number."
+        description="Joints whose stiffness changed in the trend of any serial number with any options; "
+        "each joint is listed once for each serial number."
     )
 
 
@@ -206,7 +220,8 @@ class MeasuredArm(Message):
     at: Timestamp = Field(description="Time of its latest campaign.")
     tested: list[Name] = Field(description="Joints that a trend compares.")
     rank: Dimensionless[float] = Field(
-        description="Standard uncertainties of the surest change; 1e6 more if softer; 0: none."
+        description="Key for sorting: surest change of a joint in standard uncertainties, increased by 1e6 "
+        "if the joint became softer; 0 without a change."
     )
 
 
@@ -226,20 +241,22 @@ class RobotEntry(Message):
     joints: list[Joint]
     nominal_arm: Name | None = Field(
         default=None,
-        description="Arm of the catalogue that gave the model.",
+        description="Arm of the catalogue from which the model was made.",
     )
-    content_hash: str = Field(description="SHA-256 of kinematics, limits and joint map.")
+    content_hash: str = Field(description="SHA-256 of the kinematics, the joint limits and the joint map.")
     created_at: Timestamp
     last_campaign: LastCampaign | None = Field(
         default=None,
-        description="Latest campaign, whatever its verdict and options; null before the first run.",
+        description="Latest campaign, with any verdict and any options; null before the first run.",
     )
 
 
 class RobotSummary(RobotEntry):
     """A robot in a listing."""
 
-    arms: list[MeasuredArm] = Field(default_factory=list, description="Arms with a run, the worst first.")
+    arms: list[MeasuredArm] = Field(
+        default_factory=list, description="Arms that have a run; the worst arm is first."
+    )
 
 
 class StoredRobot(RobotDocument, RobotEntry):
@@ -247,23 +264,28 @@ class StoredRobot(RobotDocument, RobotEntry):
 
     model: Model
     spherical_wrist: StrictBool = Field(
-        description="True if the last three axes meet in one point, as the decoupled method needs."
+        description="True if the last three axes meet in one point, as the decoupled method requires."
     )
     wrist_miss_distance: Metres[float | None] = Field(
-        description="Distance of the last three axes from their nearest common point, if any."
+        description="Distance of the last three axes from the point nearest to all three; null if there is "
+        "no such point."
     )
     geometry_id: Identifier | None = Field(
-        default=None, description="Geometry of the model, if it was posted as one."
+        default=None,
+        description="Geometry from which the model was made; null if the model was posted in another form.",
     )
 
 
 class Robot(StoredRobot, RobotSummary):
     """A stored robot. A URDF is returned reduced to the chain from base to flange."""
 
-    marks: list[Mark] = Field(default_factory=list, description="History of the robot, oldest first.")
+    marks: list[Mark] = Field(
+        default_factory=list, description="Events in the history of the robot; the oldest event is first."
+    )
     reference_set_ids: list[Identifier] = Field(
         default_factory=list,
-        description="Sets with which later campaigns are compared; without one: the first.",
+        description="Measurement sets with which later campaigns are compared; without such a set, the "
+        "first set.",
     )
 
 
@@ -271,7 +293,9 @@ class RobotChange(ResourceChange):
     """Changes of a robot except its kinematics. Omitted fields remain unchanged."""
 
     add_mark: Mark | None = None
-    remove_mark: Mark | None = Field(default=None, description="A mark of the robot, with all its fields.")
+    remove_mark: Mark | None = Field(
+        default=None, description="Mark in the history of the robot, with all its fields."
+    )
     reference_set_ids: Annotated[list[Identifier], Field(max_length=MAX_MARKS)] | None = Field(
         default=None, description="All references; null: unchanged."
     )
@@ -287,7 +311,7 @@ class JointMapPreset(Message):
 
     id: Identifier
     name: Name = Field(examples=["FANUC: J3 from the horizontal"])
-    note: str = Field(description="Angles as the controller shows them.")
+    note: str = Field(description="Joint angles as the controller shows them.")
     joint_map: JointMap
 
 
@@ -297,13 +321,19 @@ class Arm(Message):
     name: Name = Field(description="Maker and model.", examples=["KUKA KR 210 R2700 extra"])
     maker: Name
     model: DhModel
-    joint_map: JointMap | None = Field(description="Map of the controller's angles; null: identity.")
-    joint_map_preset: Identifier | None = Field(description="Preset of the joint map; null: identity.")
-    base: str = Field(description="Origin of R0, the frame of the controller.")
+    joint_map: JointMap | None = Field(
+        description="Map from the controller's angles to the model's angles; null if both are the same."
+    )
+    joint_map_preset: Identifier | None = Field(
+        description="Name of a preset for the joint map; null if both angles are the same."
+    )
+    base: str = Field(
+        description="Origin of the robot's base frame R0, which is the frame of the controller."
+    )
     reach: Metres[float] = Field(description="Reach by the maker.")
     reach_of: Literal["wrist_centre", "flange", "stated"] = Field(
-        description="Point whose largest distance from axis 1 is the reach; `stated`: the maker does not "
-        "name it."
+        description="Point whose largest distance from axis 1 is the reach; `stated` if the maker does not "
+        "name this point."
     )
     payload: Kilograms[float | None] = Field(default=None, description="Payload by the maker.")
     sources: list[str] = Field(description="Source of the values.")
@@ -322,9 +352,11 @@ MAX_POSTURES = 1_000
 class KinematicsRequest(Message):
     """A robot, stored or not, and configurations of it."""
 
-    robot_id: Identifier | None = Field(default=None, description="Id of a stored robot; or give `robot`.")
+    robot_id: Identifier | None = Field(
+        default=None, description="Id of a stored robot; omit this field if `robot` is given."
+    )
     robot: RobotDocument | None = Field(
-        default=None, description="Robot document that is not stored, to preview it."
+        default=None, description="Document of a robot to preview, which the service does not store."
     )
     joints: Positions[
         Annotated[
@@ -332,7 +364,8 @@ class KinematicsRequest(Message):
         ]
     ] = Field(
         default_factory=list,
-        description="Joints as displayed by the controller, one list per configuration; default: all zeros.",
+        description="Joint positions as the controller shows them, one list per configuration; default: all "
+        "zeros.",
     )
 
     _one_robot = require_exactly_one("robot_id", "robot")
@@ -347,7 +380,9 @@ class Posture(Message):
     )
     joint_axes: Dimensionless[list[Point]] = Field(description="Unit vectors along the joints' axes.")
     joint_kinds: list[JointKind] = Field(
-        description="Kinds of the joints: rotation about, or motion along, their axes."
+        description="Kinds of the joints: rotation about their axis, or motion along their axis."
     )
     flange_origin: Metres[Point]
-    flange_axes: Dimensionless[Square3] = Field(description="Unit vectors of the flange's x, y and z axes.")
+    flange_axes: Dimensionless[Square3] = Field(
+        description="Unit vectors along the x, y and z axes of the flange frame."
+    )

@@ -43,7 +43,9 @@ class JointResult(Message):
     name: Name
     kind: StatedKind = "revolute"
     status: Literal["identified", "uncertain", "at_bound", "not_observable"]
-    verdict: Verdict = Field(description="Verdict on the stiffness, limited by its status and the reasons.")
+    verdict: Verdict = Field(
+        description="Verdict on the stiffness of the joint, limited by its status and by the reasons."
+    )
     compliance: Compliance[float | None]
     stiffness: Stiffness[float | None] = Field(
         description="Stiffness, 1 / compliance; null if the compliance is zero."
@@ -55,7 +57,8 @@ class JointResult(Message):
         description="Profile-likelihood interval under the constraints, at the run's confidence."
     )
     stiffness_interval: Stiffness[tuple[float, float | None] | None] = Field(
-        description="Interval of the stiffness; an upper end of null means no upper limit."
+        description="Interval of the stiffness; an upper end of null means that the stiffness has no upper "
+        "limit."
     )
     stiffness_at_least: Stiffness[float | None] = Field(
         default=None,
@@ -64,10 +67,12 @@ class JointResult(Message):
     )
     prior_to_data: float | None = Field(
         default=None,
-        description="Information of the prior relative to that of the readings; above 1 the prior "
+        description="Information of the prior divided by the information of the readings; above 1 the prior "
         "dominates; null without a prior.",
     )
-    reason: str | None = Field(description="Reason why the joint has no number, or is at a bound.")
+    reason: str | None = Field(
+        description="Reason why the joint has no number, or why its number is at a bound."
+    )
 
 
 class _Joint(Protocol):
@@ -102,15 +107,16 @@ def count_identified_joints(joints: Iterable[_Joint]) -> int:
 BudgetSource = Annotated[
     str,
     Field(
-        description="Source: `readings`, a stated error (`force_scale`, `force_direction`, `rope_zero`, "
-        "`load_point`, `target_places`, `axes`, `drift`), `assumed_load_point`, `assumed_force_scale`, "
-        "`fitted_causes`, `model_error` or `complementary_stiffness`."
+        description="Source of the uncertainty: `readings`, a stated error (`force_scale`, "
+        "`force_direction`, `rope_zero`, `load_point`, `target_places`, `axes`, `drift`), "
+        "`assumed_load_point`, `assumed_force_scale`, `fitted_causes`, `model_error` or "
+        "`complementary_stiffness`."
     ),
 ]
 BudgetGap = Literal["model_error", "lack_of_fit"]
 Evaluation = Annotated[
     Literal["A", "B"],
-    Field(description="Evaluation: A by statistics of these readings, B as stated."),
+    Field(description="Type of evaluation: A by statistics of these readings, B from other statements."),
 ]
 
 
@@ -120,22 +126,22 @@ class BudgetComponent(Message):
     source: BudgetSource
     evaluation: Evaluation
     included: StrictBool = Field(
-        description="True if the standard uncertainty includes this source: model error only if joints "
-        "alone do not fit, a neglected K_c never."
+        description="True if the standard uncertainty includes this source. The model error is included "
+        "only if joints alone do not fit; a neglected K_c is never included."
     )
     degrees_of_freedom: Dimensionless[float | None] = Field(
-        description="Degrees of freedom of type A; null for infinitely many."
+        description="Degrees of freedom of a type A evaluation; null for infinitely many."
     )
     contributions: Compliance[list[float]] = Field(
-        description="Contribution to the standard uncertainty of each joint."
+        description="Contribution of this source to the standard uncertainty of each joint."
     )
     correlation: Dimensionless[list[list[float]]] = Field(
-        description="Correlation between the joints from this source."
+        description="Correlation between the joints that this source causes."
     )
     responses: Compliance[list[tuple[float, float, float]] | None] = Field(
         default=None,
-        description="Change of each joint by one standard uncertainty of the load point along each axis of "
-        "the flange; null for other sources.",
+        description="Change of each joint if the load point moves by one standard uncertainty along each "
+        "axis of the flange; null for other sources.",
     )
 
 
@@ -143,29 +149,29 @@ class Budget(Message):
     """Uncertainty budget of the compliances. The relative uncertainty of a stiffness is the same."""
 
     joints: list[Name] = Field(
-        description="Joints with an estimate, in the order of all lists of the budget."
+        description="Joints with an estimate, in the order that all lists of the budget have."
     )
     components: list[BudgetComponent]
     standard_uncertainty: Compliance[list[float]] = Field(
-        description="Combined standard uncertainty of the included components."
+        description="Combined standard uncertainty of all included components."
     )
     correlation: Dimensionless[list[list[float]]] = Field(
-        description="Correlation of the combined uncertainty between the joints."
+        description="Correlation between the joints, by the combined uncertainty."
     )
     probability: Dimensionless[float] = Field(description="Coverage probability.")
     coverage_factor: Dimensionless[float] = Field(
-        description="Coverage factor: normal, or Student's t if sigma is estimated or the model error "
-        "included."
+        description="Coverage factor: normal distribution, or Student's t if sigma is estimated or the "
+        "model error is included."
     )
     expanded_uncertainty: Compliance[list[float]] = Field(
-        description="Expanded uncertainty: factor times standard uncertainty."
+        description="Expanded uncertainty: coverage factor times standard uncertainty."
     )
     expanded_with_model_error: Compliance[list[float]] = Field(
         description="Expanded uncertainty of all components."
     )
     missing: list[BudgetGap] = Field(
-        description="Sources that have no component. `model_error`: too few postures for a bound. "
-        "`lack_of_fit`: also a mistake that forbids the numbers."
+        description="Sources without a component. `model_error`: too few postures for a bound. "
+        "`lack_of_fit`: joints alone do not fit, also because of a mistake that forbids the numbers."
     )
 
     def contributions_to(self, joint: str) -> dict[str, float]:
@@ -186,9 +192,10 @@ class Budget(Message):
 class StageIdentifiability(Message):
     """Observability in one stage of a method, over the joints of that stage."""
 
-    rank: int = Field(description="Rank: number of determined compliances or combinations.")
+    rank: int = Field(description="Rank of the regressor: number of determined compliances or combinations.")
     condition_number: float | None = Field(
-        description="Condition number of the weighted regressor with unit columns; null if rank-deficient."
+        description="Condition number of the weighted regressor after scaling its columns to unit length; "
+        "null if rank-deficient."
     )
     singular_values: list[float] = Field(description="Singular values of the regressor, largest first.")
 
@@ -201,21 +208,22 @@ class Advice(Message):
 
     joint: Name
     message: str = Field(description="Advice in words.")
-    joints: Positions[list[float]] = Field(description="Joints as displayed by the controller.")
+    joints: Positions[list[float]] = Field(description="Joint positions as the controller shows them.")
     observation: Name | None = Field(
-        description="Label of the observation with this posture, if there is one."
+        description="Label of the observation with this posture; null if no observation has it."
     )
     force: Newtons[Point] = Field(
-        description="Force on the robot, axes of R0, as large as the set's largest, at that observation's "
-        "load point."
+        description="Force on the robot, along the axes of the base frame R0, as large as the largest force "
+        "of the set; it acts at the load point of that observation."
     )
     uncertainty_ratio: float | None = Field(
-        description="Standard uncertainty of the compliance after one such reading of all targets, "
-        "relative to the present one; null if not determined so far."
+        description="Standard uncertainty of the compliance after one such reading of all targets, divided "
+        "by the present standard uncertainty; null if the compliance is not determined so far."
     )
     standard_uncertainty: Compliance[float | None] = Field(
         default=None,
-        description="Standard uncertainty of the compliance after that reading; null if sigma is unknown.",
+        description="Standard uncertainty of the compliance after one such reading of all targets; null if "
+        "sigma is unknown.",
     )
 
 
@@ -223,31 +231,32 @@ class Identifiability(Message):
     """Observability of the parameters of the joint model."""
 
     parameters: int = Field(description="Number of joints of the robot.")
-    rank: int = Field(description="Rank: number of determined compliances or combinations.")
+    rank: int = Field(description="Rank of the regressor: number of determined compliances or combinations.")
     condition_number: float | None = Field(
-        description="Condition number, the largest of all stages; null if rank-deficient."
+        description="Condition number of the regressor, the largest of all stages; null if rank-deficient."
     )
     combinations: list[list[Name]] = Field(
-        description="Groups of joints whose combinations alone are observable."
+        description="Groups of joints of which only combinations are observable."
     )
     observability: Dimensionless[dict[ObservabilityIndex, float] | None] = Field(
         default=None,
-        description="Observability indices (Sun & Hollerbach 2008); null if rank-deficient. Of the singular "
-        "values s: `o1` geometric mean, `o2` least over greatest, `o3` least, `o4` least squared over "
-        "greatest, `o5` 1 / sum of 1/s. Larger is better; none exceeds 1.",
+        description="Observability indices (Sun & Hollerbach 2008); null if rank-deficient. With the "
+        "singular values s: `o1` geometric mean, `o2` least divided by greatest, `o3` least, `o4` least "
+        "squared divided by greatest, `o5` 1 / sum of 1/s. Larger is better; no index exceeds 1.",
     )
     advice: list[Advice] = Field(
         default_factory=list,
-        description="Advice on the next measurements, for at most three joints with an uncertainty above "
-        "10 %; at most two per joint, the better first.",
+        description="Advice on the next measurements, for at most three joints with an uncertainty above 10 "
+        "%. A joint has at most two proposals, and the better proposal is first.",
     )
     weakest: list[str] = Field(
         default_factory=list,
         description="Messages for each stage with a condition number above 100: joints that are hard to "
-        "distinguish, in which proportion.",
+        "distinguish, with the proportion of their compliances.",
     )
     stages: list[StageIdentifiability] = Field(
-        description="Stages of the method: two for the decoupled one, arm then wrist."
+        description="Stages of the method: one stage, or for the decoupled method two, first the arm and "
+        "then the wrist."
     )
 
 
@@ -259,10 +268,10 @@ class ResampledJoint(Message):
     compliance_mean: Compliance[float | None]
     compliance_deviation: Compliance[float | None] = Field(description="Standard deviation over the draws.")
     compliance_interval: Compliance[Interval | None] = Field(
-        description="Percentile interval at the run's confidence."
+        description="Percentile interval over all draws, at the run's confidence."
     )
     stiffness_mean: Stiffness[float | None] = Field(
-        description="Mean of the finite stiffnesses; see also `share_infinite`."
+        description="Mean of the finite stiffnesses over the draws; `share_infinite` counts the others."
     )
     stiffness_deviation: Stiffness[float | None] = Field(
         description="Standard deviation of the finite stiffnesses over the draws."
@@ -272,7 +281,7 @@ class ResampledJoint(Message):
     )
     share_infinite: Dimensionless[float] = Field(description="Fraction of the draws with compliance zero.")
     share_undetermined: Dimensionless[float] = Field(
-        description="Fraction of the draws in which the joint is not observable."
+        description="Fraction of the draws in which the stiffness of the joint is not observable."
     )
 
 
@@ -282,10 +291,10 @@ class ResamplingResult(Message):
     repetitions: int
     joints: list[ResampledJoint]
     share_any_negative: Dimensionless[float] = Field(
-        description="Fraction of the draws with at least one negative stiffness."
+        description="Fraction of the draws with a negative stiffness of at least one joint."
     )
     compensation_mean: Dimensionless[float | None] = Field(
-        description="Mean compensation on all configurations, drawn or not."
+        description="Mean compensation on all configurations, whether drawn or not."
     )
     compensation_deviation: Dimensionless[float | None] = Field(
         description="Standard deviation of the compensation over the draws."
@@ -301,14 +310,14 @@ class WeightShare(Message):
     joint: Name
     torque: Torque[Interval] = Field(description="Least and greatest torque of the loads about the joint.")
     largest_sag: Radians[float | None] = Field(
-        description="Greatest sag of the joint; null without a number."
+        description="Greatest sag of the joint by own weight; null if its stiffness is unknown."
     )
     readings: Dimensionless[float | None] = Field(
-        description="Fraction of the interval's width that would remain with exact masses; null without a "
-        "number."
+        description="Fraction of the interval's width that would remain if the masses were exact; null "
+        "without a number."
     )
     masses: Dimensionless[float | None] = Field(
-        description="Fraction of the interval's width due to the uncertain masses; null without a number."
+        description="Fraction of the interval's width that the uncertain masses cause; null without a number."
     )
 
 
@@ -316,11 +325,15 @@ class WeightResult(Message):
     """Additional results of a run with `weight`."""
 
     joints: list[WeightShare]
-    gravity: Point = Field(description="Acceleration of gravity in R0, in m/s², stated or estimated.")
-    rms_without_sag: Metres[float] = Field(
-        description="Root mean square of a coordinate's residual without sag."
+    gravity: Point = Field(
+        description="Acceleration of gravity in the robot's base frame R0, in m/s², stated or estimated."
     )
-    rms_residual: Metres[float] = Field(description="Root mean square of a coordinate's residual with sag.")
+    rms_without_sag: Metres[float] = Field(
+        description="Root mean square of the residuals of the coordinates if the sag is neglected."
+    )
+    rms_residual: Metres[float] = Field(
+        description="Root mean square of the residuals of the coordinates if the sag is included."
+    )
     steps: int = Field(description="Number of Gauss-Newton steps.")
 
 
@@ -330,7 +343,7 @@ class RunRequest(RunOptions):
     measurement_set_id: Identifier
     variant_of: Identifier | None = Field(
         default=None,
-        description="Run that this run is to improve, for listings.",
+        description="Id of an earlier run that this run is to improve, for lists of runs.",
     )
 
 
@@ -341,13 +354,14 @@ class Certificate(Message):
     """Proof of optimality, recomputed from the data. Dimensionless; zero is exact up to rounding."""
 
     primal: float = Field(description="Largest violation of a bound.")
-    dual: float = Field(description="Largest gradient of the wrong sign.")
+    dual: float = Field(description="Largest component of the gradient with the wrong sign.")
     complementarity: float = Field(description="Largest min(slack, multiplier).")
     solved_by: list[SupportFinder] = Field(
-        description="Algorithms of the robust loss, if any, then of each stage."
+        description="Algorithms of the fit: first of the robust loss, if any, then of each stage."
     )
     solver_distance: float | None = Field(
-        default=None, description="Distance of Clarabel's answer, relative to readings."
+        default=None,
+        description="Distance between Clarabel's answer and the exact answer, relative to the readings.",
     )
 
 
@@ -355,28 +369,30 @@ class Goodness(Message):
     """Chi-square of the residuals, in units of sigma."""
 
     chi_square: float = Field(
-        description="Sum of squared whitened residuals; with the robust loss cut at the threshold and "
-        "scaled to the same expectation."
+        description="Sum of the squared whitened residuals; with the robust loss, residuals are cut at the "
+        "threshold and scaled to the same expectation."
     )
     degrees_of_freedom: float
     sigma_source: Literal["given", "residuals"] = Field(
-        description="Source of sigma: stated, or estimated from these residuals."
+        description="Source of sigma: stated by the user, or estimated from these residuals."
     )
     p_value: Dimensionless[float | None] = Field(
         default=None,
-        description="p-value of the two-sided chi-square test of a stated sigma; null without degrees of "
+        description="p-value of the two-sided chi-square test of the stated sigma; null without degrees of "
         "freedom.",
     )
     test: Literal["consistent", "residuals_too_large", "residuals_too_small"] | None = Field(
-        default=None, description="Result of the chi-square test at the level of 1 %."
+        default=None, description="Result of the chi-square test of the stated sigma at the level of 1 %."
     )
     repeatability: Radians[float | None] = Field(
         default=None,
-        description="Standard deviation of a joint's angle from posture to posture; null if the residuals "
-        "show none.",
+        description="Standard deviation of a joint's random angle from posture to posture; null if the "
+        "residuals show no such motion.",
     )
     repeatability_at_targets: Metres[float | None] = Field(
-        default=None, description="Root mean square motion of the targets by `repeatability`."
+        default=None,
+        description="Root mean square motion of the targets that the random joint angles "
+        "(`repeatability`) cause.",
     )
     repeatability_source: Literal["given", "residuals"] | None = None
 
@@ -385,11 +401,13 @@ class ComplementaryStiffness(Message):
     """Effect of the change of the load's joint torques with the deflection."""
 
     included: StrictBool
-    iterations: int = Field(description="Number of fits until the iteration converged; 0 if neglected.")
-    largest_ratio: float = Field(description="Largest |K_c,ij| / k_i over the set.")
+    iterations: int = Field(
+        description="Number of fits until the iteration converged; 0 if K_c is neglected."
+    )
+    largest_ratio: float = Field(description="Largest ratio |K_c,ij| / k_i over all observations of the set.")
     largest_shift: float | None = Field(
-        description="Largest change of a compliance by including K_c, divided by its standard uncertainty; "
-        "null if unknown."
+        description="Largest change of a compliance when K_c is included, divided by its standard "
+        "uncertainty; null if unknown."
     )
 
 
@@ -398,8 +416,10 @@ class SuspiciousReading(Message):
 
     observation: Name
     target: Name
-    weight: float = Field(description="Weight of the reading, 1 for a good one.")
-    residual_norm: float = Field(description="Norm of the whitened residual, in units of sigma.")
+    weight: float = Field(description="Weight of the reading in the fit; 1 for a good reading.")
+    residual_norm: float = Field(
+        description="Norm of the whitened residual of the reading, in units of sigma."
+    )
 
 
 class Residual(Message):
@@ -409,7 +429,9 @@ class Residual(Message):
     target: Name
     deflection: Metres[Point]
     predicted: Metres[Point]
-    residual: Metres[Point] = Field(description="Measured minus predicted, axes of R0.")
+    residual: Metres[Point] = Field(
+        description="Residual: measured minus predicted deflection, along the axes of the base frame R0."
+    )
 
 
 class Contribution(Message):
@@ -417,12 +439,12 @@ class Contribution(Message):
 
     joint: Name
     share: Dimensionless[float] = Field(
-        description="Contribution to the mean length of the predicted deflections; the sum is 1. Zero for "
-        "a joint without a number."
+        description="Contribution of the joint to the mean length of the predicted deflections; all "
+        "contributions add up to 1. Zero for a joint without a number."
     )
     mean: Metres[float] = Field(description="Mean contribution over all readings.")
     by_observation: Metres[list[float]] = Field(
-        description="Contributions in each observation, means over its targets."
+        description="Contribution of the joint in each observation, mean over its targets."
     )
 
 
@@ -431,7 +453,9 @@ class EncoderResidual(Message):
 
     observation: Name
     joint: Name
-    deflection: Radians[float] = Field(description="Deflection of the joint, loaded minus unloaded.")
+    deflection: Radians[float] = Field(
+        description="Deflection of the joint under load, loaded minus unloaded position."
+    )
     predicted: Radians[float]
     residual: Radians[float] = Field(description="Residual, measured minus predicted.")
 
@@ -442,38 +466,43 @@ class ModelChoice(Message):
     elasticity: ElasticModel
     loss: StoredLoss
     source: Literal["given", "screening", "cross_validation", "options"] = Field(
-        description="`given`: by the request. `screening`: no test shows that more than joints bends. "
-        "`cross_validation`: compared on held-out postures. `options`: other options allow only joints."
+        description="Way in which the model was chosen. `given`: by the request. `screening`: no test shows "
+        "that parts other than joints bend. `cross_validation`: models compared on held-out postures. "
+        "`options`: other options allow only joints."
     )
     links_p_value: Dimensionless[float | None] = Field(
-        description="p-value of the F test of links; null if no test was made."
+        description="p-value of the F test for elastic links; null if no test was made."
     )
-    message: str = Field(description="Explanation of the choice, with numbers.")
+    message: str = Field(description="Explanation of the choice of the model, with numbers.")
     models: list[ScoredModel] = Field(
         default_factory=list,
-        description="Scores of each model with each loss, from simple to rich; empty if none were compared.",
+        description="Scores of each model with each loss, from the simplest to the richest model; empty if "
+        "no models were compared.",
     )
     losses: dict[ElasticModel, StoredLoss] = Field(
-        default_factory=dict, description="For each model, the loss with the least held-out residual."
+        default_factory=dict, description="Loss with the least held-out residual, for each model."
     )
     best: ElasticModel | None = Field(
-        default=None, description="Model with the least mean residual, each model with its best loss."
+        default=None,
+        description="Model with the least mean held-out residual, if each model has its best loss.",
     )
     simplest: ElasticModel | None = Field(
         default=None,
-        description="Simplest model within one standard error of the best (joints alone: two), which is "
-        "recommended.",
+        description="Recommended model: the simplest within one standard error of the best (for joints "
+        "alone, two standard errors).",
     )
 
 
 class CauseTest(Message):
     """Test of a cause that may have moved the targets."""
 
-    name: Name = Field(description="Name of the cause, as in the `causes` of a run.")
-    first: Name | None = Field(description="Label of the first affected observation; null: all.")
+    name: Name = Field(description="Name of the systematic error, as in the `causes` of a run.")
+    first: Name | None = Field(
+        description="Label of the first observation with this error; null if all observations have it."
+    )
     p_value: Dimensionless[float] = Field(
-        description="p-value of the F test of the cause: the larger of those with stated and with equal "
-        "weights."
+        description="p-value of the F test for this error: the larger value of the tests with stated "
+        "weights and with equal weights."
     )
 
 
@@ -487,58 +516,60 @@ class RunResult(Result):
     assessment: Assessment
     joints: list[JointResult]
     compensation: float | None = Field(
-        description="Explained fraction of the mean deflection, 1 - mean‖residual‖ / mean‖deflection‖; "
-        "null without motion or degrees of freedom."
+        description="Explained fraction of the mean deflection, 1 - mean‖residual‖ / mean‖deflection‖; null "
+        "if nothing moved or no degrees of freedom remain."
     )
     rms_residual: Metres[float] = Field(description="Root mean square of the residual vectors' lengths.")
     sigma: Metres[float | None] = Field(
-        description="Standard uncertainty of one coordinate of one reading; null if neither given nor "
+        description="Standard uncertainty of one coordinate of one reading; null if it is neither given nor "
         "estimated."
     )
     goodness: Goodness
     identifiability: Identifiability
     certificate: Certificate = Field(
-        description="Largest violations of the optimality conditions over the stages."
+        description="Largest violation of each optimality condition over all stages."
     )
     characteristic_length: Metres[float | None] = Field(
-        description="Characteristic length, if the weighting needs one."
+        description="Characteristic length; null if the weighting needs none."
     )
     complementary_stiffness: ComplementaryStiffness | None = Field(
-        description="Effect of K_c; null with elastic links or coupling, whose model neglects it."
+        description="Effect of the complementary stiffness K_c; null with elastic links or coupling, whose "
+        "model neglects K_c."
     )
     huber_threshold: Dimensionless[float | None] = Field(
         default=None, description="Threshold of the Huber loss in units of sigma; null for other losses."
     )
     suspicious: list[SuspiciousReading] = Field(
         default_factory=list,
-        description="Readings to which the Huber loss gives less weight, worst first; one good reading in "
-        "a thousand is listed by chance.",
+        description="Readings to which the Huber loss gives less weight; the worst is first. By chance, one "
+        "good reading in a thousand is listed.",
     )
     suspicious_count: int = Field(
-        default=0, description="Number of suspicious readings; `suspicious` lists at most 100."
+        default=0, description="Number of suspicious readings, of which `suspicious` lists at most 100."
     )
     resampling: ResamplingResult | None = Field(
         default=None, description="Results of the resampling, if requested."
     )
     links: LinksResult | None = Field(
         default=None,
-        description="Elastic links or coupling. Each joint's numbers then include its link's rotation "
-        "about the joint's axis. The intervals contain all values that fit with 0.3 times the best "
-        "penalty; null if `link_penalty` is given.",
+        description="Results of elastic links or coupling. The numbers of each joint then include the "
+        "rotation of its link about the joint's axis. The intervals contain all values that fit with 0.3 "
+        "times the best penalty; null if `link_penalty` is given.",
     )
     choice: ModelChoice | None = Field(
         default=None,
-        description="Elastic elements and loss of this run, with the reason; null for runs by own weight.",
+        description="Elastic parts and loss of this run, with the reason for their choice; null for runs by "
+        "own weight.",
     )
     causes: list[CauseTest] = Field(
         default_factory=list,
-        description="Causes that were tested, the most significant first.",
+        description="Systematic errors that were tested; the most significant is first.",
     )
     residuals: list[Residual]
     contributions: list[Contribution] = Field(
         default_factory=list,
-        description="Contribution of each joint to the predicted deflection, projected on it; empty if "
-        "links or coupling are elastic.",
+        description="Contribution of each joint to the predicted deflection, by projection; empty if links "
+        "or coupling are elastic.",
     )
     encoder_residuals: list[EncoderResidual] = Field(
         default_factory=list, description="Fit of encoders behind gearboxes."
@@ -549,19 +580,20 @@ class RunResult(Result):
     )
     model: Annotated[IdentifiedModel | None, WithJsonSchema(_NO_PROMISE)] = Field(
         default=None,
-        description="Numbers for predictions, not part of the API; null if own weight determines no joint.",
+        description="Numbers from which predictions are computed, not part of the API; null if own weight "
+        "determines no joint.",
     )
     budget: Budget | None = Field(
         default=None,
-        description="Uncertainty budget of the compliances; null with elastic links or coupling, or if it "
-        "is unknown.",
+        description="Uncertainty budget of the compliances; null if unknown, and with elastic links or "
+        "coupling.",
     )
     weight: WeightResult | None = Field(
         default=None,
-        description="Result with `weight`: deflections are relative to an arm without sag, intervals are "
-        "outer bounds over all masses; else null.",
+        description="Result of a run with `weight`: deflections are relative to an arm without sag, and "
+        "intervals are outer bounds over all masses; else null.",
     )
-    warnings: list[Finding] = Field(description="Warnings of the measurement set, then of the fit.")
+    warnings: list[Finding] = Field(description="Warnings of the measurement set, then warnings of the fit.")
 
     @property
     def summary(self) -> ResultSummary:
@@ -589,7 +621,7 @@ class Run(Job):
 
     kind: Literal["run"] = "run"
     request: RunRequest
-    result: RunResult | None = Field(description="Result; present if the run has succeeded.")
+    result: RunResult | None = Field(description="Result of the run; null until the run has succeeded.")
 
     @property
     def elasticity(self) -> Elasticity:

@@ -29,14 +29,18 @@ class TrendQuery(Message):
     positive: bool | None = Field(
         default=None, description="True if compliances are constrained to be zero or more."
     )
-    encoders: Encoders | None = Field(default=None, description="Encoders that closed the position loop.")
+    encoders: Encoders | None = Field(
+        default=None, description="Encoders with which the controller closed the position loop."
+    )
     same_load: bool = Field(
         default=False,
-        description="True if the load of all campaigns acted at the same point of the flange.",
+        description="True if the load of all campaigns acted at the same point of the flange, so that they "
+        "have the same error of the load point.",
     )
     same_cell: bool = Field(
         default=False,
-        description="True if the same cell or weights gave the forces of all campaigns.",
+        description="True if the same load cell or the same weights gave the forces of all campaigns, so "
+        "that they have the same error of scale.",
     )
     campaigns: int = Field(
         default=100,
@@ -50,7 +54,7 @@ class TrendSelection(Message):
     """Options that all runs of a trend share."""
 
     serial_number: str | None = Field(
-        description="Serial number of the robot; null if no set states a number."
+        description="Serial number of the robot; null if no measurement set states a number."
     )
     method: Method
     weighting: Weighting
@@ -67,7 +71,7 @@ class TrendCampaign(Message):
     name: Name
     at: Timestamp
     time_source: Literal["measured_at", "created_at"] = Field(
-        description="Source of `at`: time of the measurement, or time of storing."
+        description="Source of `at`: the time of the measurement, or the time of storing."
     )
     verdict: Verdict = Field(description="Verdict on the run.")
     assessment: Assessment | None = Field(
@@ -80,11 +84,11 @@ class TrendPoint(Message):
     """Stiffness of one joint in one campaign."""
 
     stiffness: Stiffness[float | None] = Field(
-        default=None, description="Stiffness of the joint; null if the run has none."
+        default=None, description="Stiffness of the joint; null if the run determines none."
     )
     interval: Stiffness[tuple[float, float | None] | None] = Field(
         default=None,
-        description="Interval at the run's confidence; an end of null: no upper limit.",
+        description="Interval of the stiffness at the run's confidence; an end of null means no upper limit.",
     )
     reason: str | None = Field(description="Reason why the point is not compared; null if it is compared.")
 
@@ -94,17 +98,21 @@ class TrendJoint(Message):
 
     name: Name
     kind: StatedKind = "revolute"
-    points: list[TrendPoint] = Field(description="Points of the joint, one for each of `campaigns`.")
+    points: list[TrendPoint] = Field(description="Points of the joint, one for each campaign in `campaigns`.")
     change: Estimate | None = Field(
-        description="Relative change of stiffness from the first to the latest point without a `reason` "
-        "(-0.1: 10 % softer); null without two."
+        description="Relative change of stiffness from the first point to the latest point without a "
+        "`reason` (-0.1: 10 % softer); null unless there are two such points."
     )
-    p_value: Dimensionless[float | None] = Field(description="Two-sided p-value of an unchanged stiffness.")
+    p_value: Dimensionless[float | None] = Field(
+        description="Two-sided p-value of the hypothesis that the stiffness is unchanged."
+    )
     unchanged: Dimensionless[tuple[float, float] | None] = Field(
-        default=None, description="Ratios of latest to first stiffness that are no change beyond chance."
+        default=None,
+        description="Range of ratios of the latest to the first stiffness that chance alone explains.",
     )
     changed: StrictBool = Field(
-        description="True if `p_value` is below `level` divided by the number of tested joints."
+        description="True if the stiffness changed: `p_value` is below `level` divided by the number of "
+        "tested joints."
     )
 
 
@@ -120,16 +128,24 @@ class Trend(Message):
     """Trend of a robot's joints."""
 
     robot_id: Identifier
-    selection: TrendSelection | None = Field(description="Options that the runs share; null without any run.")
-    serial_numbers: list[str] = Field(description="Serial numbers that the robot's sets state.")
+    selection: TrendSelection | None = Field(
+        description="Options that all compared runs share; null without a run."
+    )
+    serial_numbers: list[str] = Field(
+        description="Serial numbers of the robot that its measurement sets state."
+    )
     campaigns: list[TrendCampaign] = Field(description="Campaigns, oldest first.")
     campaign_count: int = Field(default=0, description="Number of compared campaigns.")
     reference_set_id: Identifier | None = Field(
-        default=None, description="Set of the campaign with which comparison begins; null: the first."
+        default=None,
+        description="Measurement set of the campaign with which the comparison begins; null for the "
+        "first campaign.",
     )
     joints: list[TrendJoint]
     level: Dimensionless[float] = Field(
-        description="Greatest probability of reporting a change if there is none."
+        description="Greatest probability that a change is reported although no joint changed."
     )
-    left_out: list[LeftOut] = Field(description="Campaigns that are not compared, with the reason.")
-    note: str | None = Field(description="Remarks on limits of the test, and on what to check first.")
+    left_out: list[LeftOut] = Field(description="Campaigns that are not compared, each with the reason.")
+    note: str | None = Field(
+        description="Remarks on limits of the test, and on what should be checked first."
+    )

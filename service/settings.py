@@ -23,7 +23,8 @@ KeysFilePath = Annotated[
     typer.Option(
         envvar="JOINTSTIFF_KEYS_FILE",
         metavar="FILE",
-        help="File of keys, such as a secret of a container; the file has only hashes of the keys.",
+        help="File of access keys, such as a secret of a container; the file contains only hashes of the "
+        "keys.",
     ),
 ]
 LaboratoryFile = Annotated[
@@ -31,14 +32,15 @@ LaboratoryFile = Annotated[
     typer.Option(
         envvar="JOINTSTIFF_LABORATORY",
         metavar="FILE",
-        help="TOML file of the laboratory that issues reports; default: none.",
+        help="TOML file that describes the laboratory that issues reports; default: none.",
     ),
 ]
 NoUpgrade = Annotated[
     bool,
     typer.Option(
         "--no-upgrade",
-        help="Refuse a database of an earlier layout; upgrade it by `jointstiff database upgrade`.",
+        help="Refuse a database of an earlier layout; upgrade such a database by `jointstiff database "
+        "upgrade`.",
     ),
 ]
 LogLines = Annotated[
@@ -55,22 +57,25 @@ class Settings:
     """Settings of `jointstiff serve`."""
 
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1"
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on; 0: any free port.")] = 8000
+    port: Annotated[
+        int,
+        typer.Option(min=0, max=65535, help="Port on which the service listens; 0 chooses any free port."),
+    ] = 8000
     database: DatabaseUrl = "sqlite:///jointstiff.db"
     workers: Annotated[
         int,
         typer.Option(
             min=0,
             max=64,
-            help="Number of worker processes for long runs; 0: workers run elsewhere.",
+            help="Number of worker processes for long runs; 0 if the workers run elsewhere.",
         ),
     ] = 1
     allowed_host: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="Additional name of the service in addresses; '*' for any name, with --no-access-control. "
-            "Repeatable.",
+            help="Additional host name by which the service is addressed; '*' for any name, with "
+            "--no-access-control. Repeatable.",
         ),
     ] = None
     no_access_control: Annotated[
@@ -86,8 +91,8 @@ class Settings:
         typer.Option(
             min=1,
             metavar="MEGABYTES",
-            help="Quota of the database: at this size the service refuses new resources (507); default: "
-            "none.",
+            help="Quota of the database: the service refuses new resources (507) once the database has this "
+            "size; default: none.",
         ),
     ] = None
     metrics_port: Annotated[
@@ -97,7 +102,8 @@ class Settings:
     metrics_host: Annotated[
         str,
         typer.Option(
-            help="Address of the metrics port; everyone who reaches this address can read the metrics."
+            help="Address on which the metrics port listens; everyone who reaches this address can read the "
+            "metrics."
         ),
     ] = "127.0.0.1"
     connections_per_address: Annotated[
@@ -106,7 +112,7 @@ class Settings:
             min=1,
             max=65_536,
             metavar="NUMBER",
-            help="Greatest number of connections of one address; this machine and the proxies that "
+            help="Greatest number of connections from one address; this machine and the proxies that "
             "FORWARDED_ALLOW_IPS names are not counted.",
         ),
     ] = 50

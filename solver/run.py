@@ -100,18 +100,33 @@ class Identification:
         is_by_own_weight = options.weight is not None
         if is_by_own_weight:
             return
-        named_causes = [cause.name_and_first_label for cause in options.causes]
-        refuted = list_refuted(measurements, self._noticed)  # stated numbers that the readings contradict
-        as_measured = Rows(robot, measurements.require_loads())
-        corrected = as_measured.of(fit_causes(as_measured, named_causes, refuted))
+        corrected = self._correct_for_named_causes()
         settings = Settings.from_options(options, robot)
         self._joints = JointsAlone(corrected, settings, self._noticed)
         if options.elasticity == "automatic":
             self._obstacle = find_obstacle_to_elastic_links(options, settings, robot, corrected.measurements)
+        self.long = self._choose_long_part()
+
+    def _correct_for_named_causes(self) -> Rows:
+        """Return the rows of the readings, corrected for the errors that the user names as causes.
+
+        Readings that contradict a stated number are left out of the fit of the causes.
+
+        Raises:
+            RequestError: an observation has no load.
+        """
+        named_causes = [cause.name_and_first_label for cause in self._options.causes]
+        refuted = list_refuted(self._measurements, self._noticed)
+        as_measured = Rows(self._robot, self._measurements.require_loads())
+        return as_measured.of(fit_causes(as_measured, named_causes, refuted))
+
+    def _choose_long_part(self) -> Draws | Competition | None:
+        """Return the part of the run that takes long: a competition of models or else resampling, if any."""
         if self._compares_models():
-            self.long = Competition(self._joints, options)
-        elif options.resampling is not None:
-            self.long = Draws(self._joints, options.resampling)
+            return Competition(self._joints, self._options)
+        if self._options.resampling is not None:
+            return Draws(self._joints, self._options.resampling)
+        return None
 
     def _compares_models(self) -> bool:
         """Return whether elastic models compete: if requested, or if links or base seem to bend.
@@ -147,20 +162,24 @@ class Identification:
         """
         if self._options.weight is not None:
             return identify_by_weight(self._robot, self._measurements, self._options, self._noticed)
-        if isinstance(self.long, Competition):
-            found = self._find_best(self.long, parts)
-        else:
-            found = self._find_joints()
-        joints = self._joints
+        joints, found = self._joints, self._find_model(parts)
         assessment = assess(joints, found.estimate, found.prediction, found.screening, found.doubt)
-
         only_joints_bend = found.links is None
-        is_usable = assessment.verdict != "do_not_use"
         advice: tuple[Advice, ...] = ()
-        if is_usable and only_joints_bend:
+        if only_joints_bend and assessment.verdict != "do_not_use":
             advice = advise_next_readings(self._robot, joints.measurements, found.estimate)
         resampling = self.long.statistics(parts) if isinstance(self.long, Draws) else None
         return describe_found(found, assessment, joints.noticed, advice, resampling)
+
+    def _find_model(self, parts: Sequence[Arrays]) -> Found:
+        """Return the model of the run: the winner if models compete, or else joints alone.
+
+        Args:
+            parts: arrays of the steps of the competition; not used without one.
+        """
+        if isinstance(self.long, Competition):
+            return self._find_best(self.long, parts)
+        return self._find_joints()
 
     def _find_joints(self) -> Found:
         """Return the model in which only joints bend, of a run that compares no models.

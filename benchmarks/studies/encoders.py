@@ -19,12 +19,14 @@ from tests.support.springs import robot_of
 
 __all__ = ["run"]
 
-CAMPAIGNS: Final = 50
+CAMPAIGNS: Final = 80
 ERRORS: Final = {
     "none": Errors(),
     "play of 20 µrad": Errors(play=20e-6),
     "play of 40 µrad": Errors(play=40e-6),
     "play of 60 µrad": Errors(play=60e-6),
+    "joints that repeat to 20 µrad": Errors(repeatability=20e-6),
+    "joints that repeat to 40 µrad": Errors(repeatability=40e-6),
     "encoders off by 20 µrad": Errors(encoder=20e-6),
     "play and encoders off": Errors(play=20e-6, encoder=20e-6),
     "play, 40 % of the compliance behind": Errors(play=20e-6, structure=0.4),

@@ -22,7 +22,8 @@ __all__ = ["run"]
 _SEEDS = 3
 _DAMAGED = 200
 _SEARCHES = 6
-_FIRST_SEED = 7000
+_FIRST_SEED, _DAMAGED_SEED, _SEARCH_SEED = 91_000, 120_000, 130_000
+"""No seed was used while a rule was written or mended: another one each time the study is recorded."""
 _UNUSUAL = 2e-3
 _WHOLE = Part()
 _REPORTED = 20
@@ -41,6 +42,11 @@ def run(*, quick: bool = False, part: Part = _WHOLE) -> Iterator[Section]:
     yield _judge_layouts(robots, seeds, part)
     yield _judge_damaged(robots, damaged, part)
     yield _judge_catalogue(robots, searches, part)
+
+
+def _report_case(outcome: str, case: str) -> None:
+    """Write a case to standard error, so that it can be run again alone."""
+    print(f"{outcome}: {case}", file=sys.stderr, flush=True)
 
 
 def _count(name: str, numbers: range, counts: Counter[str]) -> Iterator[int]:
@@ -71,6 +77,8 @@ def _judge_layouts(robots: list[KnownRobot], seeds: int, part: Part) -> Section:
         known, seed, make = cases[number]
         layout = make(simulate(known.name, seed))
         outcome = judge(layout, propose(_tables(layout.tables), [known]), known)
+        if outcome in ("wrong", "refused"):
+            _report_case(outcome, f"{make.__name__}, {known.name}, seed {seed}")
         counts[outcome] += 1
         by_layout.setdefault(make.__name__, Counter())[outcome] += 1
     judged = sum(counts.values())
@@ -120,9 +128,10 @@ def _judge_damaged(robots: list[KnownRobot], count: int, part: Part) -> Section:
     kinds = list(NOTHING_RIGHT)
     for number in _count("tables in which nothing is right, accepted", part.of(count), accepted):
         known, kind = robots[number % len(robots)], kinds[number % len(kinds)]
-        tables = NOTHING_RIGHT[kind](simulate(known.name, 20000 + number))
+        tables = NOTHING_RIGHT[kind](simulate(known.name, _DAMAGED_SEED + number))
         if propose(_tables(tables), [known]).best is not None:
             accepted[kind] += 1
+            _report_case("accepted", f"{kind}, {known.name}, seed {_DAMAGED_SEED + number}")
     rows = tuple((kind, str(accepted[kind])) for kind in NOTHING_RIGHT)
     figure = Figure.none("tables without a right meaning accepted", accepted.total())
     return Section(
@@ -136,17 +145,20 @@ def _judge_catalogue(robots: list[KnownRobot], searches: int, part: Part) -> Sec
     cases = [(known, search) for known in robots for search in range(searches)]
     for number in _count("searches", part.of(len(cases)), counts):
         known, search = cases[number]
-        campaign = simulate(known.name, 30000 + search, postures=8 + 3 * search)
+        campaign = simulate(known.name, _SEARCH_SEED + search, postures=8 + 3 * search)
         tables = _tables(LAYOUTS[search % 3](campaign).tables)
         start = time.process_time()
         best = propose(tables, robots).best
         worst = max(worst, time.process_time() - start)
         is_first = best is not None and known.name in [each.name for each in best.robots]
         counts["right" if is_first else "not first"] += 1
+        if not is_first:
+            _report_case("not first", f"{known.name}, seed {_SEARCH_SEED + search}")
         others = [each for each in robots if not _alike(each, known)]
         without = propose(tables, others).best
         if without is not None and without.residual <= _UNUSUAL:
             counts["another arm, silently"] += 1
+            _report_case("another arm, silently", f"{known.name}, seed {_SEARCH_SEED + search}")
     judged = counts["right"] + counts["not first"]
     figures = (
         Figure("right arm first [%]", 100 * counts["right"] / max(judged, 1), "at least", 100),

@@ -106,8 +106,8 @@ KeyText = Annotated[
     Header(
         min_length=1,
         max_length=MAX_KEY_LENGTH,
-        description="Any text, for safe retries: the same body with the same key returns the resource that "
-        "the first post created.",
+        description="Any text that identifies the request, for safe retries: the same body with the same "
+        "key returns the resource that the first request created.",
     ),
 ]
 """Text of an idempotency key."""
@@ -174,7 +174,9 @@ def _refuse_no_text(content: bytes) -> None:
         is_utf_8 = False
     if not is_utf_8:
         raise RequestError(
-            "the body is not a text in UTF-8", remedy="send the JSON document in UTF-8", where="body"
+            "the body of the request is not a text in UTF-8",
+            remedy="send the JSON document in UTF-8",
+            where="body",
         )
 
 

@@ -63,7 +63,7 @@ async def get_next(
     parts: answers.InjectedParts,
     set_id: Id,
     follow: Annotated[
-        bool, Query(description="True for a stream of events, one `state` with each change.")
+        bool, Query(description="True to receive a stream of events, with one event `state` for each change.")
     ] = False,
 ) -> Response:
     """Get the results of an open set so far, the next reading and its reason, and how many are still needed.

@@ -93,14 +93,16 @@ def _refuse_large_directory(path: Path, name: str) -> None:
         raise _refuse(f"{name} is no archive")
     directory_bytes = _END_RECORD.unpack(end)[1]
     if directory_bytes > form.MOST_DIRECTORY_BYTES:
-        raise _refuse(f"{name} is no archive: it has too many files")
+        raise _refuse(f"{name} is not an archive, because it has too many files")
 
 
 def _read_manifest(file: zipfile.ZipFile) -> Manifest:
     """Return the manifest of an archive."""
     names = file.namelist()
     if form.MANIFEST not in names or len(names) > form.MOST_FILES or len(set(names)) < len(names):
-        raise _refuse(f"the file has no {form.MANIFEST}, or more than {form.MOST_FILES} files")
+        raise _refuse(
+            f"the file contains no {form.MANIFEST}, or it contains more than {form.MOST_FILES} files"
+        )
     with file.open(form.MANIFEST) as source:
         content = source.read(form.MOST_DIRECTORY_BYTES + 1)
     if len(content) > form.MOST_DIRECTORY_BYTES:
@@ -121,14 +123,16 @@ def _refuse_other_form(manifest: Manifest) -> None:
     is_later = manifest.format_version > form.FORMAT_VERSION or number_of(layout) > number_of(LAYOUT)
     if is_later:
         raise ArchiveError(
-            f"the archive has layout {layout} and format {manifest.format_version}, which are newer than "
-            f"{LAYOUT} and {form.FORMAT_VERSION}",
+            f"the archive has layout {layout} and format {manifest.format_version}, but this version "
+            f"restores at most layout {LAYOUT} and format {form.FORMAT_VERSION}",
             "restore the archive with the version of Jointstiff that wrote it, or a newer one",
         )
     lines = sum(entry.lines for entry in manifest.files.values())
     size = sum(entry.bytes for entry in manifest.files.values())
     if lines > form.MOST_LINES or size > form.MOST_BYTES:
-        raise _refuse(f"the archive has {lines} lines of {size} bytes, more than any database")
+        raise _refuse(
+            f"the archive has {lines} lines of {size} bytes in all, which is more than any database has"
+        )
 
 
 def _refuse_unknown_entry(entry: zipfile.ZipInfo, manifest: Manifest) -> None:
@@ -170,5 +174,5 @@ def _parse_line(name: str, number: int, line: bytes) -> dict[str, Any]:
     except ValueError as error:
         raise _refuse(f"line {number} of {name} is no JSON") from error
     if not isinstance(values, dict):
-        raise _refuse(f"line {number} of {name} is no JSON object")
+        raise _refuse(f"line {number} of {name} is not a JSON object")
     return values

@@ -102,7 +102,8 @@ def _refuse_unknown_layout(layout: str) -> None:
     """Refuse a database whose layout is older than the oldest, or newer than that of this program."""
     if not can_archive(layout):
         raise StoreError(
-            f"the database has layout {layout}; this version archives {OLDEST:04} to {LAYOUT}",
+            f"the database has layout {layout}, but this version archives only layouts {OLDEST:04} to "
+            f"{LAYOUT}",
             "archive the database with the version of Jointstiff that wrote it, or a newer one",
         )
 

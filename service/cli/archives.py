@@ -24,7 +24,7 @@ def archive(
         bool,
         typer.Option(
             "--with-key-hashes",
-            help="Archive the hashes of access keys, too: restored keys then open the service.",
+            help="Archive also the hashes of access keys, so that the keys open the restored service.",
         ),
     ] = False,
     without_keys: Annotated[
@@ -56,7 +56,7 @@ def restore(
     *,
     database: DatabaseUrl = "sqlite:///jointstiff.db",
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Change nothing; print what would be restored.")
+        bool, typer.Option("--dry-run", help="Only print what would be restored; change nothing.")
     ] = False,
 ) -> None:
     """Add the records of an archive to a database, which is created if it does not exist.

@@ -40,7 +40,7 @@ class AtTerminal(Person):
         answer = _choose_answer("did the program read the lines correctly? y or n", {"y", "n"}, at_end="")
         if not answer:  # the standard input has ended
             raise cli.print_failure(
-                "nobody confirmed that the lines are read correctly",
+                "nobody confirmed that the lines of the source are read correctly",
                 "answer y if the lines are read correctly, or use --yes",
             )
         return answer == "y"

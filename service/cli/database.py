@@ -20,7 +20,8 @@ def upgrade(
     *,
     database: DatabaseUrl = "sqlite:///jointstiff.db",
     no_copy: Annotated[
-        bool, typer.Option("--no-copy", help="Do not copy an SQLite file to FILE.before-NNNN first.")
+        bool,
+        typer.Option("--no-copy", help="Do not copy an SQLite file to FILE.before-NNNN before the upgrade."),
     ] = False,
 ) -> None:
     """Upgrade a database to the layout of this version, and rewrite documents of earlier forms.

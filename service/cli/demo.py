@@ -48,8 +48,8 @@ def simulate(
     load: Annotated[
         Literal["dead_weight", "pull", "own_weight"],
         typer.Option(
-            help="Kind of load: a weight on the flange, forces in all directions, or only the arm's own "
-            "weight."
+            help="Kind of load: a weight on the flange, forces in all directions, or only the own weight of "
+            "the arm."
         ),
     ] = "pull",
     configurations: Annotated[int, typer.Option(min=1, max=5_000, help="Number of postures.")] = 19,
@@ -58,10 +58,13 @@ def simulate(
     ] = 1500.0,
     sigma: Annotated[
         float,
-        typer.Option(min=0.0, max=1e-2, help="Standard deviation of the noise of a coordinate, in metres."),
+        typer.Option(
+            min=0.0, max=1e-2, help="Standard deviation of the noise of each coordinate, in metres."
+        ),
     ] = 2e-5,
     encoders: Annotated[
-        Literal["motor", "secondary"], typer.Option(help="Encoders that close the position loop.")
+        Literal["motor", "secondary"],
+        typer.Option(help="Encoders with which the controller closes the position loop."),
     ] = "motor",
     seed: Annotated[int, typer.Option(min=0, help="Random seed; the same seed gives the same file.")] = 1,
     overwrite: Overwrite = False,
@@ -105,13 +108,15 @@ def rehearse(
     *,
     robot: Annotated[
         str | None,
-        typer.Option(help="Robot, if FILE is a plan: a file, or the name of an arm of the catalogue."),
+        typer.Option(
+            help="Robot of the plan, if FILE is a plan: a file, or the name of an arm of the catalogue."
+        ),
     ] = None,
     stiffness: Annotated[
         list[str] | None,
         typer.Option(
             metavar="JOINT=STIFFNESS",
-            help="Stiffness with which readings are simulated, in N·m/rad. Repeatable.",
+            help="Stiffness of a joint with which readings are simulated, in N·m/rad. Repeatable.",
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Random seed of the noise.")] = 1,
@@ -148,13 +153,14 @@ def demo(
     port: Annotated[
         int | None,
         typer.Option(
-            min=0, max=65535, help="Port of the service; default: 8000, or any free port with --once."
+            min=0, max=65535, help="Port of the service; default: 8000, or any free port if --once is given."
         ),
     ] = None,
     database: Annotated[
         str,
         typer.Option(
-            metavar="URL", help="Database of the demonstration; the database of `serve` is not changed."
+            metavar="URL",
+            help="Database of the demonstration; the database that `serve` uses is not changed.",
         ),
     ] = "sqlite:///jointstiff-demo.db",
 ) -> None:

@@ -162,7 +162,9 @@ _OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
         Annotated[
             float | None,
             typer.Option(
-                metavar="KG", help="Largest payload of the robot by its maker [kg], if its file states none."
+                metavar="KG",
+                help="Largest payload of the robot that its maker states [kg], if the file of the robot "
+                "states none.",
             ),
         ],
         None,
@@ -172,8 +174,8 @@ _OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
             list[str] | None,
             typer.Option(
                 metavar="KEY=VALUE",
-                help="Note about the set: measured_at, serial_number, item_condition, operator, instrument, "
-                "conditions or notes. Repeatable.",
+                help="Note about the measurement: measured_at, serial_number, item_condition, operator, "
+                "instrument, conditions or notes. Repeatable.",
             ),
         ],
         None,
@@ -183,10 +185,10 @@ _OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
             list[str] | None,
             typer.Option(
                 metavar="KEY=VALUE",
-                help="How a statement is known: load_point=tracker (1 mm at least), drawing (3 mm) or hand "
-                "(10 mm); force=scales, cell, pulley (5 ± 3 % less) or catalogue (3 %); "
-                "tared=true or false for a cell; between=still, payload_declared or gravity_compensated. "
-                "Repeatable.",
+                help="Way in which data of the load were measured: load_point=tracker (1 mm at least), "
+                "drawing (3 mm) or hand (10 mm); force=scales, cell, pulley (5 ± 3 % less) or catalogue (3 "
+                "%); tared=true or false for a cell; between=still, payload_declared or "
+                "gravity_compensated. Repeatable.",
             ),
         ],
         None,
@@ -216,7 +218,11 @@ _OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
     "yes": (
         Annotated[
             bool,
-            typer.Option("--yes", help="Accept the robot's proposal for columns that names do not explain."),
+            typer.Option(
+                "--yes",
+                help="Accept the meaning of columns that the robot's kinematics proposes where names do not "
+                "explain them.",
+            ),
         ],
         False,
     ),
@@ -478,7 +484,8 @@ def _is_accepted(proposed: ProposedImport, *, may_ask: bool, yes: bool) -> bool:
         return typer.confirm("Take it?", default=None if doubt else True, err=True)
     if yes and doubt:
         raise cli.print_failure(
-            f"--yes accepts no proposal with a doubt: {doubt}", "check the axes and the signs of the joints"
+            f"--yes does not accept a doubtful proposal: {doubt}",
+            "check the axes and the signs of the joints",
         )
     if not yes:
         typer.echo("--yes accepts this proposal.", err=True)

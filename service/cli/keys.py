@@ -43,14 +43,15 @@ def create(
     role: Annotated[
         Literal["viewer", "operator", "admin"],
         typer.Option(
-            help="viewer reads; operator also posts and deletes; admin also issues keys and reads the audit."
+            help="Role of the key: viewer reads; operator also posts and deletes; admin also issues keys "
+            "and reads the audit."
         ),
     ],
     expires: Annotated[
         datetime | None,
         typer.Option(
             formats=["%Y-%m-%d"],
-            help="First day (UTC) on which the key is no longer valid; default: the key does not expire.",
+            help="First day (UTC) on which the key is no longer valid; default: the key is always valid.",
         ),
     ] = None,
     database: DatabaseUrl = "sqlite:///jointstiff.db",

@@ -58,8 +58,8 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
             str | None,
             typer.Option(
                 metavar="SOURCE",
-                help="simulated:SEED, lines:/dev/ttyUSB0, lines:tcp://host:port, lines:udp://:port, or "
-                "robodk. Required without --bridge.",
+                help="Source of the readings: simulated:SEED, lines:/dev/ttyUSB0, lines:tcp://host:port, "
+                "lines:udp://:port, or robodk. Required unless --bridge is given.",
             ),
         ],
         None,
@@ -97,7 +97,10 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
     ),
     "most": (
         Annotated[
-            int, typer.Option(min=1, max=200, help="Greatest number of readings; the measurement then ends.")
+            int,
+            typer.Option(
+                min=1, max=200, help="Greatest number of readings, after which the measurement ends."
+            ),
         ],
         200,
     ),
@@ -106,7 +109,7 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
     "yes": (
         Annotated[
             bool,
-            typer.Option("--yes", help="Ask no questions: take the readings at once, one after the other."),
+            typer.Option("--yes", help="Ask no questions: take all readings at once, one after the other."),
         ],
         False,
     ),
@@ -150,7 +153,7 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
         Annotated[
             float,
             typer.Option(
-                min=0.1, help="Time without data, in seconds, after which a source counts as stopped."
+                min=0.1, help="Time without data, in seconds, after which a source is considered stopped."
             ),
         ],
         30.0,
@@ -199,8 +202,8 @@ def build_measure_command() -> Callable[..., None]:
         str | None,
         typer.Argument(
             metavar="CAMPAIGN_OR_ROBOT",
-            help="File of a campaign, whose robot, loads, targets and noise are used, but not the "
-            "readings. Or a robot (file, or name of an arm of the catalogue) with --load and --target.",
+            help="File of a campaign whose robot, loads, targets and noise are used; its readings are not "
+            "used. Or a robot (file, or name of an arm of the catalogue) with --load and --target.",
         ),
     ]
     fields = {name: (annotation, None) for name, annotation in annotations.items()}
@@ -264,8 +267,8 @@ def _run_bridge(source_file: str | None, values: dict[str, Any]) -> None:
 
     if source_file is not None or values["goal"] is not None or values["source"] is not None:
         raise cli.print_failure(
-            "--bridge cannot be combined with a campaign, --goal or --source: the page has opened the "
-            "campaign",
+            "--bridge cannot be combined with a campaign, --goal or --source, because the page has opened "
+            "the campaign",
             "omit these arguments, or omit --bridge",
         )
     if values["server"] is None or values["code"] is None:

@@ -28,7 +28,7 @@ def export(
     run: cli.RunFile = None,
     despite_verdict: Annotated[
         bool,
-        typer.Option("--despite-verdict", help="Continue even if the verdict on the run is: do not use."),
+        typer.Option("--despite-verdict", help="Continue even if the verdict on the run is *do not use*."),
     ] = False,
     overwrite: cli.Overwrite = False,
 ) -> None:

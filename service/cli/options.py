@@ -125,8 +125,8 @@ NamedRobot = Annotated[
     str | None,
     typer.Option(
         metavar="ROBOT",
-        help='File of a robot or of a campaign; or name of a nominal arm, such as "KUKA KR 210 R2700" '
-        "(`jointstiff robots` lists the arms).",
+        help='File of a robot or of a campaign, or name of an arm of the catalogue, such as "KUKA KR 210 '
+        'R2700" (`jointstiff robots` lists the arms).',
     ),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")]
@@ -159,7 +159,7 @@ Unit = Annotated[
         parser=_parse_unit,
         metavar=f"<{'|'.join(get_args(Units))}>",
         autocompletion=lambda: list(get_args(Units)),
-        help="Unit of stiffness or compliance in the tables: 10⁶ N·m/rad, kN·m/°, …, or µrad/(N·m).",
+        help="Unit of stiffness or compliance in the tables, such as 10⁶ N·m/rad, kN·m/° or µrad/(N·m).",
     ),
 ]
 

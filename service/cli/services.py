@@ -30,7 +30,7 @@ def worker(
     database: DatabaseUrl,
     name: Annotated[
         str | None,
-        typer.Option(help="Name of this worker in log messages; default: name of the machine."),
+        typer.Option(help="Name of this worker in log messages; default: the name of the machine."),
     ] = None,
     log_format: LogLines = LogFormat.TEXT,
     no_upgrade: NoUpgrade = False,
@@ -75,7 +75,7 @@ def status(*, database: DatabaseUrl = "sqlite:///jointstiff.db") -> None:
 def post(
     file: Annotated[
         Path,
-        typer.Argument(metavar="FILE", exists=True, help="File of a campaign, or folder with such files."),
+        typer.Argument(metavar="FILE", exists=True, help="File of a campaign, or a folder with such files."),
     ],
     *,
     server: cli.ServerAddress = "http://127.0.0.1:8000",

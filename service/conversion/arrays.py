@@ -458,11 +458,24 @@ def to_number_array(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anyt
     numbers = read_numbers(value, name, remedy)
     if np.isinf(numbers).any():
         raise MeasurementError(
-            f"`{name}` has infinite values",
+            f"`{name}` has infinite values{_locate_infinite(numbers, name)}",
             where=name,
             remedy=_NAN_WHERE_NOT_READ if _may_lack_numbers(name) else "give finite numbers",
         )
     return numbers
+
+
+def _locate_infinite(numbers: FloatArray, name: str) -> str:
+    """Return the end of a sentence that says where the first infinite value is, counted from 1."""
+    if numbers.ndim == 0:
+        return ""
+    first = (np.argwhere(np.isinf(numbers))[0] + 1).tolist()
+    if name == "joints" and numbers.ndim == 2:
+        observation, joint = first
+        return f"; the first is that of joint_{joint} in observation {observation} (row {observation})"
+    dimensions = {1: ("element",), 2: ("row", "column")}.get(numbers.ndim, ("row", "target", "component"))
+    places = ", ".join(f"{word} {number}" for word, number in zip(dimensions, first, strict=False))
+    return f"; the first is in {places}"
 
 
 def _may_lack_numbers(name: str) -> bool:

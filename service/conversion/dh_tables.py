@@ -91,7 +91,7 @@ def convert_dh_rows(
     """
     if convention not in {"standard", "modified"}:
         raise RobotError(
-            "a table of Denavit and Hartenberg needs its convention",
+            "the convention of the Denavit-Hartenberg table is not stated",
             where="convention",
             remedy="state convention='standard' or 'modified' (Craig): js.robot(rows, convention='modified')",
         )
@@ -105,7 +105,7 @@ def convert_dh_rows(
         table = _read_plain_rows(rows, columns, convention)
     elif columns is not None:
         raise RobotError(
-            "the columns of the table have names already",
+            "names of the columns are given twice: by `columns` and by the table",
             where="columns",
             remedy="omit `columns`, or give the rows without names",
         )
@@ -113,7 +113,8 @@ def convert_dh_rows(
         _refuse_names_without_units(table)
     if convention == "standard" and any(row.names_joint_before for row in table):
         raise RobotError(
-            "columns are named a_{i-1} or alpha_{i-1}, as in the modified convention",
+            "the names a_{i-1} or alpha_{i-1} of columns belong to the modified convention, but the stated "
+            "convention is standard",
             where="convention",
             remedy="state convention='modified', or rename the columns to a and alpha",
         )
@@ -143,7 +144,8 @@ def _read_plain_rows(
     widths = {len(row) for row in cells}
     if len(widths) == 1 and columns is None:
         raise RobotError(
-            "the columns of the table have no names, and tables print a, alpha, d and theta in many orders",
+            "the columns of the table have no names, and their order is unknown, because tables print a, "
+            "alpha, d and theta in many orders",
             where="columns",
             remedy="state the order, such as js.robot(rows, columns='theta d a alpha', convention=…), or "
             "give a data frame or mappings with these names",
@@ -240,7 +242,8 @@ def _translate_length_along_z(cells: dict[str, Any], units: dict[str, str], conv
     replaces_d = "a" in cells and "d" not in cells
     if not (is_khalils or replaces_d):
         raise RobotError(
-            "the column r has two meanings: in some tables it is the length along x, in others along z",
+            "the column r is ambiguous: in some tables r is the length along x, in other tables the length "
+            "along z",
             where="columns",
             remedy="name the length along x a, and the length along z d",
         )

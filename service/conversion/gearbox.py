@@ -60,7 +60,7 @@ def _refuse_impossible_joints(request: GearboxRequest, robot: Robot, per_control
         distances = np.abs(np.array(posture.joints) * per_controller_unit)
         if (distances > _FARTHEST).any():
             raise MeasurementError(
-                f"a joint is farther than {_FARTHEST:.0f} rad or m from zero",
+                f"a position of a joint is more than {_FARTHEST:.0f} rad or m from zero",
                 where=f"observations[{index}].joints",
                 remedy="check the units of the joints",
             )
@@ -125,7 +125,8 @@ def find_joint(robot: Robot, name: str, where: str) -> int:
     others = np.arange(robot.n) != joint
     if matrix[joint, others].any() or matrix[others, joint].any():
         raise RequestError(
-            f"the joint map couples {name} with other joints, so that its motor carries their torques, too",
+            f"the joint map couples {name} with other joints, so that the motor of {name} also carries the "
+            "torques of other joints",
             where=where,
             remedy="omit the readings of this joint",
         )

@@ -182,8 +182,8 @@ def _read_spring(spring: GasSpring, robot: Robot, angle: float) -> si.GasSpring:
     joint = find_joint(robot, spring.joint, "motion.gas_springs.joint")
     if abs(spring.radius_before - spring.radius_behind) < _LEAST_LENGTH:
         raise RequestError(
-            f"the ends of the gas spring of {spring.joint} have the same distance from the axis, so that "
-            "they would meet",
+            f"both ends of the gas spring of {spring.joint} have the same distance from the axis, so the "
+            "ends would meet",
             where="motion.gas_springs.radius_behind",
             remedy="check both radii [m]",
         )

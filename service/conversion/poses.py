@@ -71,7 +71,7 @@ def _refuse_bad_matrices(matrices: FloatArray, name: str) -> None:
     is_known = np.isfinite(rotations).all(axis=(1, 2))
     if not is_known.all():
         raise RequestError(
-            f"the rotation of row {int(np.argmin(is_known)) + 1} has no finite number",
+            f"the rotation of row {int(np.argmin(is_known)) + 1} contains a missing or infinite number",
             where=name,
             remedy="give a number in each row, or leave the row out",
         )
@@ -82,7 +82,7 @@ def _refuse_bad_matrices(matrices: FloatArray, name: str) -> None:
         remedy = "transpose the matrices" if is_transposed else "give matrices whose last row is 0, 0, 0, 1"
         numbers = ", ".join(f"{number:.6g}" for number in last_rows[row].tolist())
         raise RequestError(
-            f"the last row of the matrix in row {row + 1} is {numbers} in place of 0, 0, 0, 1",
+            f"the last row of the matrix in row {row + 1} must be 0, 0, 0, 1, but is {numbers}",
             where=name,
             remedy=remedy,
         )
@@ -91,7 +91,8 @@ def _refuse_bad_matrices(matrices: FloatArray, name: str) -> None:
     if not is_rotation.all():
         row = int(np.argmin(is_rotation))
         raise RequestError(
-            f"the rotation of row {row + 1} is none: RᵀR differs from the identity by {error[row]:.2g}",
+            f"the matrix of row {row + 1} is not a rotation: RᵀR differs from the identity by "
+            f"{error[row]:.2g}",
             where=name,
             remedy="give rotations to four decimals or more, without a scale",
         )

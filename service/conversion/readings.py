@@ -361,7 +361,7 @@ def _refuse_partly_stated_noise(stated: list[bool], observations: list[int]) -> 
         return
     i = observations[stated.index(False)]
     raise MeasurementError(
-        "some readings state their own noise, but a reading of this observation states none",
+        "some readings state their own noise, but a reading of this observation states no noise",
         where=f"observations[{i}].readings",
         remedy="give every reading its `sigma` or its covariances, or give only `noise` for the set",
     )
@@ -979,8 +979,9 @@ def refuse_informed_controller(noise: Noise | None) -> None:
         return
     reason, way = _KNOWLEDGE_OF_CONTROLLER[between]
     raise MeasurementError(
-        f"{reason} between the readings without and under load: it then moves the joints against the "
-        "deflection, and stiffnesses from these readings would be wrong by a quarter, which no check shows",
+        f"{reason} between the readings without and under load, so the controller moved the joints against "
+        "the deflection: stiffnesses from these readings would be wrong by a quarter, and no check would "
+        "show this error",
         where="noise.grounds.between",
         remedy=f"measure again {way}, and state `between` as `still`",
     )
@@ -1042,7 +1043,8 @@ def _get_repeatability(header: MeasurementSetHeader, encoders: EncoderReadings |
     repeatability = header.noise.repeatability * ANGLE[header.units.angle]
     if repeatability and encoders is not None:
         raise MeasurementError(
-            "a repeatability is stated, but encoder readings show the same turns of the joints",
+            "a repeatability of the joints is stated, but the encoder readings already show the random "
+            "turns of the joints",
             where="noise.repeatability",
             remedy="omit `noise.repeatability`, or the encoder readings",
         )
@@ -1077,7 +1079,7 @@ def _to_encoder_readings(
     if robot.prismatic[columns].any():
         name = robot.joint_names[columns[int(np.argmax(robot.prismatic[columns]))]]
         raise MeasurementError(
-            f"there are encoder readings of {name}, a prismatic joint",
+            f"there are encoder readings of {name}, but {name} is a prismatic joint",
             where="observations",
             remedy="omit these readings: encoder readings are used for revolute joints only",
         )
@@ -1202,7 +1204,7 @@ def _locate_load_point(
         is_kept &= is_loaded | ~is_shot
     if not is_kept.any():
         raise MeasurementError(
-            f"target '{name}' gives the load point, and no other target has a reading",
+            f"target '{name}' gives only the load point, but no other target has a reading",
             where="load_point_target",
             remedy="omit `load_point_target` and give `load_point`, or add the readings of the other targets",
         )
@@ -1246,8 +1248,8 @@ def _find_single_load_point(header: MeasurementSetHeader, readings: ReadingArray
         return None
     if any(not np.array_equal(point, points[0]) for point in points):
         raise MeasurementError(
-            f"the observations state different load points, but the reading of target "
-            f"'{header.load_point_target}' shows one",
+            "the observations state different load points, but the reading of target "
+            f"'{header.load_point_target}' shows a single load point",
             where="load_point_target",
             remedy="omit `load_point_target`, or omit `load_point` in every observation",
         )
@@ -1304,9 +1306,9 @@ def _refuse_moved_targets(
         if shot.misfit <= LARGEST_HOOK_SCATTER:
             distance, plausible = shot.shift, LARGEST_HOOK_SHIFT
         raise NamedObservationError(
-            f"observation '{readings.labels[row]}' reads target '{name}' on the hook, and another target "
-            f"{length_text(distance)} from its place on the flange in the other observations "
-            f"({length_text(plausible)} is plausible), so the load point is wrong",
+            f"observation '{readings.labels[row]}' reads target '{name}' on the hook, but in this "
+            f"observation another target is {length_text(distance)} from its place on the flange in the "
+            f"other observations ({length_text(plausible)} is plausible), so the load point is wrong",
             where=f"observations[{row}].readings",
             remedy="correct or omit the wrong reading, or check the joint angles of this observation",
         )
@@ -1329,9 +1331,9 @@ def _refuse_disagreeing_shots(
     farthest = int(np.argmax(np.median(distances, axis=1)))
     row = int(np.flatnonzero(is_shot)[farthest])
     raise NamedObservationError(
-        f"the {len(places)} readings of target '{name}' disagree on the load point: observation "
-        f"'{readings.labels[row]}' shows it {length_text(float(distances[farthest].max()))} from another one "
-        f"({length_text(LARGEST_HOOK_SCATTER)} is plausible)",
+        f"the {len(places)} readings of target '{name}' show different load points: the load point by "
+        f"observation '{readings.labels[row]}' is {length_text(float(distances[farthest].max()))} from the "
+        f"load point by another observation ({length_text(LARGEST_HOOK_SCATTER)} is plausible)",
         where=f"observations[{row}].readings",
         remedy="omit the wrong reading, or check the joint angles of its observation; the hook must not move "
         "on the flange",

@@ -70,7 +70,7 @@ def _refuse_large_offsets(joint_map: robots.JointMap, chain: KinematicChain) -> 
     for index, (kind, offset) in enumerate(zip(kinds, joint_map.offset, strict=False)):
         if kind == "revolute" and abs(offset) > _LARGEST_OFFSET:
             raise RobotError(
-                f"the offset of joint {index + 1} is {offset:g} rad; it seems to be in degrees",
+                f"the offset of joint {index + 1} is {offset:g} rad, but this number seems to be in degrees",
                 where=f"joint_map.offset[{index}]",
                 remedy="give offsets in rad, within two turns: whole turns change nothing",
             )
@@ -158,8 +158,7 @@ def refuse_far_point(point: Sequence[float] | None, where: str, *, length: float
     distance = 0.0 if point is None else length * hypot(*point)
     if distance > FAR_POINT:
         raise RequestError(
-            f"the point is {distance:g} m from the flange, where no tool reaches: up to {FAR_POINT:g} m is "
-            "plausible",
+            f"the point is {distance:g} m from the flange, but a tool reaches at most {FAR_POINT:g} m",
             where=where,
             remedy="check the unit of the point; for a longer tool, put the flange of the robot's model on "
             "the tool",

@@ -65,7 +65,7 @@ def convert_calibration(stem: str, text: str) -> dict[str, Any]:
         arm = find_arm(re.split(r"[\s_-]*calibration", stem)[0], "robot")
     except RequestError as error:
         raise RobotError(
-            f"a controller's calibration does not name its arm, and the name of the file does not either: "
+            "neither the calibration of the controller nor the name of its file names the arm: "
             f"{error.reason}",
             where="robot",
             remedy="rename the file, such as `ur10e_calibration.conf`",
@@ -157,8 +157,8 @@ def _refuse_other_arm(nominal: RobotDocument, calibrated: RobotDocument) -> None
     distance = float(np.linalg.norm(places[1] - places[0], axis=1).max())
     if not distance <= _FARTHEST_FLANGE:  # also if the distance is no number
         raise RobotError(
-            f"the calibration moves the flange of a {nominal.name} by {1e3 * distance:.3g} mm, so it is of "
-            "another arm, or its numbers are wrong",
+            f"the calibration moves the flange of a {nominal.name} by {1e3 * distance:.3g} mm, so the "
+            "calibration belongs to another arm, or its numbers are wrong",
             where="robot",
             remedy="rename the file by its own arm, such as `ur10e_calibration.conf`, or export it again",
         )

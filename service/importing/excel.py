@@ -362,7 +362,7 @@ class _Sheet:
             is_index = value.isascii() and value.isdigit() and len(value) < 8
             if not is_index or int(value) >= len(self._texts):
                 raise self._workbook_error(
-                    f"a cell refers to a shared text that the workbook lacks, {quote(value)}"
+                    f"a cell refers to the shared text {quote(value)}, which the workbook does not contain"
                 )
             value = self._texts[int(value)]
         if len(value) > limits.MAX_CELL_LENGTH:

@@ -51,7 +51,7 @@ def expand_xacro(path: Path) -> str:
     if answer.document is None:
         error = f" ({answer.error})" if answer.error else ""
         raise RobotError(
-            f"expanding the xacro file ended without a result{error}: it takes over {MAX_SECONDS} s or "
+            f"the expansion of the xacro file gave no result{error}: it needs more than {MAX_SECONDS} s or "
             f"{limits.MAX_MEMORY >> 20} MiB",
             where="robot",
             remedy="look for an expression that calculates without end, or a macro that calls itself",

@@ -293,7 +293,7 @@ def _merge_numbers(
     with as_campaign_error(""):
         units = complete_units(fields.get("units", merged.get("units")))
         if "units" in merged and complete_units(merged["units"]) != units:
-            raise TypeError("`options` state their own units: leave `units` out")
+            raise TypeError("`options` already state units: omit `units`")
         merged = merged | convert_to_si(message, stated, units, joint_kinds)
     if "units" in message.model_fields:
         known: Any = message.model_fields["units"].annotation  # readings of geometry have no unit of force

@@ -365,8 +365,8 @@ def _align_numbered(numbered: Sequence[Rows], in_words: Rows) -> None:
         if not _is_ascending(keys):
             shown = ", ".join(map(str, keys[:_SHOWN]))
             raise MeasurementError(
-                f"the rows of `{rows.argument}` are numbered, but not in order ({shown}, …), and those of "
-                f"`{in_words.argument}` have names in words",
+                f"the rows of `{rows.argument}` are numbered, but not in order ({shown}, …), and the rows "
+                f"of `{in_words.argument}` have names in words",
                 where=rows.argument,
                 remedy=f"give both the same index, or sort the rows of `{rows.argument}` by their numbers",
             )
@@ -403,8 +403,8 @@ def _align_with(rows: Rows, first: Rows, unnamed: Rows | None) -> None:
         )
     if unnamed is not None:
         raise MeasurementError(
-            f"the rows of `{rows.argument}` are in another order than those of `{first.argument}`, and those "
-            f"of `{unnamed.argument}` have no names that tell their order",
+            f"the rows of `{rows.argument}` are in another order than the rows of `{first.argument}`, and "
+            f"the rows of `{unnamed.argument}` have no names that show their order",
             where=rows.argument,
             remedy=f"give `{unnamed.argument}` the same index, or sort the rows of `{rows.argument}`",
         )
@@ -491,8 +491,9 @@ def _join_rows(rows: Sequence[Any], argument: str) -> Table:
         names = row.index.tolist()
         if len(set(names)) < len(names) or set(names) != set(wanted):
             raise MeasurementError(
-                f"row {place} of the list `{argument}` has the elements {', '.join(map(_join_name, names))}; "
-                f"those of row 0 are {', '.join(map(_join_name, wanted))}",
+                f"row {place} of the list `{argument}` has the elements "
+                f"{', '.join(map(_join_name, names))}, but row 0 has the elements "
+                f"{', '.join(map(_join_name, wanted))}",
                 where=argument,
                 remedy="give rows of one frame, or the frame itself",
             )
@@ -597,7 +598,7 @@ def _stack(argument: str, columns: Sequence[Column]) -> FloatArray:
         if array.shape != arrays[0].shape or array.ndim > 1:
             raise MeasurementError(
                 f"the columns '{_join_name(columns[0].name)}' and '{_join_name(column.name)}' of "
-                f"`{argument}` have the shapes {arrays[0].shape} and {array.shape}",
+                f"`{argument}` have different shapes, {arrays[0].shape} and {array.shape}",
                 where=argument,
                 remedy="give columns of one length",
             )

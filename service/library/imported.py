@@ -117,7 +117,7 @@ class ImportedReadings(Presented, ImportAnswer):
 
     def _draw_figure(self, style: PlotStyle) -> Figure:  # noqa: ARG002 - nothing is drawn
         """Refuse: readings have no plot before they are identified."""
-        raise ValueError("readings have no plot: identify the readings, and plot the run")
+        raise ValueError("imported readings have no plot: identify the readings, and plot the run")
 
     @property
     def robot(self) -> RobotDocument | None:
@@ -156,7 +156,7 @@ class ImportedReadings(Presented, ImportAnswer):
             )
         if self.weight_step is not None:
             raise RequestError(
-                "the file is a weight step of two encoders",
+                "the file contains a weight step, which is read by two encoders instead of targets",
                 where="files",
                 remedy="identify its gearboxes: `jointstiff.gearbox(file, robot=…, load=…)`",
             )

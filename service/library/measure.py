@@ -630,7 +630,7 @@ class LiveMeasurement:
         )
         if profile is not None and not person.confirms(profile):
             raise RequestError(
-                "nobody confirmed that the lines are read correctly",
+                "nobody confirmed that the lines of the source are read correctly",
                 where="source",
                 remedy="state the form of the lines with `columns` or `pattern`, and the unit with "
                 "`source_unit`",

@@ -81,7 +81,7 @@ def _build_log(
             continue
         if joint in encoders[encoder]:
             raise MeasurementError(
-                f"the log has two columns of the {encoder} of {joint}",
+                f"the log has two columns for the {encoder} of {joint}",
                 where=header,
                 remedy="keep one of both",
             )
@@ -91,7 +91,7 @@ def _build_log(
     period = _find_period(columns)
     if not encoders["motor"] or not encoders["link"]:
         raise MeasurementError(
-            "the log has no columns of motors and links",
+            "the log has no columns with angles of motors and links",
             where="motor_1",
             remedy=f"use the headers {_EXAMPLE}",
         )

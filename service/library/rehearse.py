@@ -173,7 +173,7 @@ def _read_plan(plan: Plan, robot: Any) -> tuple[Campaign, RunResult | None]:  # 
         continued = continued.campaign if isinstance(continued, TabledRun) else continued
         if not isinstance(continued, Campaign):
             raise RequestError(
-                "the plan does not have the campaign that it continues",
+                "the plan does not contain the campaign that the plan continues",
                 where="robot",
                 remedy="give this campaign as `robot`",
             )

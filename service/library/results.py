@@ -308,7 +308,9 @@ class Presented(ABC):
         target = Path(path)
         suffix = target.suffix.removeprefix(".").lower()
         if dpi is not None and suffix != "png":
-            raise ValueError(f"'{path}' has no resolution: leave out `dpi`, or let the name end in .png")
+            raise ValueError(
+                f"the format of '{path}' has no resolution: omit `dpi`, or give a name that ends in .png"
+            )
         if suffix in {"svg", "png"}:
             self.plot(dpi=dpi).savefig(target)
         elif suffix == "json":
@@ -524,7 +526,7 @@ class PresentedJob(Presented):
         """Return the client or process that did the job; raise ValueError if it is not known."""
         if self._origin is None:
             raise ValueError(
-                f"the {self._job.kind} has no reference to the process or service of its computation: use "
+                f"the {self._job.kind} does not know the process or service that computed the result: use "
                 "the result that `jointstiff` or a client returned"
             )
         return cast("Backend", self._origin)

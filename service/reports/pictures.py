@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from math import ceil, floor, hypot, log10
 from xml.etree import ElementTree
 
@@ -88,51 +89,44 @@ _LABEL_DISTANCE = 12.0
 """Least distance of two joints in the picture with separate labels; nearer joints share one [points]."""
 
 
+@dataclass(frozen=True)
+class _DecadeAxis:
+    """Horizontal logarithmic axis of whole decades; coordinates in points."""
+
+    lowest: int  # exponent of ten at the left end
+    highest: int  # exponent of ten at the right end
+    left: float = _NAMES_WIDTH
+    right: float = _WIDTH - 20
+
+    @classmethod
+    def around(cls, values: Sequence[float]) -> _DecadeAxis:
+        """Return the shortest axis that covers all values, one decade at least: 30, 200 → 10¹ to 10³."""
+        lowest = floor(log10(min(values)))
+        highest = ceil(log10(max(values)))
+        return cls(lowest, max(highest, lowest + 1))
+
+    def find_x(self, value: float) -> float:
+        """Return the x coordinate of a value; values beyond an end of the axis are at that end."""
+        value_on_axis = min(max(value, 10.0**self.lowest), 10.0**self.highest)
+        decades_from_left = log10(value_on_axis) - self.lowest
+        fraction = decades_from_left / (self.highest - self.lowest)
+        return self.left + fraction * (self.right - self.left)
+
+
 def draw_intervals(joints: Sequence[JointResult], confidence: float) -> Picture | None:
-    """Draw the stiffness of each joint with its interval on a logarithmic axis.
+    """Draw the stiffness of each joint with its interval on a logarithmic axis, one row for each joint.
 
     Return None if no joint has a positive stiffness.
     """
-    drawn_joints = [joint for joint in joints if joint.stiffness is not None and joint.stiffness > 0.0]
-    values = [joint.stiffness or 0.0 for joint in drawn_joints]
-    for joint in drawn_joints:
-        values += [end for end in joint.stiffness_interval or () if end is not None and end > 0.0]
+    values = _list_drawn_stiffnesses(joints)
     if not values:
         return None
-    # Exponents of ten at the ends of the axis, which covers one decade at least.
-    lowest_decade, highest_decade = floor(log10(min(values))), ceil(log10(max(values)))
-    highest_decade = max(highest_decade, lowest_decade + 1)
+    axis = _DecadeAxis.around(values)
     height = _ROW_HEIGHT * (len(joints) + 1) + 22
     drawing = Drawing(_WIDTH, height, "Stiffness of each joint with its interval")
-
-    def x_of(value: float) -> float:
-        """Return the x coordinate of a stiffness on the logarithmic axis."""
-        value_on_axis = min(max(value, 10.0**lowest_decade), 10.0**highest_decade)
-        decades_from_left = log10(value_on_axis) - lowest_decade
-        fraction = decades_from_left / (highest_decade - lowest_decade)
-        return _NAMES_WIDTH + fraction * (_WIDTH - _NAMES_WIDTH - 20)
-
-    bottom = height - 24
-    for decade in range(lowest_decade, highest_decade + 1):
-        x = x_of(10.0**decade)
-        number = 10.0 ** (decade - 6)  # in 10⁶ N·m/rad
-        drawing.line(x, 4, x, bottom)
-        drawing.text(x, bottom + 10, f"{number:g}", anchor="middle")
-    drawing.text(_WIDTH - 20, bottom + 21, "stiffness [10⁶ N·m/rad]", anchor="end")
+    _draw_decades(drawing, axis, bottom=height - 24)
     for row, joint in enumerate(joints):
-        y = _ROW_HEIGHT * (row + 0.9)
-        drawing.text(0, y + 3, _shorten(joint.name))
-        if joint not in drawn_joints or joint.stiffness is None:
-            drawing.text(_NAMES_WIDTH + 4, y + 3, "no number: see the table")
-            continue
-        lower_end, upper_end = joint.stiffness_interval or (joint.stiffness, joint.stiffness)
-        left = x_of(lower_end)
-        right = _WIDTH - 20 if upper_end is None else x_of(upper_end)
-        ticks = [left] if upper_end is None else [left, right]  # no right tick: no upper limit
-        drawing.line(left, y, right, y, MARK, 2.2)
-        for tick in ticks:
-            drawing.line(tick, y - 5, tick, y + 5, MARK, 0.8)
-        drawing.dot(x_of(joint.stiffness), y, 1.5)
+        _draw_interval(drawing, axis, joint, y=_ROW_HEIGHT * (row + 0.9))
     return Picture(
         str(drawing),
         f"Stiffness of each joint (dot) with its {100 * confidence:g} % interval (bar between ticks; without "
@@ -141,40 +135,130 @@ def draw_intervals(joints: Sequence[JointResult], confidence: float) -> Picture 
     )
 
 
+def _list_drawn_stiffnesses(joints: Sequence[JointResult]) -> list[float]:
+    """Return the positive stiffnesses of joints and the positive ends of their intervals [N·m/rad]."""
+    values = list[float]()
+    for joint in joints:
+        if joint.stiffness is None or joint.stiffness <= 0.0:
+            continue
+        values.append(joint.stiffness)
+        values += [end for end in joint.stiffness_interval or () if end is not None and end > 0.0]
+    return values
+
+
+def _draw_decades(drawing: Drawing, axis: _DecadeAxis, bottom: float) -> None:
+    """Draw a vertical line with its number at each power of ten, and the unit below: 10⁶ N·m/rad."""
+    for decade in range(axis.lowest, axis.highest + 1):
+        x = axis.find_x(10.0**decade)
+        number = 10.0 ** (decade - 6)
+        drawing.line(x, 4, x, bottom)
+        drawing.text(x, bottom + 10, f"{number:g}", anchor="middle")
+    drawing.text(axis.right, bottom + 21, "stiffness [10⁶ N·m/rad]", anchor="end")
+
+
+def _draw_interval(drawing: Drawing, axis: _DecadeAxis, joint: JointResult, y: float) -> None:
+    """Draw the row of a joint: name, dot at its stiffness, bar over its interval with a tick at each end.
+
+    A bar without an upper limit reaches the right end of the axis and has no tick there.
+    """
+    drawing.text(0, y + 3, _shorten(joint.name))
+    if joint.stiffness is None or joint.stiffness <= 0.0:
+        drawing.text(_NAMES_WIDTH + 4, y + 3, "no number: see the table")
+        return
+    lower_end, upper_end = joint.stiffness_interval or (joint.stiffness, joint.stiffness)
+    left = axis.find_x(lower_end)
+    right = axis.right if upper_end is None else axis.find_x(upper_end)
+    drawing.line(left, y, right, y, MARK, 2.2)
+    drawing.line(left, y - 5, left, y + 5, MARK, 0.8)
+    if upper_end is not None:
+        drawing.line(right, y - 5, right, y + 5, MARK, 0.8)
+    drawing.dot(axis.find_x(joint.stiffness), y, 1.5)
+
+
+@dataclass(frozen=True)
+class _BarGrid:
+    """Places of grouped bars: one group for each place of a chart, one bar in it for each series [points]."""
+
+    groups: int
+    series: int
+    width: float = _WIDTH - _AXIS_X - _RIGHT_MARGIN  # of all groups
+
+    @property
+    def bar_width(self) -> float:
+        """Width of a bar; all bars of a group fill `_BARS_SHARE` of its width."""
+        return _BARS_SHARE * self._group_width / max(self.series, 1)
+
+    @property
+    def _group_width(self) -> float:
+        return self.width / max(self.groups, 1)
+
+    def find_left(self, group: int, series: int) -> float:
+        """Return the x coordinate of the left edge of a bar."""
+        gap = (1 - _BARS_SHARE) / 2  # on either side of a group, in widths of a group
+        return _AXIS_X + self._group_width * (group + gap) + self.bar_width * series
+
+
 def draw_bars(chart: Chart) -> Picture:
     """Draw a chart as groups of bars, one bar for each series, of at most the first 60 groups.
 
     The heights of the bars are the absolute values of the numbers.
     """
     group_count = min(len(chart.names), _MOST_GROUPS)
+    series = _scale_first_numbers(chart, group_count)
+    axis_end = _choose_axis_end(_find_greatest_size(series.values()))
+    drawing = Drawing(_WIDTH, _BARS_HEIGHT, chart.title)
+    _draw_value_axis(drawing, axis_end)
+    drawing.text(0, 8, chart.unit)
+    axis_label = f"{chart.axis} 1 to {group_count} of {len(chart.names)}"
+    drawing.text(_WIDTH - _RIGHT_MARGIN, _AXIS_Y + 12, axis_label, anchor="end")
+    grid = _BarGrid(group_count, len(series))
+    points_per_unit = (_AXIS_Y - _TOP_MARGIN) / axis_end
+    for index, (name, values) in enumerate(series.items()):
+        heights = [points_per_unit * abs(value) for value in values]
+        _draw_series(drawing, grid, index, heights)
+        _draw_legend_entry(drawing, grid, index, name)
+    return Picture(str(drawing), f"{chart.title}.", _BARS_PAGE_WIDTH)
+
+
+def _scale_first_numbers(chart: Chart, count: int) -> dict[str, list[float]]:
+    """Return series → its first `count` numbers in the unit of the chart; a missing number is 0."""
     series = dict[str, list[float]]()
     for name, numbers in chart.series.items():
-        series[name] = [chart.factor * (number or 0.0) for number in list(numbers)[:group_count]]
-    drawing = Drawing(_WIDTH, _BARS_HEIGHT, chart.title)
-    sizes = [abs(value) for values in series.values() for value in values]
-    axis_end = _choose_axis_end(max(sizes, default=0.0) or 1.0)
-    scale = (_AXIS_Y - _TOP_MARGIN) / axis_end
+        series[name] = [chart.factor * (number or 0.0) for number in list(numbers)[:count]]
+    return series
+
+
+def _find_greatest_size(series: Iterable[Sequence[float]]) -> float:
+    """Return the greatest absolute value of all series, or 1 if there is none but zero."""
+    sizes = [abs(value) for values in series for value in values]
+    return max(sizes, default=0.0) or 1.0
+
+
+def _draw_value_axis(drawing: Drawing, axis_end: float) -> None:
+    """Draw horizontal lines with their numbers at zero, at half and at the whole of `axis_end`."""
     for fraction in (0.0, 0.5, 1.0):
         y = _AXIS_Y - fraction * (_AXIS_Y - _TOP_MARGIN)
         drawing.line(_AXIS_X, y, _WIDTH - _RIGHT_MARGIN, y)
         drawing.text(_AXIS_X - 4, y + 3, f"{fraction * axis_end:g}", anchor="end")
-    drawing.text(0, 8, chart.unit)
-    axis_label = f"{chart.axis} 1 to {group_count} of {len(chart.names)}"
-    drawing.text(_WIDTH - _RIGHT_MARGIN, _AXIS_Y + 12, axis_label, anchor="end")
-    width = _WIDTH - _AXIS_X - _RIGHT_MARGIN
-    group_width = width / max(group_count, 1)
-    bar_width = _BARS_SHARE * group_width / max(len(series), 1)
-    gap = (1 - _BARS_SHARE) / 2  # on either side of a group, in widths of a group
-    for index, (name, values) in enumerate(series.items()):
-        colour = _SERIES_COLOURS[index % len(_SERIES_COLOURS)]
-        for group, value in enumerate(values):
-            height = scale * abs(value)
-            x = _AXIS_X + group_width * (group + gap) + bar_width * index
-            drawing.bar(x, _AXIS_Y - height, bar_width, height, colour)
-        x = _AXIS_X + width * index / len(series)
-        drawing.bar(x, _LEGEND_Y, 7, 7, colour)
-        drawing.text(x + 10, _LEGEND_Y + 7, _shorten(name))
-    return Picture(str(drawing), f"{chart.title}.", _BARS_PAGE_WIDTH)
+
+
+def _draw_series(drawing: Drawing, grid: _BarGrid, index: int, heights: Sequence[float]) -> None:
+    """Draw the bars of a series, one in each group, up from the axis; `heights` are in points."""
+    for group, height in enumerate(heights):
+        x = grid.find_left(group, index)
+        drawing.bar(x, _AXIS_Y - height, grid.bar_width, height, _choose_colour(index))
+
+
+def _draw_legend_entry(drawing: Drawing, grid: _BarGrid, index: int, name: str) -> None:
+    """Draw a square in the colour of a series with its name; all entries share the width of the groups."""
+    x = _AXIS_X + grid.width * index / grid.series
+    drawing.bar(x, _LEGEND_Y, 7, 7, _choose_colour(index))
+    drawing.text(x + 10, _LEGEND_Y + 7, _shorten(name))
+
+
+def _choose_colour(index: int) -> str:
+    """Return the colour of a series; colours repeat after the last one."""
+    return _SERIES_COLOURS[index % len(_SERIES_COLOURS)]
 
 
 def _choose_axis_end(greatest: float) -> float:
@@ -204,6 +288,38 @@ def draw_deflections(result: RunResult) -> Picture | None:
     )
 
 
+@dataclass(frozen=True)
+class _Frame:
+    """Scale and place of projected points (2,), right and up [m], in a drawing [points], y down."""
+
+    lower_corner: FloatArray  # (2,) least coordinates of all points
+    scale: float  # points for a metre
+
+    @classmethod
+    def around(cls, points: FloatArray) -> _Frame:
+        """Return the frame in which points (N, 2) fill 200 × 170 points at most."""
+        extent = np.ptp(points, axis=0)
+        return cls(points.min(axis=0), min(200.0 / extent[0], 170.0 / extent[1]))
+
+    def place(self, point: FloatArray) -> tuple[float, float]:
+        """Return the coordinates of a projected point in the drawing."""
+        x, y = (point - self.lower_corner) * self.scale
+        return 20 + float(x), 185 - float(y)
+
+
+@dataclass(frozen=True)
+class _Label:
+    """Text next to a point of a drawing."""
+
+    x: float
+    y: float
+    text: str
+
+    def is_near(self, x: float, y: float) -> bool:
+        """Return whether a point is so near that its text would cover this one."""
+        return hypot(x - self.x, y - self.y) < _LABEL_DISTANCE
+
+
 def draw_arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
     """Draw the arm in a posture, seen obliquely; return None for an arm without extent.
 
@@ -214,42 +330,48 @@ def draw_arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
     reach = float(np.ptp(points, axis=0).max())
     if not reach > 0.0:
         return None
-    axes = np.vstack([np.zeros(3), 0.25 * reach * np.eye(3)])  # origin and ends of the axes of R0
-    arm, base_axes = _project(points), _project(axes)
-    all_points = np.vstack([arm, base_axes])
-    lower_corner, extent = all_points.min(axis=0), np.ptp(all_points, axis=0)
-    scale = min(200.0 / extent[0], 170.0 / extent[1])  # the picture fills 200 × 170 points at most
+    arm = _project(points)  # base, joints, flange
+    axis_ends = _project(np.vstack([np.zeros(3), 0.25 * reach * np.eye(3)]))  # origin, then x, y, z of R0
+    frame = _Frame.around(np.vstack([arm, axis_ends]))
     drawing = Drawing(260, 200, "The arm in the posture of the first observation")
-
-    def to_drawing(point: FloatArray) -> tuple[float, float]:
-        """Return the coordinates in the drawing of a projected point (2,)."""
-        x, y = (point - lower_corner) * scale
-        return 20 + float(x), 185 - float(y)
-
-    for end, name in zip(base_axes[1:], "xyz", strict=True):
-        drawing.line(*to_drawing(base_axes[0]), *to_drawing(end), MARK, 0.8)
-        drawing.text(*to_drawing(end), name)
-    drawing.path([to_drawing(point) for point in arm], INK, 2.4)
-    labels: list[tuple[float, float, str]] = []  # (x, y, text); joints that nearly coincide share a label
-    for number, point in enumerate(arm[1:-1], 1):
-        drawing.dot(*to_drawing(point))
-        x, y = to_drawing(point)
-        label_nearby = next(
-            (i for i, each in enumerate(labels) if hypot(x - each[0], y - each[1]) < _LABEL_DISTANCE), None
-        )
-        if label_nearby is None:
-            labels.append((x, y, str(number)))
-        else:
-            label_x, label_y, text = labels[label_nearby]
-            labels[label_nearby] = (label_x, label_y, f"{text}, {number}")
-    for x, y, text in labels:
-        drawing.text(x + 4, y - 3, text, 7.0)
+    _draw_base_axes(drawing, [frame.place(point) for point in axis_ends])
+    places = [frame.place(point) for point in arm]
+    drawing.path(places, INK, 2.4)
+    _draw_numbered_joints(drawing, places[1:-1])
     return Picture(
         str(drawing),
         "The item in the posture of the first observation: joints numbered from the base, flange at the end, "
         "axes of the base frame R0.",
         0.4,
     )
+
+
+def _draw_base_axes(drawing: Drawing, places: Sequence[tuple[float, float]]) -> None:
+    """Draw the axes x, y and z with their names, from the origin `places[0]` to the ends in `places[1:]`."""
+    origin, *ends = places
+    for end, name in zip(ends, "xyz", strict=True):
+        drawing.line(*origin, *end, MARK, 0.8)
+        drawing.text(*end, name)
+
+
+def _draw_numbered_joints(drawing: Drawing, places: Sequence[tuple[float, float]]) -> None:
+    """Draw a dot at each joint, and its number; joints that nearly coincide share a label: "4, 6"."""
+    labels = list[_Label]()
+    for number, place in enumerate(places, 1):
+        drawing.dot(*place)
+        labels = _add_number(labels, number, *place)
+    for label in labels:
+        drawing.text(label.x + 4, label.y - 3, label.text, 7.0)
+
+
+def _add_number(labels: Sequence[_Label], number: int, x: float, y: float) -> list[_Label]:
+    """Return labels with the number of a joint at (x, y) added, to a label that is near or as a new one."""
+    extended = list(labels)
+    for index, label in enumerate(labels):
+        if label.is_near(x, y):
+            extended[index] = replace(label, text=f"{label.text}, {number}")
+            return extended
+    return [*extended, _Label(x, y, str(number))]
 
 
 def _project(points: FloatArray) -> FloatArray:

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
 from math import isnan, nan
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import numpy as np
 
 from jointstiff.service.problems import naming_missing_extra
 from jointstiff.service.tables.table import Area, Chart
+from jointstiff.solver.arrays import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,6 +26,7 @@ COLUMN_WIDTH: Final = 88.0 / 25.4
 """Width of a column of a journal, the default width of a figure [inch]."""
 _CHART_HEIGHT: Final = 1.9
 _AREA_HEIGHT: Final = 2.9
+_FONTS_OF_PAPER: Final = {"font.size": 7.0, "axes.linewidth": 0.6, "hatch.linewidth": 0.5}
 _MOST_NAMES: Final = 40
 """Greatest number of places with names below the axis; with more places the axis shows numbers."""
 _MOST_LEVEL_CHARACTERS: Final = 60
@@ -66,28 +68,31 @@ def draw_figure(charts: Sequence[Chart], areas: Sequence[Area] = (), style: Plot
     with naming_missing_extra("plot"):
         import matplotlib as mpl
     charts = [_choose_joints(chart, style.joints) for chart in charts]
-    count = len(charts) + len(areas)
-    if not count:
+    if not charts and not areas:
         raise ValueError("the result has no numbers to draw: print the result")
     # Fonts of a paper, whatever the user's settings are; the axes of the user keep theirs.
-    fonts = (
-        {} if style.axes is not None else {"font.size": 7.0, "axes.linewidth": 0.6, "hatch.linewidth": 0.5}
-    )
+    fonts = _FONTS_OF_PAPER if style.axes is None else {}
     with mpl.rc_context(fonts):
         axes = _make_axes(len(areas), len(charts), style)
-        for axis, area in zip(axes, areas, strict=False):
+        area_axes, chart_axes = axes[: len(areas)], axes[len(areas) :]
+        for axis, area in zip(area_axes, areas, strict=True):
             _draw_area(axis, area)
-        chart_axes = axes[len(areas) :]
-        for axis, chart in zip(chart_axes, charts, strict=False):
+        for axis, chart in zip(chart_axes, charts, strict=True):
             _draw_chart(axis, chart)
         if style.axes is None:
             _name_once(chart_axes, charts)
-        figure = cast("Figure", axes[0].get_figure(root=True))
-        if style.title is not None:
-            if style.axes is None:
-                figure.suptitle(style.title, fontsize="medium")
-            else:
-                axes[0].set_title(style.title)
+        return _title_figure(axes[0], style)
+
+
+def _title_figure(first_axis: Axes, style: PlotStyle) -> Figure:
+    """Return the figure of an axis, with the title of the style: above a new figure, else above the axis."""
+    figure = cast("Figure", first_axis.get_figure(root=True))
+    if style.title is None:
+        return figure
+    if style.axes is None:
+        figure.suptitle(style.title, fontsize="medium")
+    else:
+        first_axis.set_title(style.title)
     return figure
 
 
@@ -113,24 +118,33 @@ def _choose_joints(chart: Chart, names: Iterable[str] | None) -> Chart:
 
 
 def _make_axes(area_count: int, chart_count: int, style: PlotStyle) -> list[Axes]:
-    """Return an axis for each panel: those of the caller, or of a new figure."""
-    count = area_count + chart_count
+    """Return an axis for each panel, areas first: those of the caller, or of a new figure."""
     if style.axes is not None:
-        given: list[Axes] = list(np.ravel(np.array(style.axes, dtype=object)))
-        if not all(hasattr(each, "plot") for each in given):
-            raise ValueError(
-                f"`ax` is {style.axes!r}, but must be axes of matplotlib: leave it out, or give `ax` from "
-                f"plt.subplots({count}); `joints=` chooses joints"
-            )
-        if len(given) != count:
-            raise ValueError(f"the result has {count} panels: give {count} axes, not {len(given)}")
-        return given
+        return _list_own_axes(style.axes, area_count + chart_count)
+    heights = [_AREA_HEIGHT] * area_count + [_CHART_HEIGHT] * chart_count
     height = _AREA_HEIGHT * area_count + _CHART_HEIGHT * chart_count
     figure = _figure_class()(
         figsize=style.size or (COLUMN_WIDTH, height), dpi=style.resolution, layout="constrained"
     )
-    ratios = [_AREA_HEIGHT] * area_count + [_CHART_HEIGHT] * chart_count
-    return list(figure.subplots(count, 1, squeeze=False, height_ratios=ratios)[:, 0])
+    panels = figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)  # (panels, 1)
+    return list(panels[:, 0])
+
+
+def _list_own_axes(axes: AnyAxes, count: int) -> list[Axes]:
+    """Return the axes of the caller, one axis or an array of any shape, as a list of `count` axes.
+
+    Raises:
+        ValueError: these are no axes of matplotlib, or not `count` axes.
+    """
+    given: list[Axes] = list(np.ravel(np.array(axes, dtype=object)))
+    if not all(hasattr(each, "plot") for each in given):
+        raise ValueError(
+            f"`ax` is {axes!r}, but must be axes of matplotlib: leave it out, or give `ax` from "
+            f"plt.subplots({count}); `joints=` chooses joints"
+        )
+    if len(given) != count:
+        raise ValueError(f"the result has {count} panels: give {count} axes, not {len(given)}")
+    return given
 
 
 @cache
@@ -150,50 +164,125 @@ def _figure_class() -> type[Figure]:
     return ResultFigure
 
 
-def _draw_chart(axis: Axes, chart: Chart) -> None:
-    """Draw a chart as bars side by side, or as dots on a logarithmic axis, with its intervals if any."""
-    from matplotlib.ticker import AutoLocator, LogLocator
+@dataclass(frozen=True)
+class _Series:
+    """A series of a chart, ready to draw; all lists have an entry for each place, such as a joint."""
 
-    count, series = len(chart.names), chart.series
-    places, bar_width = range(count), 0.8 / max(len(series), 1)
-    for number, (name, values) in enumerate(series.items()):
-        # The bars of a place are centred at the place.
-        positions = [place + (number - (len(series) - 1) / 2) * bar_width for place in places]
-        heights = [nan if value is None else chart.factor * value for value in values]
-        intervals = chart.intervals.get(name)
-        error_bars = None if intervals is None else _error_bar_lengths(heights, intervals, chart.factor)
-        look: dict[str, Any] = {"yerr": error_bars, "label": name, "color": _COLOURS[number % len(_COLOURS)]}
+    name: str
+    number: int  # place of the series among those of the chart, from 0
+    positions: Sequence[float]  # of its bars or dots on the horizontal axis
+    heights: Sequence[float]  # in the unit of the chart; NaN where there is no number
+    intervals: Sequence[Any] | None  # (lower, upper end) or None of each number; None without intervals
+    factor: float  # converts an end of an interval to the unit of the heights
+    bar_width: float
+
+    @property
+    def look(self) -> dict[str, Any]:
+        """Label, colour and error bars, as `Axes.bar` and `Axes.errorbar` take them."""
+        colour = _COLOURS[self.number % len(_COLOURS)]
+        if self.intervals is None:
+            return {"yerr": None, "label": self.name, "color": colour}
+        lengths = _error_bar_lengths(self.heights, self.intervals, self.factor)
+        return {"yerr": lengths, "label": self.name, "color": colour}
+
+
+def _draw_chart(axis: Axes, chart: Chart) -> None:
+    """Draw a chart with its intervals as groups of bars, or as dots on a logarithmic axis."""
+    for series in _list_series(chart):
         if chart.logarithmic:
-            marker = _MARKERS[number % len(_MARKERS)]
-            look |= {"fmt": marker, "markersize": 2.2, "elinewidth": 0.8, "capsize": 4.0, "capthick": 0.8}
-            axis.errorbar(positions, heights, **look)
+            _draw_dots(axis, series)
         else:
-            look |= {"hatch": _HATCHES[number % len(_HATCHES)], "edgecolor": "0.2", "linewidth": 0.3}
-            whiskers = {"elinewidth": 0.8, "capthick": 0.8, "ecolor": "0.2"}
-            bars = axis.bar(positions, heights, bar_width, capsize=1.5, error_kw=whiskers, **look)
-            _outline_whiskers(bars)
-        _mark_open_ends(axis, positions, heights, intervals or ())
+            _draw_bars(axis, series)
+        _mark_open_ends(axis, series.positions, series.heights, series.intervals or ())
     if chart.logarithmic:
-        axis.set_yscale("log")
-        low, high = axis.get_ylim()
-        is_narrow = high < _NARROW * low
-        axis.yaxis.set_major_locator(AutoLocator() if is_narrow else LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.yaxis.set_major_formatter("{x:g}")
-        axis.yaxis.set_minor_formatter("")
+        _set_logarithmic(axis)
     _mark_missing(axis, chart)
-    if count <= _MOST_NAMES:
-        axis.set_xticks(list(places), chart.names, rotation=90 if _is_turned(chart) else 0)
-    axis.set_xlim(-0.6, count - 0.4)
-    axis.set_xlabel(chart.axis)
+    _name_places(axis, chart)
     axis.set_ylabel(f"{chart.quantity} [{chart.unit}]" if chart.quantity else chart.unit)
-    has_legend = len(series) > 1
-    axis.set_title(chart.title, fontsize="medium", pad=17.0 if has_legend else 5.0)
     axis.grid(axis="y", linewidth=0.3, color="0.85")
     axis.set_axisbelow(True)
-    if has_legend:  # between the panel and its title, where it hides no number
-        look = {"fontsize": "small", "handlelength": 1.2, "columnspacing": 1.0, "frameon": False}
-        columns = min(len(series), _MOST_LEGEND_COLUMNS)
-        axis.legend(loc="lower center", bbox_to_anchor=(0.5, 0.97), ncols=columns, **look)
+    _write_title_and_legend(axis, chart)
+
+
+def _list_series(chart: Chart) -> list[_Series]:
+    """Return the series of a chart; the bars of all series at a place are centred at the place."""
+    listed = list[_Series]()
+    bar_width = 0.8 / max(len(chart.series), 1)
+    middle = (len(chart.series) - 1) / 2
+    for number, (name, values) in enumerate(chart.series.items()):
+        positions = [place + (number - middle) * bar_width for place in range(len(chart.names))]
+        heights = [nan if value is None else chart.factor * value for value in values]
+        intervals = chart.intervals.get(name)
+        listed.append(_Series(name, number, positions, heights, intervals, chart.factor, bar_width))
+    return listed
+
+
+def _draw_dots(axis: Axes, series: _Series) -> None:
+    """Draw the numbers of a series as markers, and their intervals as bars with caps."""
+    axis.errorbar(
+        series.positions,
+        series.heights,
+        fmt=_MARKERS[series.number % len(_MARKERS)],
+        markersize=2.2,
+        elinewidth=0.8,
+        capsize=4.0,
+        capthick=0.8,
+        **series.look,
+    )
+
+
+def _draw_bars(axis: Axes, series: _Series) -> None:
+    """Draw the numbers of a series as bars, and their intervals as whiskers with a white outline."""
+    bars = axis.bar(
+        series.positions,
+        series.heights,
+        series.bar_width,
+        capsize=1.5,
+        error_kw={"elinewidth": 0.8, "capthick": 0.8, "ecolor": "0.2"},
+        hatch=_HATCHES[series.number % len(_HATCHES)],
+        edgecolor="0.2",
+        linewidth=0.3,
+        **series.look,
+    )
+    _outline_whiskers(bars)
+
+
+def _set_logarithmic(axis: Axes) -> None:
+    """Make the vertical axis logarithmic, with ticks at 1, 2 and 5, or at round numbers on a narrow axis."""
+    from matplotlib.ticker import AutoLocator, LogLocator
+
+    axis.set_yscale("log")
+    low, high = axis.get_ylim()
+    is_narrow = high < _NARROW * low
+    axis.yaxis.set_major_locator(AutoLocator() if is_narrow else LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.yaxis.set_major_formatter("{x:g}")
+    axis.yaxis.set_minor_formatter("")
+
+
+def _name_places(axis: Axes, chart: Chart) -> None:
+    """Write the names of the places, such as joints, below the axis, unless there are too many names."""
+    count = len(chart.names)
+    if count <= _MOST_NAMES:
+        axis.set_xticks(list(range(count)), chart.names, rotation=90 if _is_turned(chart) else 0)
+    axis.set_xlim(-0.6, count - 0.4)
+    axis.set_xlabel(chart.axis)
+
+
+def _write_title_and_legend(axis: Axes, chart: Chart) -> None:
+    """Write the title above the axis, and, for several series, the legend between the axis and the title."""
+    has_legend = len(chart.series) > 1
+    axis.set_title(chart.title, fontsize="medium", pad=17.0 if has_legend else 5.0)
+    if not has_legend:
+        return
+    axis.legend(
+        loc="lower center",
+        bbox_to_anchor=(0.5, 0.97),
+        ncols=min(len(chart.series), _MOST_LEGEND_COLUMNS),
+        fontsize="small",
+        handlelength=1.2,
+        columnspacing=1.0,
+        frameon=False,
+    )
 
 
 def _is_turned(chart: Chart) -> bool:
@@ -263,21 +352,43 @@ def _draw_area(axis: Axes, area: Area) -> None:
     x, y = np.array(area.x, dtype=float), np.array(area.y, dtype=float)
     values = area.factor * np.array(area.values, dtype=float)
     known = ~np.isnan(values)
-    columns, rows = np.unique(x), np.unique(y)
-    has_two_each_way = min(len(columns), len(rows)) >= 2
-    is_grid = has_two_each_way and len(columns) * len(rows) == len(values)
-    if is_grid and known.any():
-        grid = np.full((len(rows), len(columns)), nan)
-        grid[np.searchsorted(rows, y), np.searchsorted(columns, x)] = values
-        shown = np.ma.masked_invalid(grid)
-        drawn: Any = axis.contourf(columns, rows, shown, _LEVELS, cmap="viridis")
-        axis.contour(columns, rows, shown, _LEVELS, colors="white", linewidths=0.3)
+    grid = _AreaGrid.from_places(x, y, values)
+    if grid is not None and known.any():
+        drawn = _draw_contours(axis, grid)
     else:
         drawn = axis.scatter(x[known], y[known], c=values[known], marker="s", cmap="viridis")
     if not known.all():
         axis.scatter(x[~known], y[~known], c="0.4", marker="x", s=10, linewidths=0.6)
-    axis.figure.colorbar(drawn, ax=axis, label=area.names[2])
-    axis.set_xlabel(area.names[0])
-    axis.set_ylabel(area.names[1])
+    label_of_x, label_of_y, label_of_values = area.names
+    axis.figure.colorbar(drawn, ax=axis, label=label_of_values)
+    axis.set_xlabel(label_of_x)
+    axis.set_ylabel(label_of_y)
     axis.set_title(area.title, fontsize="medium")
     axis.set_aspect("equal")
+
+
+class _AreaGrid(NamedTuple):
+    """Values on a rectangular grid, NaN where there is no number."""
+
+    columns: FloatArray  # (C,) x of each column, ascending
+    rows: FloatArray  # (R,) y of each row, ascending
+    values: FloatArray  # (R, C)
+
+    @classmethod
+    def from_places(cls, x: FloatArray, y: FloatArray, values: FloatArray) -> _AreaGrid | None:
+        """Return the grid of places (N,); None unless they fill two rows and two columns at least."""
+        columns, rows = np.unique(x), np.unique(y)
+        has_two_each_way = min(len(columns), len(rows)) >= 2
+        if not has_two_each_way or len(columns) * len(rows) != len(values):
+            return None
+        grid = np.full((len(rows), len(columns)), nan)
+        grid[np.searchsorted(rows, y), np.searchsorted(columns, x)] = values
+        return cls(columns, rows, grid)
+
+
+def _draw_contours(axis: Axes, grid: _AreaGrid) -> Any:  # noqa: ANN401 - a set of contours of matplotlib
+    """Draw filled contours with white lines between them, and return them for a colour bar."""
+    shown = np.ma.masked_invalid(grid.values)
+    filled = axis.contourf(grid.columns, grid.rows, shown, _LEVELS, cmap="viridis")
+    axis.contour(grid.columns, grid.rows, shown, _LEVELS, colors="white", linewidths=0.3)
+    return filled

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from statistics import fmean
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -117,6 +117,15 @@ _USUAL_PROBABILITY: Final = 0.95
 """Coverage probability that nearly corresponds to the coverage factor k = 2."""
 _MOST_WARNINGS: Final = 12
 _TARGETS_NAMED: Final = 8
+_NO_BUDGET: Final = (
+    "The run has no uncertainty budget, because links or a coupling of joints bend, or because "
+    "an older version made the run. The intervals in the results include the known sources."
+)
+_INTERVAL_IS_NO_BUDGET: Final = (
+    "The interval of a joint in the results differs from y ± U: the interval contains all "
+    "stiffnesses that the likelihood of the readings does not exclude, can be asymmetric, and "
+    "omits the sources that are not included above."
+)
 _MISSING: Final = {
     "model_error": "the run has no bound of the model error",
     "lack_of_fit": "the assessment names a lack of fit: U does not include the bending of links",
@@ -261,23 +270,36 @@ def _name_verdict(joint: JointResult) -> str:
     return VERDICTS[joint.verdict] if joint.status == "identified" else joint.status.replace("_", " ")
 
 
-def iterate_expanded_uncertainties(model: ExportedModel) -> Iterator[tuple[float, float, float] | None]:
-    """Yield (expanded uncertainty of the stiffness, coverage factor, probability) of each joint.
+class ExpandedUncertainty(NamedTuple):
+    """Expanded uncertainty U = k · u of a number, as JCGM 100 (GUM) states it: "2.0 ± 0.3, k = 2, 95 %"."""
 
-    The uncertainty includes the model error. None is yielded for a joint without stiffness or budget.
+    value: float  # U, in the unit of the number
+    coverage_factor: float  # k
+    probability: float  # that the true value is within ± U
+
+
+def list_expanded_uncertainties(model: ExportedModel) -> list[ExpandedUncertainty | None]:
+    """Return the expanded uncertainty of the stiffness of each joint of a model.
+
+    The uncertainty includes the model error; it is None for a joint without stiffness or without a budget.
     """
     budget = model.result.budget
-    for joint in model.result.joints:
-        if budget is None or joint.name not in budget.joints or joint.stiffness is None:
-            yield None
-            continue
-        standard = budget.expanded_with_model_error[budget.joints.index(joint.name)] / budget.coverage_factor
-        # k = 1/c, so that u(k) = k² u(c) with the compliance c of the budget.
-        yield (
-            _coverage_factor(budget) * standard * joint.stiffness**2,
-            _coverage_factor(budget),
-            budget.probability,
-        )
+    if budget is None:
+        return [None for _ in model.result.joints]
+    return [_expand_uncertainty(budget, joint) for joint in model.result.joints]
+
+
+def _expand_uncertainty(budget: Budget, joint: JointResult) -> ExpandedUncertainty | None:
+    """Return the expanded uncertainty of a joint's stiffness; None if it has none, or is not in the budget.
+
+    The budget has u(c) of the compliance c. The stiffness is s = 1/c, so u(s) = s² · u(c), by the derivative.
+    """
+    if joint.name not in budget.joints or joint.stiffness is None:
+        return None
+    stored = budget.expanded_with_model_error[budget.joints.index(joint.name)]
+    standard = stored / budget.coverage_factor  # u(c)
+    factor = _coverage_factor(budget)
+    return ExpandedUncertainty(factor * standard * joint.stiffness**2, factor, budget.probability)
 
 
 def predict_flange_compliance(subject: RunSubject) -> list[CaseResult]:
@@ -286,21 +308,25 @@ def predict_flange_compliance(subject: RunSubject) -> list[CaseResult]:
     Returns:
         Results for X, Y and Z; an empty list if the run cannot predict, or has the verdict "do not use".
     """
-    units, first_observation = subject.readings.units, subject.readings.observations[0]
-    size = PREDICTED_FORCE / FORCE[units.force]  # in the set's unit of force
-    # Vectors along X, Y and Z.
-    forces = [tuple(size * (axis == other) for other in _AXES) for axis in _AXES]
-    cases = [
-        LoadCase(label=axis, joints=first_observation.joints, force=force)
-        for axis, force in zip(_AXES, forces, strict=True)
-    ]
-    run = subject.model.run
+    model = subject.model
+    cases = _list_flange_loads(subject.readings)
     try:
-        refuse_unaccepted(subject.model.result.assessment, None, f"run '{run.id}'")
-        request = DeflectionOptions(units=units, load_point=(0.0, 0.0, 0.0), cases=cases)
-        return predict_by_run(subject.model.robot, run, request).cases
+        refuse_unaccepted(model.result.assessment, None, f"run '{model.run.id}'")
+        request = DeflectionOptions(units=subject.readings.units, load_point=(0.0, 0.0, 0.0), cases=cases)
+        return predict_by_run(model.robot, model.run, request).cases
     except RequestError:
         return []
+
+
+def _list_flange_loads(readings: MeasurementSetDocument) -> list[LoadCase]:
+    """Return a load of 100 N along X, along Y and along Z in the posture of the first observation."""
+    size = PREDICTED_FORCE / FORCE[readings.units.force]  # in the set's unit of force
+    joints = readings.observations[0].joints
+    forces = size * np.eye(3)
+    return [
+        LoadCase(label=axis, joints=joints, force=force.tolist())
+        for axis, force in zip(_AXES, forces, strict=True)
+    ]
 
 
 def _build_prediction_section(subject: RunSubject) -> Iterator[Section]:
@@ -308,25 +334,29 @@ def _build_prediction_section(subject: RunSubject) -> Iterator[Section]:
 
     The table of the section has the form of ISO 9283, clause 10.
     """
-    cases, per_newton = predict_flange_compliance(subject), 1e3 / PREDICTED_FORCE
-    rows = []
-    for case in cases:
-        cells = [show_component(case, axis, per_newton).cell.text for axis in range(3)]
-        known = None if case.displacement is None else model_error_text(case.with_model_error is not None)
-        rows.append([case.label, *cells, known or NO_NUMBER])
-    if rows:
-        head = [
-            "force along",
-            *(f"predicted displacement along {axis} [mm/N]" for axis in _AXES),
-            "model error",
-        ]
-        remarks = dict.fromkeys(remark for case in cases for remark in case.remarks)
-        yield Section(
-            PREDICTED,
-            paragraphs=[describe_prediction(subject)],
-            tables=[build_text_table(head, rows, "in brackets: 95 % interval")],
-            notes=list(remarks),
-        )
+    cases = predict_flange_compliance(subject)
+    if not cases:
+        return
+    displacements = [f"predicted displacement along {axis} [mm/N]" for axis in _AXES]
+    head = ["force along", *displacements, "model error"]
+    rows = [_make_prediction_row(case) for case in cases]
+    remarks = dict.fromkeys(remark for case in cases for remark in case.remarks)
+    yield Section(
+        PREDICTED,
+        paragraphs=[describe_prediction(subject)],
+        tables=[build_text_table(head, rows, "in brackets: 95 % interval")],
+        notes=list(remarks),
+    )
+
+
+def _make_prediction_row(case: CaseResult) -> list[str]:
+    """Return the cells of a load: its axis, displacement along X, Y, Z [mm/N], and if its error is known."""
+    millimetres_per_newton = 1e3 / PREDICTED_FORCE
+    components = [show_component(case, axis, millimetres_per_newton) for axis in range(3)]
+    known = NO_NUMBER
+    if case.displacement is not None:
+        known = model_error_text(case.with_model_error is not None) or NO_NUMBER
+    return [case.label, *[component.cell.text for component in components], known]
 
 
 def describe_prediction(subject: RunSubject) -> str:
@@ -351,44 +381,33 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
     if weight is not None:
         return _build_weight_uncertainty_section(weight)
     if budget is None:
-        return Section(
-            UNCERTAINTY,
-            paragraphs=[
-                "The run has no uncertainty budget, because links or a coupling of joints bend, or because "
-                "an older version made the run. The intervals in the results include the known sources."
-            ],
-        )
-    factor = _coverage_factor(budget)
+        return Section(UNCERTAINTY, paragraphs=[_NO_BUDGET])
     rows = [*_make_budget_rows(budget, model.result), _make_expanded_row(model, budget)]
-    missing = "".join(f"The budget is partial: {_MISSING[source]}. " for source in budget.missing)
     caption = "Contributions to the standard uncertainty of each compliance [% of the compliance]"
     return Section(
         UNCERTAINTY,
         tables=[build_text_table(["source", "type", *budget.joints], rows, caption)],
-        paragraphs=[
-            "The reported expanded uncertainty U is stated as the standard uncertainty of measurement, by "
-            f"all sources of this budget, multiplied by the coverage factor k = {figure(factor)}, which "
-            f"corresponds to a coverage probability of approximately {format_percent(budget.probability)} "
-            "(JCGM 100:2008, EA-4/02). The relative uncertainty of a stiffness is that of its compliance. "
-            f"{missing}{_describe_correlation(budget)}",
-            "The interval of a joint in the results differs from y ± U: the interval contains all "
-            "stiffnesses that the likelihood of the readings does not exclude, can be asymmetric, and "
-            "omits the sources that are not included above.",
-        ],
+        paragraphs=[_describe_budget(budget), _INTERVAL_IS_NO_BUDGET],
+    )
+
+
+def _describe_budget(budget: Budget) -> str:
+    """Return the paragraph that states how U is expanded, what is missing, and the greatest correlation."""
+    factor = figure(_coverage_factor(budget))
+    missing = "".join(f"The budget is partial: {_MISSING[source]}. " for source in budget.missing)
+    return (
+        "The reported expanded uncertainty U is stated as the standard uncertainty of measurement, by "
+        f"all sources of this budget, multiplied by the coverage factor k = {factor}, which "
+        f"corresponds to a coverage probability of approximately {format_percent(budget.probability)} "
+        "(JCGM 100:2008, EA-4/02). The relative uncertainty of a stiffness is that of its compliance. "
+        f"{missing}{_describe_correlation(budget)}"
     )
 
 
 def _build_weight_uncertainty_section(weight: WeightResult) -> Section:
     """Return the section on uncertainty of a run by own weight, which has no budget."""
     rows = [
-        [
-            joint.joint,
-            *(
-                NO_NUMBER if share is None else f"{100 * share:.0f} %"
-                for share in (joint.readings, joint.masses)
-            ),
-        ]
-        for joint in weight.joints
+        [joint.joint, _format_share(joint.readings), _format_share(joint.masses)] for joint in weight.joints
     ]
     return Section(
         UNCERTAINTY,
@@ -399,45 +418,52 @@ def _build_weight_uncertainty_section(weight: WeightResult) -> Section:
     )
 
 
+def _format_share(fraction: float | None) -> str:
+    """Return a fraction in whole percent: 0.254 → "25 %"; a dash in place of a missing one."""
+    return NO_NUMBER if fraction is None else f"{100 * fraction:.0f} %"
+
+
 def _make_budget_rows(budget: Budget, result: RunResult) -> list[list[str]]:
-    """Return the rows of the budget's table: each source, then the combined and expanded uncertainties."""
+    """Return the rows of the budget's table: each source, then the combined and expanded uncertainties.
+
+    A row has source, type of evaluation (A: by statistics, B: otherwise), and a cell for each joint.
+    """
     compliances = {joint.name: abs(joint.compliance or 0.0) for joint in result.joints}
-
-    def make_row(source: str, evaluation: str, uncertainties: Sequence[float]) -> list[str]:
-        """Return a row of the table: source, type A or B, and uncertainties in percent of the compliances."""
-        cells = []
-        for name, uncertainty in zip(budget.joints, uncertainties, strict=True):
-            percent = 100.0 * uncertainty / compliances[name] if compliances[name] else None
-            cells.append(NO_NUMBER if percent is None else format_rounded(percent, percent))
-        return [source, evaluation, *cells]
-
-    # The stored expanded uncertainty is divided by its own factor, and expanded again by the factor that the
-    # report prints.
+    sizes = [compliances[name] for name in budget.joints]
+    rows = list[list[str]]()
+    for component in budget.components:
+        source = component.source.replace("_", " ")
+        remark = "" if component.included else " (not included)"
+        cells = _format_fractions(component.contributions, sizes)
+        rows.append([f"{source}{remark}", component.evaluation, *cells])
+    # The stored expanded uncertainty is divided by its own factor, and expanded again by the printed factor.
     printed_factor = _coverage_factor(budget)
     combined = [expanded / budget.coverage_factor for expanded in budget.expanded_with_model_error]
+    expanded = [printed_factor * u for u in combined]
     extent = "partial" if budget.missing else "all sources"
-    rows = [
-        make_row(
-            f"{component.source.replace('_', ' ')}{'' if component.included else ' (not included)'}",
-            component.evaluation,
-            component.contributions,
-        )
-        for component in budget.components
-    ]
-    return [
-        *rows,
-        make_row("combined, only sources that the intervals include", "", budget.standard_uncertainty),
-        make_row("combined, all sources", "", combined),
-        make_row(
-            f"expanded, {extent}, k = {figure(printed_factor)}", "", [printed_factor * u for u in combined]
-        ),
-    ]
+    for source, uncertainties in (
+        ("combined, only sources that the intervals include", budget.standard_uncertainty),
+        ("combined, all sources", combined),
+        (f"expanded, {extent}, k = {figure(printed_factor)}", expanded),
+    ):
+        rows.append([source, "", *_format_fractions(uncertainties, sizes)])
+    return rows
+
+
+def _format_fractions(numbers: Sequence[float], wholes: Sequence[float]) -> list[str]:
+    """Return each number in percent of its whole; a dash where the whole is zero."""
+    cells = list[str]()
+    for number, whole in zip(numbers, wholes, strict=True):
+        percent = 100.0 * number / whole if whole else None
+        cells.append(NO_NUMBER if percent is None else format_rounded(percent, percent))
+    return cells
 
 
 def _make_expanded_row(model: ExportedModel, budget: Budget) -> list[str]:
     """Return the row with the expanded uncertainty of each stiffness in the budget, in the report's unit."""
-    by_joint = zip(model.result.joints, iterate_expanded_uncertainties(model), strict=True)
-    sizes = {joint.name: None if entry is None else _UNIT.factor * entry[0] for joint, entry in by_joint}
+    sizes = dict[str, float | None]()
+    for joint, u in zip(model.result.joints, list_expanded_uncertainties(model), strict=True):
+        sizes[joint.name] = None if u is None else _UNIT.factor * u.value
     cells = [format_rounded(sizes[name], sizes[name]) for name in budget.joints]
     return [f"expanded, of the stiffness [{_UNIT.label}]", "", *cells]
 
@@ -521,26 +547,28 @@ def _list_deviations_of_fit(request: RunRequest) -> Iterator[str]:
 
 def _build_adjustment_section(model: ExportedModel) -> Section:
     """Return the section with the mean deflection, as measured and after compensation with the model."""
-    residuals, facts = model.result.residuals, []
-    if residuals:
-        measured_mm = 1e3 * fmean(float(np.linalg.norm(each.deflection)) for each in residuals)
-        compensated_mm = 1e3 * fmean(float(np.linalg.norm(each.residual)) for each in residuals)
-        facts = [
-            ("Mean deflection, before: as measured", f"{format_rounded(measured_mm)} mm"),
-            (
-                "Mean deflection, after compensation by the model, computed",
-                f"{format_rounded(compensated_mm)} mm",
-            ),
-            ("Fraction that the model compensates", format_percent(model.result.compensation)),
-        ]
     return Section(
         ADJUSTMENT,
-        facts=facts,
+        facts=_list_mean_deflections(model.result),
         paragraphs=[
             "No adjustment or repair between the readings is stated: all results are as found. The mean "
             "deflection after compensation is computed from the same readings; it is not measured."
         ],
     )
+
+
+def _list_mean_deflections(result: RunResult) -> list[tuple[str, str]]:
+    """Return name and text of the mean deflection before and after compensation; nothing without readings."""
+    if not result.residuals:
+        return []
+    measured_mm = 1e3 * fmean(float(np.linalg.norm(each.deflection)) for each in result.residuals)
+    compensated_mm = 1e3 * fmean(float(np.linalg.norm(each.residual)) for each in result.residuals)
+    after = "Mean deflection, after compensation by the model, computed"
+    return [
+        ("Mean deflection, before: as measured", f"{format_rounded(measured_mm)} mm"),
+        (after, f"{format_rounded(compensated_mm)} mm"),
+        ("Fraction that the model compensates", format_percent(result.compensation)),
+    ]
 
 
 def _build_traceability_section(readings: MeasurementSetDocument, laboratory: Laboratory | None) -> Section:
@@ -598,25 +626,42 @@ def _describe_targets(readings: MeasurementSetDocument) -> str:
 def _describe_noise(readings: MeasurementSetDocument) -> Iterator[str]:
     """Yield sentences on the stated uncertainty of the readings, of the load, the targets and the axes."""
     noise, length = readings.noise, LENGTH[readings.units.length]
+    yield from _describe_origin_of_noise(readings)
+    if noise is not None:
+        yield from _describe_stated_noise(noise, length)
+        yield from _describe_shared_uncertainties(noise, 1e3 * length)
+    has_load = any(any((*each.force, *(each.moment or ()))) for each in readings.observations)
+    if has_load:
+        yield from _describe_assumed_uncertainties(noise, length)
+
+
+def _describe_origin_of_noise(readings: MeasurementSetDocument) -> Iterator[str]:
+    """Yield where the uncertainty of readings comes from, unless one σ or an instrument for all is stated."""
+    noise = readings.noise
     if noise is not None and noise.refuted:
         yield "estimated from the residuals, which refuted the noise as stated."
     elif noise is None or (noise.sigma is None and noise.instrument is None):
-        has_own_uncertainty = any(
-            reading.sigma is not None or reading.loaded_covariance is not None
-            for observation in readings.observations
-            for reading in observation.readings
-        )
-        yield "stated with each reading." if has_own_uncertainty else "estimated from the residuals."
-    if noise is not None:
-        if noise.sigma is not None:
-            refuted = "Stated and refuted: " if noise.refuted else ""
-            sigma = format_rounded(1e6 * length * noise.sigma)
-            yield f"{refuted}σ = {sigma} µm of a coordinate of a reading."
-        if noise.instrument is not None and not noise.refuted:
-            yield "from the data sheet of the instrument."
-        yield from _describe_shared_uncertainties(noise, 1e3 * length)
-    if any(any((*each.force, *(each.moment or ()))) for each in readings.observations):
-        yield from _describe_assumed_uncertainties(noise, length)
+        own = _has_own_uncertainty(readings)
+        yield "stated with each reading." if own else "estimated from the residuals."
+
+
+def _has_own_uncertainty(readings: MeasurementSetDocument) -> bool:
+    """Return whether a reading states its own uncertainty."""
+    return any(
+        reading.sigma is not None or reading.loaded_covariance is not None
+        for observation in readings.observations
+        for reading in observation.readings
+    )
+
+
+def _describe_stated_noise(noise: Noise, length: float) -> Iterator[str]:
+    """Yield the stated σ, also if it is refuted, and the instrument; `length` is the unit of length in m."""
+    if noise.sigma is not None:
+        refuted = "Stated and refuted: " if noise.refuted else ""
+        sigma = format_rounded(1e6 * length * noise.sigma)
+        yield f"{refuted}σ = {sigma} µm of a coordinate of a reading."
+    if noise.instrument is not None and not noise.refuted:
+        yield "from the data sheet of the instrument."
 
 
 def _describe_assumed_uncertainties(noise: Noise | None, length: float) -> Iterator[str]:

@@ -309,7 +309,7 @@ def _change_marks(record: RobotRecord, change: robots.RobotChange) -> list[dict[
         marks.append(change.add_mark)
     if len(marks) > robots.MAX_MARKS:
         raise RequestError(
-            f"the robot has {robots.MAX_MARKS} marks, the most that are stored",
+            f"the robot already has {robots.MAX_MARKS} marks, and more marks cannot be stored",
             remedy="remove a mark by `remove_mark` first",
             where="add_mark",
         )

@@ -69,8 +69,8 @@ class UndeclaredRoleError(TypeError):
 
 _BEARER: Final = HTTPBearer(
     scheme_name="key",
-    description="A key (`jointstiff keys create`), where the service requires one. Browsers sign in with "
-    "the key (`POST /v1/session`) and send a cookie in its place.",
+    description="Access key (`jointstiff keys create`), if the service requires keys. Browsers sign in with "
+    "the key (`POST /v1/session`) and then send a cookie in its place.",
     auto_error=False,
 )
 

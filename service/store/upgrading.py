@@ -58,7 +58,7 @@ def upgrade_by_expansion(url: str, notify: Callable[[str], object]) -> None:
     due = [step.layout for step in list_due_steps(layout)]
     if contractions := [name for name in due if kind_of(name) == "contract"]:
         raise StoreError(
-            f"the database has layout {layout}, and the step to {contractions[0]} removes what older "
+            f"the database has layout {layout}, but the step to {contractions[0]} removes data that older "
             "programs need",
             "stop all services and workers, save the database, and run `jointstiff database upgrade "
             "--database URL`",
@@ -205,7 +205,7 @@ def _write_copy(path: Path, part: Path, size: int) -> None:
         left.unlink(missing_ok=True)
     free, needed = shutil.disk_usage(path.parent).free, size + SPARE_BYTES
     if free < needed:
-        raise OSError(f"{free / 1e6:.0f} MB are free on the disk, and {needed / 1e6:.0f} MB needed")
+        raise OSError(f"the disk has {free / 1e6:.0f} MB free, but {needed / 1e6:.0f} MB are needed")
     os.close(os.open(part, os.O_CREAT | os.O_EXCL, 0o600))
     # Absolute, as SQLAlchemy opens files: SQLite takes a relative path `file:NAME` for a URI
     with (
@@ -214,7 +214,7 @@ def _write_copy(path: Path, part: Path, size: int) -> None:
     ):
         source.backup(target)
     if (copied := part.stat().st_size) != size:
-        raise OSError(f"the copy has {copied} bytes, and the database has {size} bytes")
+        raise OSError(f"the copy has {copied} bytes, but the database has {size} bytes")
     sync_folder(path.parent)
 
 

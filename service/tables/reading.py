@@ -55,7 +55,7 @@ class TableLimits:
         """
         if count > self.columns:
             raise RequestError(
-                f"the table has {count:,} columns, and may have {self.columns}",
+                f"the table has {count:,} columns, but may have only {self.columns}",
                 where="files",
                 remedy="leave out columns that are no poses, joints or loads",
             )
@@ -168,7 +168,7 @@ def _name_cells(headers: Sequence[str], row: Sequence[str], line: int) -> list[t
     """
     if len(row) != len(headers):
         raise RequestError(
-            f"the row has {len(row)} cells, and the header has {len(headers)}",
+            f"the row has {len(row)} cells, but the header has {len(headers)}",
             where=f"line {line}",
             remedy="give a cell for each header",
         )
@@ -183,7 +183,7 @@ def _check_label(label: str, where: str) -> str:
     """
     if len(label) > MAX_LABEL:
         raise RequestError(
-            f"the label has {len(label):,} characters, and may have {MAX_LABEL}",
+            f"the label has {len(label):,} characters, but may have only {MAX_LABEL}",
             where=where,
             remedy="write shorter labels",
         )
@@ -272,7 +272,7 @@ def _refuse_large_parquet(description: Any, limits: TableLimits) -> None:  # noq
     size = sum(each.total_byte_size for each in groups)
     if size > limits.decoded_bytes:
         raise RequestError(
-            f"the columns take {size / 2**20:,.0f} MiB, and may take {limits.decoded_bytes // 2**20}",
+            f"the columns take {size / 2**20:,.0f} MiB, but may take only {limits.decoded_bytes // 2**20}",
             where="files",
             remedy="leave out columns that are no poses, joints or loads, and shorten the labels",
         )

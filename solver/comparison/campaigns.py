@@ -48,7 +48,7 @@ from jointstiff.solver.fit.estimate import (
 from jointstiff.solver.fit.problem import Bounds, Constraints, Order
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import greatest_violations
-from jointstiff.solver.fit.stages import Likelihood, StageFit, invert_to_root, student_quantile
+from jointstiff.solver.fit.stages import Likelihood, SolvedStage, invert_to_root, student_quantile
 from jointstiff.solver.mechanics.measurements import FORCE_UNITS, Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
@@ -298,7 +298,8 @@ def check_same_cell(campaigns: Sequence[Measurements]) -> None:
     if other is not None:
         stated = f"{figure(100.0 * scales[0], '.3g')} and {figure(100.0 * other, '.3g')}"
         raise RequestError(
-            f"two sets have uncertainties of the force's scale of {stated} %, so its error is not the same",
+            f"two sets state uncertainties of {stated} % for the scale of the force, so both sets cannot "
+            "have the same error of scale",
             where=_SAME_CELL,
             remedy=f"omit `{_SAME_CELL}`, or state the same `noise.force.scale` in all sets",
         )
@@ -346,8 +347,8 @@ def check_same_load(campaigns: Sequence[Measurements]) -> None:
         if farthest > LOAD_POINT_TOLERANCE or uncertainty != first_uncertainty:
             stated = f"{figure(1e3 * first_uncertainty, '.3g')} and {figure(1e3 * uncertainty, '.3g')}"
             raise RequestError(
-                f"two sets state load points {figure(1e3 * farthest, '.3g')} mm apart, with uncertainties of "
-                f"{stated} mm, so the error of the load point is not the same in both",
+                f"two sets state load points that are {figure(1e3 * farthest, '.3g')} mm apart, with "
+                f"uncertainties of {stated} mm, so both sets cannot have the same error of the load point",
                 where=_SAME_LOAD,
                 remedy="omit `same_load`, or state the same load point and uncertainty in all sets",
             )
@@ -606,7 +607,7 @@ def fit_ordered(
     known = np.flatnonzero(np.isfinite(estimates))
     estimates = estimates[known]
     ordered_fit, separate_fit = (
-        StageFit.from_rows(R, R @ estimates, known, constraints.select(known)).solution
+        SolvedStage.solve(R, R @ estimates, known, constraints.select(known)).solution
         for constraints in (together, separate)
     )
     compliance = np.full(2 * n, np.nan)

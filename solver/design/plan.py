@@ -302,7 +302,7 @@ def compute_goal_share(robot: Robot, pool: Pool, request: PlanRequest, exact: Ex
         return _COVERAGE * float(compute_uncertainties(M, len(pool.parameters.joints)).max()) / goal.relative
     if pool.places is None:
         raise RequestError(
-            "the goal is about deflections, but the request has no work area",
+            "the goal concerns deflections in a work area, but the request has no work area",
             where="work_area",
             remedy='give `work_area`, two corners of a box, or a goal for the joints, such as "15 %"',
         )
@@ -334,7 +334,8 @@ def compute_least_mistake(robot: Robot, pool: Pool, request: PlanRequest, chosen
         )
     if not pool.parameters.known.any():
         raise RequestError(
-            "an error of the load point shows in deflections, but no stiffness is known to compute them",
+            "an error of the load point shows in deflections, but no stiffness is known to compute the "
+            "deflections",
             where="goal",
             remedy="continue a campaign, or state the expected `stiffness` of the joints",
         )

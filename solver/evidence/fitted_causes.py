@@ -142,7 +142,7 @@ def _find_named_terms(
             since_first = f" since observation '{first}'" if first else ""
             possible_names = sorted({possible_name for possible_name, _ in terms})
             raise RequestError(
-                f"the readings do not show the cause '{name}'{since_first}",
+                f"`causes` names the error '{name}'{since_first}, but the readings cannot show this error",
                 where="causes",
                 remedy=f"give one of: {', '.join(possible_names)}",
             )

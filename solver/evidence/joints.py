@@ -15,7 +15,7 @@ from jointstiff.solver.evidence.refuted import leave_out, list_refuted
 from jointstiff.solver.evidence.scatter import FoundScatter, Posterior, find_scatter
 from jointstiff.solver.evidence.structure import Apart, take_apart
 from jointstiff.solver.fit.estimate import Estimate
-from jointstiff.solver.fit.identify import identify_with_fallback
+from jointstiff.solver.fit.identify import JointsFit, describe, fit_joints
 from jointstiff.solver.fit.method import Loss, Settings
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -28,7 +28,7 @@ class IdentifiedJoints(NamedTuple):
     estimate: Estimate
     rows: Rows  #: N observations, with the scatter that the fit accounts for
     shows_scatter: bool  #: whether the residuals show a scatter beyond the stated one
-    tested: Estimate  #: fit with the scatter that tests count: what is stated or shown
+    tested: JointsFit  #: fit with the scatter that tests count: what is stated or shown
     posterior: Posterior | None = (
         None  #: posterior of the scatter of `rows`; None if the scatter is as stated
     )
@@ -78,7 +78,7 @@ class JointsAlone:
             return None
         by_targets = self._without_encoders()
         try:
-            _, estimate_by_targets = identify_with_fallback(by_targets, self.stated)
+            estimate_by_targets = describe(fit_joints(by_targets, self.stated))
         except NotObservableError:  # only the encoders show joints
             return None
         return take_apart(self._read, estimate_by_targets, self.stated.confidence)
@@ -112,37 +112,31 @@ class JointsAlone:
         Raises:
             JointstiffError: the identification fails, for one of the reasons listed at `identify`.
         """
-        settings, first = identify_with_fallback(self.given, self.stated)
-        without_scatter = IdentifiedJoints(settings, first, self.given, shows_scatter=False, tested=first)
+        first = fit_joints(self.given, self.stated)
         found = find_scatter(self.given, first)
         if found.scatter == self.given.measurements.scatter:
-            return without_scatter
-        with_scatter = self._fit_with_scatter(first, found)
-        # If the residuals are too large even with the scatter, the scatter is no explanation of them.
-        return with_scatter or without_scatter
-
-    def _fit_with_scatter(self, first: Estimate, found: FoundScatter) -> IdentifiedJoints | None:
-        """Fit the joints with the scatter that was found; None if the residuals contradict the stated noise.
-
-        Errors that are only assumed must make a stated sigma seem neither too large nor right: the tests and
-        the residuals are then those of a fit without them.
-
-        Args:
-            first: fit with the errors that were stated.
-            found: errors that the targets of a posture share.
-        """
+            return self._describe_without_scatter(first)
         rows = self.given.with_scatter(found.scatter)
-        settings, estimate = identify_with_fallback(rows, self.stated)
+        fit = fit_joints(rows, self.stated)
+        estimate = describe(fit)
+        # If the residuals are too large even with the scatter, the scatter is no explanation of them.
         if not _are_within_stated_noise(estimate):
-            return None
-        tested = estimate
-        if found.scatter.is_assumed:
-            tested = self._fit_without_assumed(first, found)
-            if first.sigma_given:
-                estimate = estimate.with_residuals_of(tested)
-        return IdentifiedJoints(settings, estimate, rows, found.is_shown, tested, found.posterior)
+            return self._describe_without_scatter(first)
+        if not found.scatter.is_assumed:
+            return IdentifiedJoints(fit.settings, estimate, rows, found.is_shown, fit, found.posterior)
+        tested = self._fit_without_assumed(first, found)
+        # Errors that are only assumed must make a stated sigma seem neither too large nor right.
+        if tested.scale.given:
+            estimate = estimate.with_residuals_of(tested.scale)
+        return IdentifiedJoints(fit.settings, estimate, rows, found.is_shown, tested, found.posterior)
 
-    def _fit_without_assumed(self, first: Estimate, found: FoundScatter) -> Estimate:
+    def _describe_without_scatter(self, first: JointsFit) -> IdentifiedJoints:
+        """Return the result of the first fit, which accounts for no scatter but the stated one."""
+        return IdentifiedJoints(
+            first.settings, describe(first), self.given, shows_scatter=False, tested=first
+        )
+
+    def _fit_without_assumed(self, first: JointsFit, found: FoundScatter) -> JointsFit:
         """Return the fit that tests count: without errors that are only assumed.
 
         The noise of the encoders is the most likely one, as in the fit with these errors.
@@ -153,8 +147,7 @@ class JointsAlone:
         """
         if found.without_assumed == self.given.measurements.scatter:
             return first
-        _, estimate = identify_with_fallback(self.given.with_scatter(found.without_assumed), self.stated)
-        return estimate
+        return fit_joints(self.given.with_scatter(found.without_assumed), self.stated)
 
     @property
     def rows(self) -> Rows:

@@ -36,7 +36,7 @@ from scipy.optimize import Bounds, minimize
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.fit.estimate import Estimate
+from jointstiff.solver.fit.identify import JointsFit
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
 from jointstiff.solver.fit.triangle import (
@@ -57,7 +57,7 @@ SCATTER_LEVEL: Final = 0.01
 """Significance level of the test for shared errors."""
 ASSUMED_REPEATABILITY: Final = 2e-5
 """Scale of the prior of a joint's turns [rad] where nothing is stated: 0.1 mm (ISO 9283) at 2 m."""
-ASSUMED_STATION_ERROR: Final = 5e-6
+ASSUMED_STATION_ERROR: Final = 2e-6
 """Scale of the prior of a shift of all targets [m]."""
 _PRIOR_FREEDOM: Final = 4.0
 """Degrees of freedom of the half-Student priors."""
@@ -122,7 +122,7 @@ class FoundScatter(NamedTuple):
         return cls(scatter, scatter, is_shown=False)
 
 
-def find_scatter(rows: Rows, estimate: Estimate) -> FoundScatter:
+def find_scatter(rows: Rows, fit: JointsFit) -> FoundScatter:
     """Find the errors that all targets of a posture share, from prior and residuals.
 
     The stated errors are returned if the residuals show more than a robot in order has. The noise of each
@@ -131,15 +131,15 @@ def find_scatter(rows: Rows, estimate: Estimate) -> FoundScatter:
 
     Args:
         rows: N observations, which may state the repeatability.
-        estimate: estimate by joints alone, fitted to these observations.
+        fit: fit of joints alone to these observations.
     """
     measurements = rows.measurements
-    by_stages = measurements.encoders is not None and len(estimate.compressed.method.stages) > 1
+    by_stages = measurements.encoders is not None and len(fit.method.stages) > 1
     if by_stages and measurements.scatter:
         return FoundScatter.as_stated(measurements.scatter)
-    tested = rows.select_evenly(_MOST_OBSERVATIONS).at(estimate.balanced)
+    tested = rows.select_evenly(_MOST_OBSERVATIONS).at(fit.balanced)
     terms = [JOINTS, *fitted_errors(measurements).terms, *list_stated_terms(measurements)]
-    compliance, visible = np.maximum(estimate.compliance, 0.0), ~estimate.observability.null
+    compliance, visible = np.maximum(fit.compliance, 0.0), ~fit.observability.null
     try:
         likelihood = RestrictedLikelihood.from_rows(
             tested, terms, compliance, visible, finds_turns=not by_stages

@@ -14,7 +14,7 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from jointstiff.schemas.joints import JOINT_UNITS
+from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fit.cone import find_diagonal_entries
@@ -148,27 +148,19 @@ def compute_effective_compliances(
             penalty.
     """
     range_estimate = range_estimate or elastic
-    likelihood = range_estimate.likelihood
     to_effective = build_effective_rows(robot, elastic.candidate.columns)
     effective = to_effective @ elastic.entries
-    lower, upper = np.full((2, robot.n), np.nan)
-    quantile = student_quantile(0.5 * (1.0 + confidence), likelihood.degrees_of_freedom)
-    with suppress(SolverError):  # Without a certified optimum the ranges remain unknown (NaN).
-        found = _find_ranges(range_estimate, to_effective, quantile)
-        if found is not None:
-            lower, upper = found.lower, found.upper
-            effective = found.at_optimum if publishes_ranges else effective
-    # The programs find the ends to a tolerance only: a range must contain the estimate.
-    lower = np.minimum(np.maximum(lower, 0.0), effective)
-    upper = np.maximum(upper, effective)
+    quantile = student_quantile(0.5 * (1.0 + confidence), range_estimate.likelihood.degrees_of_freedom)
+    ranges = _Ranges.unknown(effective)
+    with suppress(SolverError):  # Without a certified optimum the ranges remain unknown.
+        ranges = _find_ranges(range_estimate, to_effective, quantile) or ranges
+    if publishes_ranges:
+        effective = ranges.at_optimum
     # An error of all loads' size changes all compliances in proportion, and no reading shows it.
     scale_error = quantile * range_estimate.force_scale * effective
-    lower = np.maximum(effective - np.hypot(effective - lower, scale_error), 0.0)
-    upper = effective + np.hypot(upper - effective, scale_error)
-    lower[lower < _NOTHING * upper] = 0.0
     return EffectiveCompliances(
         compliance=np.where(np.isnan(elastic.compliance), np.nan, effective),
-        range=np.column_stack([lower, upper]),
+        range=ranges.widen_around(effective, scale_error),
         quantile=quantile,
         ranges_are_published=publishes_ranges,
     )
@@ -178,8 +170,31 @@ class _Ranges(NamedTuple):
     """Ranges of the joints' effective compliances around the optimum with a lighter penalty [rad/(N·m)]."""
 
     at_optimum: FloatArray  # (n,)
-    lower: FloatArray  # (n,)
-    upper: FloatArray  # (n,)
+    lower: FloatArray  # (n,) NaN where unknown
+    upper: FloatArray  # (n,) NaN where unknown
+
+    @classmethod
+    def unknown(cls, effective: FloatArray) -> _Ranges:
+        """Return unknown ranges of effective compliances (n,)."""
+        not_known = np.full(len(effective), np.nan)
+        return cls(effective, not_known, not_known)
+
+    def widen_around(self, effective: FloatArray, further_error: FloatArray) -> FloatArray:
+        """Return ranges (n, 2) that contain the estimates, widened by a further independent error.
+
+        The programs find the ends to a tolerance only, so that an end may lie on the wrong side of the
+        estimate. No compliance is negative.
+
+        Args:
+            effective: (n,) estimates [rad/(N·m)].
+            further_error: (n,) expanded uncertainty, added in squares [rad/(N·m)].
+        """
+        below = effective - np.minimum(np.maximum(self.lower, 0.0), effective)
+        above = np.maximum(self.upper, effective) - effective
+        lower = np.maximum(effective - np.hypot(below, further_error), 0.0)
+        upper = effective + np.hypot(above, further_error)
+        lower[lower < _NOTHING * upper] = 0.0
+        return np.column_stack([lower, upper])
 
 
 def _find_ranges(estimate: ElasticFit, to_effective: FloatArray, quantile: float) -> _Ranges | None:
@@ -230,25 +245,10 @@ def replace_by_effective(
         elastic: estimate with bending links or base.
         effective: effective compliances of the same joints.
     """
-    # What bends about the axis of a joint, by the joint's name; the words are followed by "'s", such as in
-    # "its link's and the base's rotation about its axis".
-    bending_words = {link.joint: "its link" for link in elastic.links}
-    if elastic.base is not None:
-        first = estimate.joints[0].name
-        first_link_bends = first in bending_words
-        bending_words[first] = "its link's and the base" if first_link_bends else "the base"
+    bending_words = _name_bending_elements(elastic, first_joint=estimate.joints[0].name)
     joints = list[JointCompliance]()
     for index, joint in enumerate(estimate.joints):
         joints.append(_build_effective_joint(joint, effective, index, bending_words.get(joint.name)))
-    certificate = elastic.certificate
-    evidence = Certificate(
-        primal=max(0.0, -certificate.least_eigenvalue),
-        dual=certificate.dual,
-        gap=certificate.gap,
-        multipliers=np.zeros(0),
-        solved_by="clarabel",
-        witness=elastic.witness,
-    )
     return replace(
         estimate,
         joints=tuple(joints),
@@ -258,7 +258,33 @@ def replace_by_effective(
         chi_square=elastic.chi_square,
         degrees_of_freedom=elastic.degrees_of_freedom,
         complementary_stiffness=None,
-        certificates=(evidence,),
+        certificates=(_convert_certificate(elastic),),
+    )
+
+
+def _name_bending_elements(elastic: ElasticFit, first_joint: str) -> dict[str | None, str]:
+    """Return the words for what bends about the axis of a joint, by the joint's name.
+
+    The words are followed by "'s", as in "its link's and the base's rotation about its axis". The base bends
+    about the axis of the first joint.
+    """
+    words: dict[str | None, str] = {link.joint: "its link" for link in elastic.links}
+    if elastic.base is not None:
+        first_link_bends = first_joint in words
+        words[first_joint] = "its link's and the base" if first_link_bends else "the base"
+    return words
+
+
+def _convert_certificate(elastic: ElasticFit) -> Certificate:
+    """Return the certificate of an elastic fit in the form of the certificate of a fit of joints alone."""
+    certificate = elastic.certificate
+    return Certificate(
+        primal=max(0.0, -certificate.least_eigenvalue),
+        dual=certificate.dual,
+        gap=certificate.gap,
+        multipliers=np.zeros(0),
+        solved_by="clarabel",
+        witness=elastic.witness,
     )
 
 
@@ -276,40 +302,58 @@ def _build_effective_joint(
         bending_words: name of the link or base that bends about the joint's axis; None if both are rigid.
     """
     compliance = float(effective.compliance[index])
-    uncertainty = float(effective.uncertainty[index])
     if joint.status == "not_observable" or np.isnan(compliance):
         return joint
+    uncertainty = float(effective.uncertainty[index])
+    lower, upper = effective.ends[index].tolist()
+    has_interval = bool(np.isfinite([lower, upper]).all())
+    remarks = _list_remarks(joint.kind, compliance, uncertainty, bending_words)
+    return JointCompliance(
+        name=joint.name,
+        kind=joint.kind,
+        status=_find_status(compliance, uncertainty),
+        compliance=0.0 if compliance < RIGID else compliance,
+        standard_uncertainty=uncertainty if np.isfinite(uncertainty) else None,
+        compliance_interval=(lower, upper) if has_interval else None,
+        reason="; ".join(remarks) or None,
+    )
+
+
+def _find_status(compliance: float, uncertainty: float) -> Literal["identified", "uncertain", "at_bound"]:
+    """Return the status of a joint by its effective compliance and standard uncertainty [rad/(N·m)]."""
+    if compliance < RIGID:
+        return "at_bound"
+    return "identified" if uncertainty < compliance else "uncertain"  # uncertain, too, if it is NaN
+
+
+def _list_remarks(
+    kind: JointKind, compliance: float, uncertainty: float, bending_words: str | None
+) -> list[str]:
+    """Return the remarks on a joint's effective compliance: what it contains, and how well it is known.
+
+    Args:
+        kind: kind of the joint.
+        compliance: effective compliance [rad/(N·m)].
+        uncertainty: its standard uncertainty [rad/(N·m)]; infinite or NaN if it is not known.
+        bending_words: name of the link or base that bends about the joint's axis; None if both are rigid.
+    """
+    if compliance < RIGID:
+        return [
+            "the other elastic elements (joints, links or base) explain the readings without a compliance of "
+            "this joint"
+        ]
     remarks = list[str]()
     if bending_words is not None:
-        motion = JOINT_UNITS[joint.kind].of_link  # "rotation about" or "motion along"
+        motion = JOINT_UNITS[kind].of_link  # "rotation about" or "motion along"
         remarks.append(
             f"effective compliance of the joint together with {bending_words}'s {motion} its axis, because "
             "readings do not distinguish the two"
         )
-    status: Literal["identified", "uncertain", "at_bound"] = "uncertain"
-    if uncertainty < compliance:
-        status = "identified"
-    if compliance < RIGID:
-        status, compliance = "at_bound", 0.0
-        remarks = [
-            "the other elastic elements (joints, links or base) explain the readings without a compliance of "
-            "this joint"
-        ]
-    elif not np.isfinite(uncertainty):
+    if not np.isfinite(uncertainty):
         remarks.append("no interval: the range of compliances that fit the readings was not found")
     elif uncertainty > LARGEST_UNCERTAINTY * compliance:
         remarks.append(
             f"poorly determined (standard uncertainty {100 * uncertainty / compliance:.0f} %): "
             "bending links explain the readings nearly as well as this joint"
         )
-    lower, upper = effective.ends[index].tolist()
-    has_interval = bool(np.isfinite([lower, upper]).all())
-    return JointCompliance(
-        name=joint.name,
-        kind=joint.kind,
-        status=status,
-        compliance=compliance,
-        standard_uncertainty=uncertainty if np.isfinite(uncertainty) else None,
-        compliance_interval=(lower, upper) if has_interval else None,
-        reason="; ".join(remarks) or None,
-    )
+    return remarks

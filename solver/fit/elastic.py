@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Any, Final, Literal, NamedTuple
@@ -23,6 +24,7 @@ from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.part import Part, generate_elastic_rows
 from jointstiff.solver.fit.reduced import (
     Candidate,
+    Fitted,
     Reduced,
     compute_gap_unit,
     convert_weight_to_squares,
@@ -32,6 +34,7 @@ from jointstiff.solver.fit.reduced import (
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import Witness
 from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import BASE
 from jointstiff.solver.messages import point
@@ -138,7 +141,7 @@ def refuse_unsupported_elastic(settings: Settings) -> None:
     else:
         return
     raise UnsupportedMethodError(
-        f"the given {field.replace('_', ' ')} works only with elasticity joints",
+        f"the given {field.replace('_', ' ')} works only with the elasticity `joints`",
         where=field,
         remedy=f"{remedy}, or use elasticity joints",
     )
@@ -195,21 +198,15 @@ def _fit_and_summarise(rows: Rows, reduced: Reduced, candidate: Candidate, weigh
     elements, prediction = _compute_element_shares(rows, candidate, reduced.part.statements, unknowns)
     joint_matrix = _assemble_joint_matrix(compliances, candidate)
     is_determined = np.isin(candidate.columns.joints, reduced.columns)
-    links, base = list[ElasticCompliance](), None
-    for frame in candidate.frames:
-        summary = _summarise_compliance(compliances, candidate, residuals.effective_freedom, frame)
-        if frame == BASE:
-            base = ElasticCompliance(joint=None, **summary)
-        else:
-            links.append(ElasticCompliance(joint=rows.robot.joint_names[frame], **summary))
+    bending = _BendingFrames.of(compliances, candidate, residuals.effective_freedom, rows.robot)
     return ElasticFit(
         candidate=candidate,
         penalty=weight,
         compliance=np.where(is_determined, np.diagonal(joint_matrix), np.nan),
         coupled_joints=joint_matrix if candidate.model.couples_joints else None,
         entries=compliances,
-        links=tuple(links),
-        base=base,
+        links=bending.links,
+        base=bending.base,
         elements=elements,
         prediction=prediction,
         sigma=residuals.sigma,
@@ -224,6 +221,34 @@ def _fit_and_summarise(rows: Rows, reduced: Reduced, candidate: Candidate, weigh
         witness=certified.witness,
         force_scale=rows.measurements.common_uncertainty.scale,
     )
+
+
+class _BendingFrames(NamedTuple):
+    """Compliances of the links and the base that bend."""
+
+    links: tuple[ElasticCompliance, ...]
+    base: ElasticCompliance | None  #: None if the base is rigid
+
+    @classmethod
+    def of(
+        cls, compliances: FloatArray, candidate: Candidate, freedom: FloatArray, robot: Robot
+    ) -> _BendingFrames:
+        """Summarise the compliances of the links and of the base.
+
+        Args:
+            compliances: (P,) fitted compliances.
+            candidate: elastic elements that bend.
+            freedom: (P,) effective degrees of freedom of each compliance.
+            robot: n joints.
+        """
+        links, base = list[ElasticCompliance](), None
+        for frame in candidate.frames:
+            summary = _summarise_compliance(compliances, candidate, freedom, frame)
+            if frame == BASE:
+                base = ElasticCompliance(joint=None, **summary)
+            else:
+                links.append(ElasticCompliance(joint=robot.joint_names[frame], **summary))
+        return cls(tuple(links), base)
 
 
 def _assemble_joint_matrix(compliances: FloatArray, candidate: Candidate) -> FloatArray:
@@ -262,16 +287,7 @@ def _find_certified_optimum(reduced: Reduced, candidate: Candidate, weight: floa
     """
     gap_scale = _compute_gap_scale(reduced)  # sigma, or the residuals if greater [m]
     gap_of_one_sigma = gap_scale / compute_gap_unit(reduced, candidate)
-    try:
-        loss, solution = fit_loss(
-            reduced,
-            candidate,
-            weight,
-            gap=_DESIRED_GAP * gap_of_one_sigma,
-            accepted=_SOLVED_GAP * gap_of_one_sigma,
-        )
-    except SolverError as error:
-        raise _build_uncertified_error(weight) from error
+    loss, solution = _fit_to_gap(reduced, candidate, weight, gap_of_one_sigma)
     compliances, least_eigenvalue = _make_semidefinite(reduced.to_compliances(solution.x), candidate)
     gap = loss.certify_gap(compliances, weight, solution) / gap_of_one_sigma
     is_certified = gap <= CERTIFIED_GAP  # false for NaN
@@ -280,20 +296,42 @@ def _find_certified_optimum(reduced: Reduced, candidate: Candidate, weight: floa
     stated_errors = reduced.to_unknowns(solution)[len(compliances) :]
     unknowns = np.concatenate([compliances, stated_errors])
     squares, weight_of_squares = loss.build_weighted_squares(candidate, unknowns, weight)
+    certificate = LinkCertificate(
+        least_eigenvalue=least_eigenvalue, dual=solution.certificate.dual, gap=gap, scale=float(gap_scale)
+    )
     return _CertifiedOptimum(
         compliances=compliances,
         unknowns=unknowns,
-        certificate=LinkCertificate(
-            least_eigenvalue=least_eigenvalue,
-            dual=solution.certificate.dual,
-            gap=gap,
-            scale=float(gap_scale),
-        ),
+        certificate=certificate,
         witness=solution.certificate.witness,
         squares=squares,
         weight_of_squares=weight_of_squares,
         target_weights=loss.compute_target_weights(unknowns),
     )
+
+
+def _fit_to_gap(reduced: Reduced, candidate: Candidate, weight: float, gap_of_one_sigma: float) -> Fitted:
+    """Minimise the loss and the penalty to the desired gap; a gap up to the accepted one is no error.
+
+    Args:
+        reduced: compressed rows.
+        candidate: elastic elements that bend, and the loss.
+        weight: weight λ of the penalty.
+        gap_of_one_sigma: duality gap at which the fit may be off by the noise of a reading.
+
+    Raises:
+        UnsupportedMethodError: the penalty is too small for the optimum to be certified.
+    """
+    try:
+        return fit_loss(
+            reduced,
+            candidate,
+            weight,
+            gap=_DESIRED_GAP * gap_of_one_sigma,
+            accepted=_SOLVED_GAP * gap_of_one_sigma,
+        )
+    except SolverError as error:
+        raise _build_uncertified_error(weight) from error
 
 
 def _build_likelihood(
@@ -463,36 +501,65 @@ def _compute_element_shares(
         The shares; and the prediction of all deflections by all elements and errors together.
     """
     elements = _list_elements(source.robot, candidate)
-    predicted, predicted_turns, products = [], [], []
-    for rows in generate_elastic_rows(source, candidate.columns, statements):
-        # Missing readings add nothing: their rows and deflections are zero.
-        regressor = rows.targets[..., :-1]  # (B observations, T targets, 3 axes, P + K unknowns)
-        deflection = rows.block.measurements.deflection  # (B, T, 3)
-        # Scalar products (B, P + K) of the deflections by each unknown with the measured deflections
-        by_unknown = np.einsum("btip,bti->bp", regressor, deflection) * unknowns
-        by_element = [by_unknown[:, element.columns].sum(axis=1) for element in elements]
-        products.append(np.stack(by_element))
-        predicted.append(regressor @ unknowns)
-        if rows.encoders is not None:
-            predicted_turns.append(rows.encoders[..., :-1] @ unknowns)
+    motions = _ExplainedMotions.of(source, candidate, statements, unknowns, elements)
     measurements = source.measurements
-    measured = np.square(measurements.deflection).sum(axis=(1, 2))  # (N,)
-    explained = np.concatenate(products, axis=1)  # (elements, N)
-    share_of_observation = np.divide(explained, measured, out=np.zeros_like(explained), where=measured > 0.0)
-    shares = []
-    for number, element in enumerate(elements):
-        share = ElementShare(
-            kind=element.kind,
-            joint=element.joint,
-            share=float(explained[number].sum() / measured.sum()),
-            by_observation=share_of_observation[number].tolist(),
-        )
-        shares.append(share)
-    prediction = Prediction.from_predicted(measurements, np.concatenate(predicted))
+    prediction = Prediction.from_predicted(measurements, motions.targets)
     only_base_bends = candidate.model.name == "joints_and_base"
     bending: Literal["links", "base"] = "base" if only_base_bends else "links"
-    encoders = np.concatenate(predicted_turns) if predicted_turns else None
-    return tuple(shares), replace(prediction, bending=bending, encoders=encoders)
+    shares = motions.build_shares(elements, measurements)
+    return shares, replace(prediction, bending=bending, encoders=motions.encoders)
+
+
+class _ExplainedMotions(NamedTuple):
+    """Motions of the targets that a fit explains, of all elements together and of each element."""
+
+    targets: FloatArray  #: (N, T, 3) deflections by all elements and stated errors [m]
+    encoders: FloatArray | None  #: (N, n) motion of the encoders [rad]; None without encoders
+    #: (elements, N) scalar product of the deflections by an element with the measured deflections [m²]
+    products: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        source: Rows,
+        candidate: Candidate,
+        statements: Statements,
+        unknowns: FloatArray,
+        elements: Sequence[_Element],
+    ) -> _ExplainedMotions:
+        """Compute the motions, some hundred observations at a time, with the arguments of the shares."""
+        targets, encoders, products = [], [], []
+        for rows in generate_elastic_rows(source, candidate.columns, statements):
+            # Missing readings add nothing: their rows and deflections are zero.
+            regressor = rows.targets[..., :-1]  # (B observations, T targets, 3 axes, P + K unknowns)
+            deflection = rows.block.measurements.deflection  # (B, T, 3)
+            # Scalar products (B, P + K) of the deflections by each unknown with the measured deflections
+            by_unknown = np.einsum("btip,bti->bp", regressor, deflection) * unknowns
+            by_element = [by_unknown[:, element.columns].sum(axis=1) for element in elements]
+            products.append(np.stack(by_element))
+            targets.append(regressor @ unknowns)
+            if rows.encoders is not None:
+                encoders.append(rows.encoders[..., :-1] @ unknowns)
+        of_encoders = np.concatenate(encoders) if encoders else None
+        return cls(np.concatenate(targets), of_encoders, np.concatenate(products, axis=1))
+
+    def build_shares(
+        self, elements: Sequence[_Element], measurements: Measurements
+    ) -> tuple[ElementShare, ...]:
+        """Return the share of the measured deflections that each element explains, also by observation."""
+        measured = np.square(measurements.deflection).sum(axis=(1, 2))  # (N,)
+        zeros = np.zeros_like(self.products)
+        by_observation = np.divide(self.products, measured, out=zeros, where=measured > 0.0)
+        shares = list[ElementShare]()
+        for number, element in enumerate(elements):
+            share = ElementShare(
+                kind=element.kind,
+                joint=element.joint,
+                share=float(self.products[number].sum() / measured.sum()),
+                by_observation=by_observation[number].tolist(),
+            )
+            shares.append(share)
+        return tuple(shares)
 
 
 class _Element(NamedTuple):

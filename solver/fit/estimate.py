@@ -599,13 +599,13 @@ class Estimate:
         """Statements that were fitted with the joints, with the values that fit best."""
         return self.compressed.fit_statements(self.compliance)
 
-    def with_residuals_of(self, other: Estimate) -> Estimate:
+    def with_residuals_of(self, tested: Scale) -> Estimate:
         """Return the estimate with the χ² and the degrees of freedom of another fit to the same readings.
 
         Args:
-            other: fit without errors that are only assumed, so that its residuals test the stated sigma.
+            tested: residuals of a fit without errors that are only assumed: they test the stated sigma.
         """
-        return replace(self, chi_square=other.chi_square, degrees_of_freedom=other.degrees_of_freedom)
+        return replace(self, chi_square=tested.chi_square, degrees_of_freedom=tested.degrees_of_freedom)
 
     def square_second_order(self) -> FloatArray:
         """Return the covariance (n, n) of the compliances by errors of the load beyond first order.
@@ -796,40 +796,51 @@ class Evidence:
                 where sigma is unknown.
             limit: text of the lower limit of the stiffness; empty if there is none.
         """
-        name, uncertainty = self.names[j], self.uncertainty(j)
-        status: Literal["identified", "uncertain", "at_bound"] = "identified"
-        reasons = []
-        constraint = self.describe_active_constraint(j, limit)
-        if constraint is not None:
-            status = "at_bound"
-            reasons.append(constraint)
-        elif intervals is None:
-            reasons.append(_NO_UNCERTAINTY)
-        elif uncertainty is not None and intervals[0, 0] <= 0.0 <= intervals[0, 1]:
-            status = "uncertain"
-            reasons.append(self._explain_interval_with_zero(j, limit, uncertainty))
         prior_to_data = float(self.prior_to_data[j])
+        status, reason = self._judge(j, intervals, limit)
+        reasons = [] if reason is None else [reason]
         if np.isinf(prior_to_data):
             reasons.append(
-                f"the readings show {name} only in combination with other joints: only the prior separates "
-                f"{name} from these joints"
+                f"the readings show {self.names[j]} only in combination with other joints: only the prior "
+                f"separates {self.names[j]} from these joints"
             )
         compliance_interval, one_sided = None, None
         if intervals is not None:
             (lower, upper), (lower_bound, upper_bound) = intervals.tolist()
             compliance_interval, one_sided = (lower, upper), (lower_bound, upper_bound)
         return JointCompliance(
-            name=name,
+            name=self.names[j],
             kind=self.observability.kinds[j],
             status=status,
             compliance=float(self.fit.compliance[j]),
-            standard_uncertainty=uncertainty,
+            standard_uncertainty=self.uncertainty(j),
             compliance_interval=compliance_interval,
             one_sided=one_sided,
             prior_to_data=None if np.isnan(prior_to_data) else prior_to_data,
             reason="; ".join(reasons) or None,
             limit=limit,
         )
+
+    def _judge(
+        self, j: int, intervals: FloatArray | None, limit: str
+    ) -> tuple[Literal["identified", "uncertain", "at_bound"], str | None]:
+        """Return the status of joint j, and the reason for it, if there is one.
+
+        Args:
+            j: index of the joint.
+            intervals: (2, 2) two-sided interval, then one-sided bounds, of the compliance [rad/(N·m)]; None
+                where sigma is unknown.
+            limit: text of the lower limit of the stiffness; empty if there is none.
+        """
+        constraint = self.describe_active_constraint(j, limit)
+        if constraint is not None:
+            return "at_bound", constraint
+        if intervals is None:
+            return "identified", _NO_UNCERTAINTY
+        uncertainty, (lower, upper) = self.uncertainty(j), intervals[0].tolist()
+        if uncertainty is not None and lower <= 0.0 <= upper:
+            return "uncertain", self._explain_interval_with_zero(j, limit, uncertainty)
+        return "identified", None
 
     def _explain_interval_with_zero(self, j: int, limit: str, uncertainty: float) -> str:
         """Return the sentence for a joint j whose compliance may be zero, after the text of its lower limit.
@@ -926,25 +937,28 @@ class Evidence:
         It has none if the readings do not show it, show it only in combination with other joints, or leave
         its compliance more uncertain than the compliance that would cause all of the measured deflections.
         """
-        observability = self.observability
-        if observability.null[j]:
-            reason = observability.reasons[j]
-            if np.isnan(self.prior_to_data[j]):  # no prior
-                return reason
-            return (
-                f"{reason}; the prior is not returned as a result, because the readings "
-                "do not determine the joint"
-            )
+        if self.observability.null[j]:
+            return self._explain_no_effect(j)
         for group in self.fit.undetermined:
             if j in group.joints:
                 return group.reason(self.names)
-        greatest_uncertainty = float(observability.reference_compliance[j])
+        greatest_uncertainty = float(self.observability.reference_compliance[j])
         uncertainty = self.compute_first_order_uncertainty(j)
         if uncertainty is not None and uncertainty > greatest_uncertainty:
-            return explain_noise(j, self.names, observability, uncertainty)
+            return explain_noise(j, self.names, self.observability, uncertainty)
         if j in self.profiles and self.profiles[j].standard_uncertainty > greatest_uncertainty:
             return _SHORT_LEVER
         return None
+
+    def _explain_no_effect(self, j: int) -> str | None:
+        """Return why the readings do not show joint j, and that its prior, if it has one, is no result."""
+        reason, has_prior = self.observability.reasons[j], not np.isnan(self.prior_to_data[j])
+        if not has_prior:
+            return reason
+        return (
+            f"{reason}; the prior is not returned as a result, because the readings "
+            "do not determine the joint"
+        )
 
     def compute_extra_uncertainties(self) -> FloatArray:
         """Return the uncertainties (n,) that the load's errors beyond first order add to joints [rad/(N·m)].
@@ -1176,16 +1190,28 @@ def _list_parts_of_common_errors(estimate: Estimate, common_errors: CommonErrors
         covariance = responses @ responses.T
         if source == last_lever_source:
             covariance = covariance + estimate.square_second_order()
-        components.append(
-            BudgetComponent(
-                covariance,
-                source,
-                evaluation="A" if source == "fitted_causes" else "B",
-                included=True,
-                responses=responses if source.endswith("load_point") else None,
-            )
-        )
+        components.append(_build_component_of_common_error(source, covariance, responses))
     return components
+
+
+def _build_component_of_common_error(
+    source: str, covariance: FloatArray, responses: FloatArray
+) -> BudgetComponent:
+    """Return the component of one source of errors that all observations share.
+
+    Args:
+        source: name of the source; "fitted_causes" alone was estimated from readings.
+        covariance: (n, n) covariance of the compliances by the source [(rad/(N·m))²].
+        responses: (n, k) changes of the compliances by one standard uncertainty of k errors; kept for the
+            load point, whose errors have a place.
+    """
+    return BudgetComponent(
+        covariance,
+        source,
+        evaluation="A" if source == "fitted_causes" else "B",
+        included=True,
+        responses=responses if source.endswith("load_point") else None,
+    )
 
 
 def _estimate_model_error(
@@ -1212,20 +1238,37 @@ def _estimate_model_error(
     deviations = compliances - compliances.mean(axis=0)
     jackknife_covariance = (jackknife.postures - 1.0) / P * deviations.T @ deviations
     noise_covariance = readings_covariance[np.ix_(joints, joints)]
+    root = _find_root_beyond_noise(jackknife_covariance, noise_covariance, P)
+    if root is None:
+        return []
+    covariance = np.zeros_like(readings_covariance)
+    covariance[np.ix_(joints, joints)] = root @ root.T
+    return [BudgetComponent(covariance, "model_error", "A", included, P - 1.0)]
+
+
+def _find_root_beyond_noise(
+    jackknife_covariance: FloatArray, noise_covariance: FloatArray, P: int
+) -> FloatArray | None:
+    """Return a root (p, p) of the part of the jackknife's covariance that noise does not explain.
+
+    None where a covariance is not finite, or that of the noise is singular.
+
+    Args:
+        jackknife_covariance: (p, p) covariance of the compliances by noise and model error.
+        noise_covariance: (p, p) covariance of the compliances by the noise of the readings.
+        P: number of postures.
+    """
     is_finite = np.isfinite(jackknife_covariance).all() and np.isfinite(noise_covariance).all()
     if not is_finite:
-        return []
+        return None
     try:
         # Eigenvectors V are scaled such that Vᵀ noise_covariance V = I.
         eigenvalues, vectors = linalg.eigh(jackknife_covariance, noise_covariance)
     except np.linalg.LinAlgError:  # the covariance of the noise is singular
-        return []
-    greatest_of_noise = (1.0 + np.sqrt(p / P)) ** 2
+        return None
+    greatest_of_noise = (1.0 + np.sqrt(len(eigenvalues) / P)) ** 2
     model_eigenvalues = np.where(eigenvalues > greatest_of_noise, eigenvalues - 1.0, 0.0)
-    root = noise_covariance @ vectors * np.sqrt(model_eigenvalues)
-    covariance = np.zeros_like(readings_covariance)
-    covariance[np.ix_(joints, joints)] = root @ root.T
-    return [BudgetComponent(covariance, "model_error", "A", included, P - 1.0)]
+    return np.asarray(noise_covariance @ vectors * np.sqrt(model_eigenvalues))
 
 
 @dataclass(frozen=True, eq=False)

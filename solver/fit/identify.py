@@ -7,7 +7,9 @@ uncertainties, intervals and verdicts.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,7 +23,7 @@ from jointstiff.solver.fit.estimate import (
     Evidence,
     LeverProfile,
 )
-from jointstiff.solver.fit.lever import FreeLoad, ProfileEnds
+from jointstiff.solver.fit.lever import FreeLoad, Profile, ProfileEnds
 from jointstiff.solver.fit.method import (
     Method,
     MethodRows,
@@ -40,15 +42,17 @@ from jointstiff.solver.fit.stages import (
     Likelihood,
     RobustFit,
     Scale,
+    SolvedMethod,
     SolveProblem,
     TargetRows,
     estimate_scale,
     fit_huber,
-    fit_method,
+    solve_method,
 )
 from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements
+from jointstiff.solver.fit.triangle import Triangle
 from jointstiff.solver.mechanics.block import Term, fitted_errors
-from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.mechanics.springs import NEGLECTED_STIFFNESS
 from jointstiff.solver.mechanics.terms import FORCE_SCALE, TERMS, list_stated_terms
 
@@ -78,33 +82,69 @@ def identify(rows: Rows, settings: Settings) -> Estimate:
         The estimate, with intervals, verdicts and certificates.
 
     Raises:
+        JointstiffError: one of the errors of `fit_joints` and `describe`.
+    """
+    return describe(fit_joints(rows, settings))
+
+
+def fit_joints(rows: Rows, settings: Settings) -> JointsFit:
+    """Fit the joint compliances of a robot to measured deflections, without their uncertainties.
+
+    If the fit fails with the complementary stiffness K_c, the joints are fitted without K_c, and the fit
+    records why. So it fails if the joints are so soft that the load has no balance with K_c, as readings in a
+    wrong unit make them appear.
+
+    Args:
+        rows: N observations of a robot with n joints.
+        settings: settings of the fit.
+
+    Raises:
         UnsupportedMethodError: the readings or the robot cannot support the method or weighting.
         NotObservableError: the readings determine no joint.
         MeasurementError: an array has a wrong shape or wrong numbers, or the numbers overflow.
-        SolverError: optimality could not be certified, or the load has no balance with K_c.
+        SolverError: an optimum could not be certified.
     """
-    return _identify(rows, settings, why_without_k_c=None)
+    try:
+        return _fit_joints_as_stated(rows, settings)
+    except SolverError as error:
+        if error.where != "complementary_stiffness":
+            raise
+        why_without_k_c = error.reason
+    settings_without_k_c = replace(settings, complementary_stiffness=False)
+    without_k_c = _fit_joints_as_stated(rows, settings_without_k_c)
+    return replace(without_k_c, why_without_k_c=why_without_k_c)
 
 
-def _identify(rows: Rows, settings: Settings, why_without_k_c: str | None) -> Estimate:
-    """Identify the joint compliances; arguments, result and errors are those of `identify`.
+def _fit_joints_as_stated(rows: Rows, settings: Settings) -> JointsFit:
+    """Fit the joint compliances with exactly these settings.
 
-    `why_without_k_c` is the reason why the settings neglect the complementary stiffness K_c although it was
-    requested; None if they do not.
+    Raises:
+        SolverError: an optimum could not be certified, or the load has no balance with K_c.
     """
     refuse_unsupported(rows, settings)
     unloaded_rows = rows.at(None)  # in the postures without the load
     problem = _state_problem(unloaded_rows, settings)
-    first_fit = problem.fit_unbent_robot()
-    final = _fit_until_at_rest(problem, first_fit)
-    certified_fit = final.problem.certify(final.fit)
-    estimate = _build_estimate(final.problem, certified_fit)
-    effect_of_k_c = _describe_complementary_stiffness(final, first_fit, estimate)
+    fit = _fit_until_at_rest(problem, first=problem.fit_unbent_robot())
+    _refuse_overflow(fit.compliance, fit.scale, covariance=None)
+    return fit
+
+
+def describe(fit: JointsFit) -> Estimate:
+    """Return the estimate of a fit: sigma, uncertainties, intervals and a verdict on each joint.
+
+    The last least-squares problem is solved again by Clarabel, as a witness of the optimum.
+
+    Raises:
+        MeasurementError: the numbers overflow.
+        SolverError: an optimum or the end of an interval could not be certified.
+    """
+    certified_fit = fit.problem.certify(fit.last)
+    estimate = _build_estimate(fit.problem, certified_fit)
     return replace(
         estimate,
-        characteristic_length=problem.method.characteristic_length,
-        complementary_stiffness=replace(effect_of_k_c, obstacle=why_without_k_c),
-        statements_dropped=final.statements_dropped,
+        characteristic_length=fit.problem.method.characteristic_length,
+        complementary_stiffness=_describe_complementary_stiffness(fit, estimate),
+        statements_dropped=fit.statements_dropped,
     )
 
 
@@ -123,16 +163,52 @@ def _state_problem(rows: Rows, settings: Settings) -> _Problem:
     return _Problem(rows, settings, method, observability, stated_errors)
 
 
-class _FinalFit(NamedTuple):
-    """Last of several fits, at which the robot is bent by the fitted compliances."""
+@dataclass(frozen=True, eq=False)
+class JointsFit:
+    """Joint compliances that fit N observations best, in balance with the loads; `describe` has the rest."""
 
-    problem: _Problem  #: problem of this fit: without stated errors if the readings contradict them
-    fit: _SingleFit
+    problem: _Problem  #: problem of the last fit: without stated errors if the readings contradict them
+    first: _SingleFit  #: fit without K_c and stated errors
+    last: _SingleFit  #: fit of the robot that is bent by these compliances
     iterations: int  #: number of fits after the first
+    #: (n,) change of the compliances by K_c to first order, from which the search for the rest started
+    #: [rad/(N·m)]; None without K_c
+    expected_shift: FloatArray | None = None
     statements_dropped: str | None = None  #: why stated errors were not fitted after all; None if they were
+    why_without_k_c: str | None = None  #: why K_c was neglected although it was requested; None if it was not
+
+    @property
+    def settings(self) -> Settings:
+        """Settings of the fit: without K_c if the fit with K_c failed."""
+        return self.problem.settings
+
+    @property
+    def method(self) -> Method:
+        """Method of the fit, with its stages."""
+        return self.problem.method
+
+    @property
+    def observability(self) -> Observability:
+        """Observability of the joints in the readings."""
+        return self.problem.observability
+
+    @property
+    def compliance(self) -> FloatArray:
+        """Fitted compliances (n,) [rad/(N·m)]."""
+        return self.last.compliance
+
+    @property
+    def balanced(self) -> FloatArray | None:
+        """Compliances (n,) that bent the robot in the last fit [rad/(N·m)]; None without K_c."""
+        return self.last.rows.balanced
+
+    @cached_property
+    def scale(self) -> Scale:
+        """Sigma, as stated or from the residuals, and the chi-square of the targets' residuals."""
+        return _estimate_final_scale(self.problem, self.last, self.last.describe())
 
 
-def _fit_until_at_rest(problem: _Problem, first: _SingleFit) -> _FinalFit:
+def _fit_until_at_rest(problem: _Problem, first: _SingleFit) -> JointsFit:
     """Repeat the fit until the compliances that bend the robot equal the fitted compliances.
 
     The complementary stiffness K_c bends the robot, and the columns of stated errors (errors of the load and
@@ -150,47 +226,67 @@ def _fit_until_at_rest(problem: _Problem, first: _SingleFit) -> _FinalFit:
     why_dropped = None
     if problem.stated_errors:
         try:
-            final = _repeat_until_at_rest(problem, first)
-            _refuse_contradicted_statements(final.fit)
+            return _fit_with_stated_errors(problem, first)
         except SolverError as error:
             why_dropped = error.reason
-        else:
-            return final
-    problem = replace(problem, stated_errors=())
-    final = _FinalFit(problem, first, iterations=0)
+    without_stated_errors = replace(problem, stated_errors=())
+    fit = JointsFit(without_stated_errors, first, last=first, iterations=0)
     if problem.settings.complementary_stiffness:
-        final = _repeat_until_at_rest(problem, first)
-    return final._replace(statements_dropped=why_dropped)
+        fit = _repeat_until_at_rest(without_stated_errors, first)
+    return replace(fit, statements_dropped=why_dropped)
 
 
-def _describe_complementary_stiffness(
-    final: _FinalFit, first: _SingleFit, estimate: Estimate
-) -> ComplementaryStiffness:
+def _fit_with_stated_errors(problem: _Problem, first: _SingleFit) -> JointsFit:
+    """Fit joints together with stated errors, until the compliances come to rest.
+
+    Raises:
+        SolverError: the compliances do not come to rest, or the readings contradict the stated errors.
+    """
+    fit = _repeat_until_at_rest(problem, first)
+    _refuse_contradicted_statements(fit.last)
+    return fit
+
+
+def _describe_complementary_stiffness(fit: JointsFit, estimate: Estimate) -> ComplementaryStiffness:
     """Return the effect of the complementary stiffness K_c on a fit.
 
     K_c (n, n) is the change of the joints' torques by their deflections, as the load moves with the arm.
 
     Args:
-        final: last fit.
-        first: fit without K_c and stated errors.
-        estimate: estimate from the last fit.
+        fit: fit of the joints.
+        estimate: estimate of this fit.
     """
-    problem = final.problem
-    is_included = problem.settings.complementary_stiffness
-    only_k_c_changed_the_fit = is_included and not problem.stated_errors
-    if only_k_c_changed_the_fit:
-        shift = final.fit.compliance - first.compliance
-    else:
-        shift = _estimate_neglected_shift(problem, first, estimate.sigma)
-    ratios = np.abs(estimate.compliance)[:, None] * _find_largest_stiffness(problem.rows)  # |K_c,ij| c_i
+    is_included = fit.settings.complementary_stiffness
+    shift = _find_shift_by_complementary_stiffness(fit, estimate.sigma)
+    ratios = np.abs(estimate.compliance)[:, None] * _find_largest_stiffness(fit.problem.rows)  # |K_c,ij| c_i
     ratios_of_estimates = ratios[np.ix_(estimate.estimated, estimate.estimated)]
     return ComplementaryStiffness(
         included=is_included,
-        iterations=final.iterations if is_included else 0,
+        iterations=fit.iterations if is_included else 0,
         largest_ratio=float(ratios_of_estimates.max(initial=0.0)),
         largest_shift=_find_largest_standardised_shift(shift, estimate),
         shift=shift,
+        obstacle=fit.why_without_k_c,
     )
+
+
+def _find_shift_by_complementary_stiffness(fit: JointsFit, sigma: float | None) -> FloatArray:
+    """Return the change (n,) of the compliances by the complementary stiffness K_c [rad/(N·m)].
+
+    Where nothing but K_c distinguishes the last fit from the first, the change is the difference of the two;
+    else it is estimated to first order.
+
+    Args:
+        fit: fit of the joints.
+        sigma: standard uncertainty of a coordinate [m], which weighs a prior; None if unknown.
+    """
+    only_k_c_changed_the_fit = fit.settings.complementary_stiffness and not fit.problem.stated_errors
+    if only_k_c_changed_the_fit:
+        return fit.compliance - fit.first.compliance
+    has_prior = fit.settings.prior is not None
+    if fit.expected_shift is not None and not has_prior:  # sigma only weighs a prior
+        return fit.expected_shift
+    return _estimate_neglected_shift(fit.problem, fit.first, sigma)
 
 
 def _find_characteristic_length(rows: Rows, settings: Settings, observability: Observability) -> float | None:
@@ -221,7 +317,9 @@ def _refuse_contradicted_statements(last: _SingleFit) -> None:
     errors = last.compressed.fit_statements(last.compliance).unknowns  # in standard uncertainties
     greatest = float(np.abs(errors).max(initial=0.0))
     if greatest > _MOST_UNCERTAINTIES:
-        raise SolverError(f"the fit moves an error by {greatest:.0f} times its standard uncertainty")
+        raise SolverError(
+            f"the fit changes a stated quantity by {greatest:.0f} times its standard uncertainty"
+        )
 
 
 def _list_stated_errors_to_fit(
@@ -235,28 +333,6 @@ def _list_stated_errors_to_fit(
     has_one_stage = len(method.stages) == 1
     can_fit_errors = has_one_stage and method.by_covariance and settings.loss == "squared"
     return list_stated_terms(measurements) if can_fit_errors else ()
-
-
-def identify_with_fallback(rows: Rows, settings: Settings) -> tuple[Settings, Estimate]:
-    """Identify the compliances; if that fails with the complementary stiffness K_c, identify without K_c.
-
-    With K_c the load has no balance if the joints are very soft, as readings in a wrong unit make them
-    appear. The estimate then records why K_c was neglected.
-
-    Returns:
-        The settings that were used, and the estimate.
-
-    Raises:
-        JointstiffError: the identification fails for another reason than K_c.
-    """
-    try:
-        return settings, identify(rows, settings)
-    except SolverError as error:
-        if error.where != "complementary_stiffness":
-            raise
-        why_without_k_c = error.reason
-    settings_without_k_c = replace(settings, complementary_stiffness=False)
-    return settings_without_k_c, _identify(rows, settings_without_k_c, why_without_k_c)
 
 
 def refuse_unsupported(rows: Rows, settings: Settings) -> None:
@@ -287,26 +363,25 @@ def _refuse_unsupported_weighting(measurements: Measurements, settings: Settings
     Raises:
         UnsupportedMethodError: names what is missing and a remedy.
     """
-    weighting = settings.weighting
+    needs_rotations = settings.weighting == "characteristic_length"
     if settings.prior is not None:
-        raise UnsupportedMethodError(
-            f"weighting {weighting} does not use the uncertainty of the readings, so a prior cannot be "
-            "weighed against the readings",
-            where="weighting",
-            remedy="use weighting covariance, or omit `priors`",
+        problem = (
+            "does not use the uncertainty of the readings, so a prior cannot be weighed against the readings"
         )
-    if measurements.encoders is not None:
-        raise UnsupportedMethodError(
-            f"weighting {weighting} cannot combine encoder readings (angles) with positions (lengths)",
-            where="weighting",
-            remedy="use weighting covariance, or omit the encoder readings",
-        )
-    if weighting == "characteristic_length" and settings.method != "complete_pose":
-        raise UnsupportedMethodError(
-            f"weighting {weighting} needs rotations, but method {settings.method} does not use rotations",
-            where="weighting",
-            remedy="use weighting covariance, or method complete_pose",
-        )
+        alternative = "omit `priors`"
+    elif measurements.encoders is not None:
+        problem = "cannot combine encoder readings (angles) with positions (lengths)"
+        alternative = "omit the encoder readings"
+    elif needs_rotations and settings.method != "complete_pose":
+        problem = f"needs rotations, but method {settings.method} does not use rotations"
+        alternative = "method complete_pose"
+    else:
+        return
+    raise UnsupportedMethodError(
+        f"weighting {settings.weighting} {problem}",
+        where="weighting",
+        remedy=f"use weighting covariance, or {alternative}",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,27 +390,36 @@ class _SingleFit:
 
     rows: Rows  # observations with the weights of the fit, at the compliances that bend the robot
     compressed: MethodRows  # rows that were fitted
-    fit: Fit
+    solved: SolvedMethod  # optimum
+    without_prior: Fit | None  # fit without the prior; None without a prior
     robust: RobustFit | None  # weights of the readings by the Huber loss; None for the squared loss
     targets: TargetRows | None  # rows for the Huber loss; None for the squared loss
 
     @property
     def compliance(self) -> FloatArray:
         """Fitted compliances (n,) [rad/(N·m)]."""
-        return self.fit.compliance
+        return self.solved.compliance
+
+    def describe(self) -> Fit:
+        """Return the fit with its covariance, and with what the readings determine."""
+        return replace(self.solved.describe(), alone=self.without_prior)
 
     def list_certificates(self) -> tuple[Certificate, ...]:
         """Return the certificates of the stages, after that of the robust fit, if there is one."""
-        if self.robust is None:
-            return self.fit.certificates
-        return (self.robust.certificate, *self.fit.certificates)
+        of_stages = [stage.solution.certificate for stage in self.solved.stages.values()]
+        of_robust_fit = [] if self.robust is None else [self.robust.certificate]
+        return (*of_robust_fit, *of_stages)
 
     def estimate_sigma_from_residuals(self) -> float:
         """Return sigma, the standard deviation of a coordinate, from the residuals [m].
 
         The result is 0 without degrees of freedom to estimate sigma from.
         """
-        scale = estimate_scale(self.fit, self.compressed.all_readings, None)
+        return self.estimate_sigma(self.describe())
+
+    def estimate_sigma(self, fit: Fit) -> float:
+        """Return sigma from the residuals of this fit, whose description is known [m]."""
+        scale = estimate_scale(fit, self.compressed.all_readings, None)
         return scale.sigma or 0.0
 
 
@@ -388,20 +472,20 @@ class _Problem:
             weighted_readings = robust.reweight(rows.measurements)
             rows = rows.of(weighted_readings)
         compressed = MethodRows.compress(self.method, rows, stated_errors)
-        fit = self._solve_compressed_rows(compressed, robust, solve_step)
-        return _SingleFit(rows, compressed, fit, robust, targets)
+        solved, without_prior = self._solve_compressed_rows(compressed, robust, solve_step)
+        return _SingleFit(rows, compressed, solved, without_prior, robust, targets)
 
     def certify(self, last: _SingleFit) -> _SingleFit:
         """Return the last fit, solved again by Clarabel, with certificates of its optimum."""
-        certified = self._solve_compressed_rows(last.compressed, last.robust, solve)
-        return replace(last, fit=certified)
+        solved, without_prior = self._solve_compressed_rows(last.compressed, last.robust, solve)
+        return replace(last, solved=solved, without_prior=without_prior)
 
     def _solve_compressed_rows(
         self, compressed: MethodRows, robust: RobustFit | None, solve_problem: SolveProblem
-    ) -> Fit:
-        """Return the fit of compressed rows, with the prior of the settings.
+    ) -> tuple[SolvedMethod, Fit | None]:
+        """Return the optimum for compressed rows, with the prior of the settings, and the fit without prior.
 
-        With a prior, the fit without the prior is its attribute `alone`.
+        The latter is None if the settings have no prior.
 
         Args:
             compressed: compressed rows of all observations.
@@ -409,16 +493,16 @@ class _Problem:
             solve_problem: function that solves a problem.
         """
         constraints, has_no_effect = self.settings.constraints, self.observability.null
-        fit = fit_method(compressed, has_no_effect, constraints, solve_problem=solve_problem)
+        solved = solve_method(compressed, has_no_effect, constraints, solve_problem=solve_problem)
         if self.settings.prior is None:
-            return fit
+            return solved, None
         # A prior is weighed against the noise of the readings. A sigma that is not stated is estimated from
         # the readings alone, without the prior.
+        without_prior = solved.describe()
         stated_sigma = self.rows.measurements.sigma if robust is None else robust.sigma
-        sigma = _require_sigma_for_prior(estimate_scale(fit, compressed.all_readings, stated_sigma))
+        sigma = _require_sigma_for_prior(estimate_scale(without_prior, compressed.all_readings, stated_sigma))
         prior = self.settings.prior.in_units_of(sigma)
-        fit_with_prior = fit_method(compressed, has_no_effect, constraints, prior, solve_problem)
-        return replace(fit_with_prior, alone=fit)
+        return solve_method(compressed, has_no_effect, constraints, prior, solve_problem), without_prior
 
     def _fit_huber(self, targets: TargetRows, before: _SingleFit | None) -> RobustFit:
         """Fit the joints with Huber's loss; an unknown sigma is estimated by the first fit and then kept.
@@ -486,14 +570,22 @@ def _require_observable(excitation: Excitation) -> Observability:
         )
     observability = excitation.observability()
     if observability.null.all():
-        short_reasons = [str(reason).split(":")[0] for reason in observability.reasons]
-        distinct_reasons = ", or ".join(dict.fromkeys(short_reasons))
-        raise NotObservableError(
-            f"the readings do not determine any joint: {distinct_reasons}",
-            where="observations",
-            remedy="add loads with a torque about the joints' axes, and targets away from these axes",
-        )
+        raise _build_no_joint_error(observability)
     return observability
+
+
+def _build_no_joint_error(observability: Observability) -> NotObservableError:
+    """Build the error for readings that determine no joint, with the distinct reasons of the joints.
+
+    The reason of a joint begins with what is missing, up to a colon: `the load never twists this joint`.
+    """
+    short_reasons = [str(reason).split(":")[0] for reason in observability.reasons]
+    distinct_reasons = ", or ".join(dict.fromkeys(short_reasons))
+    return NotObservableError(
+        f"the readings do not determine any joint: {distinct_reasons}",
+        where="observations",
+        remedy="add loads with a torque about the joints' axes, and targets away from these axes",
+    )
 
 
 class _Repetition:
@@ -517,7 +609,7 @@ class _Repetition:
         return self.last.compliance
 
 
-def _repeat_until_at_rest(problem: _Problem, first: _SingleFit) -> _FinalFit:
+def _repeat_until_at_rest(problem: _Problem, first: _SingleFit) -> JointsFit:
     """Repeat the fit until the fitted compliances equal those that bend the robot, a fixed point.
 
     With the complementary stiffness K_c, the compliances bend the robot; the columns of stated errors depend
@@ -531,26 +623,34 @@ def _repeat_until_at_rest(problem: _Problem, first: _SingleFit) -> _FinalFit:
         SolverError: the compliances do not come to rest in `MAX_ITERATIONS` fits.
     """
     repetition = _Repetition(problem, first)
+    expected_shift = _expect_shift(problem, first)
+    start = first.compliance if expected_shift is None else first.compliance + expected_shift
     find_rest(
         repetition.fit,
-        start=_estimate_compliances_at_rest(problem, first),
+        start=start,
         unit=_list_changes_at_rest(problem.observability, first),
         most_steps=MAX_ITERATIONS,
     )
-    # The last fit is that at the fixed point.
-    return _FinalFit(problem, repetition.last, iterations=repetition.count)
+    # The last fit is that at the fixed point. The targets' rows of the first fit are not needed any more.
+    return JointsFit(
+        problem,
+        first=replace(first, targets=None),
+        last=repetition.last,
+        iterations=repetition.count,
+        expected_shift=expected_shift,
+    )
 
 
-def _estimate_compliances_at_rest(problem: _Problem, first: _SingleFit) -> FloatArray:
-    """Estimate the compliances (n,) at which the fits come to rest [rad/(N·m)].
+def _expect_shift(problem: _Problem, first: _SingleFit) -> FloatArray | None:
+    """Return the change (n,) of the first fit's compliances by K_c, to first order [rad/(N·m)].
 
-    These are the compliances of the first fit and, if K_c is part of the model, the effect of K_c to first
-    order. So with noisy readings and without stated errors, a single further fit suffices.
+    With noisy readings and without stated errors, a single further fit at the changed compliances suffices.
+    None if K_c is not part of the model.
     """
     if not problem.settings.complementary_stiffness:
-        return first.compliance
+        return None
     sigma = problem.rows.measurements.sigma or first.estimate_sigma_from_residuals()
-    return first.compliance + _estimate_neglected_shift(problem, first, sigma)
+    return _estimate_neglected_shift(problem, first, sigma)
 
 
 def _list_changes_at_rest(observability: Observability, first: _SingleFit) -> FloatArray:
@@ -562,7 +662,8 @@ def _list_changes_at_rest(observability: Observability, first: _SingleFit) -> Fl
     # A joint that nothing moves has no compliance to compare with.
     reference = np.maximum(observability.reference_compliance, np.finfo(np.float64).tiny)
     size = np.maximum(np.abs(first.compliance), reference)
-    uncertainty = first.estimate_sigma_from_residuals() * np.sqrt(np.diagonal(first.fit.covariance))
+    fit = first.describe()
+    uncertainty = first.estimate_sigma(fit) * np.sqrt(np.diagonal(fit.covariance))
     uncertainty = np.where(np.isfinite(uncertainty), uncertainty, 0.0)
     return np.maximum(_CHANGE_TOLERANCE * size, _CHANGE_IN_UNCERTAINTIES * uncertainty)
 
@@ -579,107 +680,127 @@ def _estimate_neglected_shift(problem: _Problem, without_k_c: _SingleFit, sigma:
         without_k_c: fit that neglects K_c.
         sigma: standard uncertainty of a coordinate [m], which weighs the prior; None leaves the prior out.
     """
-    fit = without_k_c.fit
+    solved = without_k_c.solved
     sample = without_k_c.rows.at(None).select_evenly(SHIFT_OBSERVATIONS)
-    is_free = ~problem.observability.null & (fit.active == 0)
+    is_free = ~problem.observability.null & (solved.active == 0)
     prior = problem.settings.prior
     weighed_prior = prior.in_units_of(sigma) if prior and sigma else None
     responses = without_k_c.compressed.compute_responses(
-        sample, [NEGLECTED_STIFFNESS], fit.compliance, np.flatnonzero(is_free), weighed_prior
+        sample, [NEGLECTED_STIFFNESS], solved.compliance, np.flatnonzero(is_free), weighed_prior
     )
     bias = responses[NEGLECTED_STIFFNESS.name][:, 0]  # by neglecting K_c
     return -bias * (len(problem.rows) / len(sample))
+
+
+@dataclass(frozen=True, eq=False)
+class _DescribedFit:
+    """Last fit together with its uncertainties."""
+
+    problem: _Problem  # observations, settings and stated errors
+    last: _SingleFit  # last fit, whose rows belong to its compliances
+    scale: Scale  # sigma and the residuals under sigma
+    fit: Fit  # last fit, with the uncertainty of all errors in its covariance
+    common_errors: CommonErrors | None  # errors that all observations share; None without any
+
+    @classmethod
+    def of(cls, problem: _Problem, last: _SingleFit) -> _DescribedFit:
+        """Describe the last fit of a problem; where sigma is unknown, there are no common errors."""
+        fit = last.describe()
+        scale = _estimate_final_scale(problem, last, fit)
+        if last.robust is not None:
+            # The weights of the Huber loss come from the residuals, which makes the covariance larger.
+            fit = fit.multiply_covariance(last.robust.inflation)
+        common_errors = None
+        if scale.sigma is not None:
+            common_errors = _propagate_common_errors(problem, last, scale.sigma)
+        if scale.sigma is not None and common_errors is not None:
+            # The covariance of a fit is in units of sigma.
+            fit = fit.add_common_errors(common_errors.responses_to_unfitted_errors / scale.sigma)
+        return cls(problem, last, scale, fit, common_errors)
+
+    @property
+    def covariance(self) -> FloatArray | None:
+        """Covariance (n, n) of the unconstrained estimate [(rad/(N·m))²]; None where sigma is unknown."""
+        if self.scale.sigma is None:
+            return None
+        return np.asarray(np.float64(self.scale.sigma) ** 2 * self.fit.covariance)
+
+    @property
+    def combined_joints(self) -> frozenset[int]:
+        """Joints that the readings determine only in combination with other joints."""
+        return frozenset(j for group in self.fit.undetermined for j in group.joints)
+
+    def collect_evidence(self) -> Evidence:
+        """Return the data on which the verdicts on the joints are based."""
+        settings, sigma = self.problem.settings, self.scale.sigma
+        n = len(self.fit.compliance)
+        return Evidence(
+            names=self.problem.rows.robot.joint_names,
+            fit=self.fit,
+            observability=self.problem.observability,
+            scale=self.scale,
+            constraints=settings.constraints,
+            confidence=settings.confidence,
+            prior_to_data=_compare_prior_to_data(self.fit.alone, settings.prior, sigma, n),
+            profiles=_profile_short_levers(self),
+        )
+
+
+class _BeyondFirstOrder(NamedTuple):
+    """Uncertainty of the compliances by all errors, with errors of the load beyond first order."""
+
+    covariance: FloatArray | None  # (n, n) [(rad/(N·m))²]; None where sigma is unknown
+    likelihood: Likelihood | None  # of the joints whose compliance has an upper end; None without any
+    #: (n,) standard uncertainties that the load's errors beyond first order add [rad/(N·m)]; None if no joint
+    #: is near the line of the load
+    added: FloatArray | None
+
+    @classmethod
+    def of(cls, described: _DescribedFit, evidence: Evidence) -> _BeyondFirstOrder:
+        """Add the errors of the load beyond first order, for joints near the line of the load."""
+        fit, covariance = described.fit, described.covariance
+        if not evidence.profiles:
+            return cls(covariance, fit.likelihood, added=None)
+        added = evidence.compute_extra_uncertainties()
+        if covariance is not None:
+            covariance = covariance + np.diag(np.square(added))
+        in_units_of_sigma = added / (described.scale.sigma or 1.0)
+        likelihood = _widen_likelihood(fit, in_units_of_sigma, evidence.list_open_joints())
+        return cls(covariance, likelihood, added)
 
 
 def _build_estimate(problem: _Problem, last_fit: _SingleFit) -> Estimate:
     """Build the estimate from the last fit: sigma, uncertainties, intervals and a verdict on each joint.
 
     With the Huber loss, a robust scale replaces a sigma that is unknown.
+
+    Raises:
+        MeasurementError: the numbers overflow.
+        SolverError: the end of an interval could not be certified.
     """
-    scale = _estimate_final_scale(problem, last_fit)
-    fit, common_errors = _add_uncertainties(problem, last_fit, scale)
-    covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
-    _refuse_overflow(fit, scale, covariance)
-    evidence = _collect_evidence(problem, last_fit, fit, scale, common_errors)
-    likelihood: Likelihood | None = fit.likelihood
-    second_order = None
-    if evidence.profiles:
-        # Beyond first order, errors of the load add to the uncertainty of joints near the line of the load.
-        second_order = evidence.compute_extra_uncertainties()
-        covariance = None if covariance is None else covariance + np.diag(np.square(second_order))
-        likelihood = _widen_likelihood(fit, second_order / (scale.sigma or 1.0), evidence.list_open_joints())
+    described = _DescribedFit.of(problem, last_fit)
+    fit, scale = described.fit, described.scale
+    _refuse_overflow(fit.compliance, scale, described.covariance)
+    evidence = described.collect_evidence()
+    uncertainty = _BeyondFirstOrder.of(described, evidence)
     return Estimate(
         joints=evidence.derive_joint_results(),
         compliance=fit.compliance,
         balanced=last_fit.rows.balanced,
-        covariance=covariance,
+        covariance=uncertainty.covariance,
         sigma=scale.sigma,
         sigma_given=scale.given,
-        chi_square=_compute_chi_square(last_fit, scale),
+        chi_square=scale.chi_square,
         degrees_of_freedom=scale.degrees_of_freedom,
         identifiability=fit.identifiability,
         certificates=last_fit.list_certificates(),
         compressed=last_fit.compressed,
         observability=problem.observability,
-        likelihood=likelihood,
-        common=common_errors,
-        second_order=second_order,
+        likelihood=uncertainty.likelihood,
+        common=described.common_errors,
+        second_order=uncertainty.added,
         robust=last_fit.robust,
     )
-
-
-def _collect_evidence(
-    problem: _Problem, last_fit: _SingleFit, fit: Fit, scale: Scale, common_errors: CommonErrors | None
-) -> Evidence:
-    """Return the data on which the verdicts on the joints are based.
-
-    Args:
-        problem: observations and settings.
-        last_fit: last fit, whose rows belong to its compliances.
-        fit: the outcome of this fit, with the uncertainty of errors that all observations share.
-        scale: sigma.
-        common_errors: errors that all observations share; None without any.
-    """
-    settings = problem.settings
-    return Evidence(
-        names=problem.rows.robot.joint_names,
-        fit=fit,
-        observability=problem.observability,
-        scale=scale,
-        constraints=settings.constraints,
-        confidence=settings.confidence,
-        prior_to_data=_compare_prior_to_data(fit.alone, settings.prior, scale.sigma, len(fit.compliance)),
-        profiles=_profile_short_levers(problem, last_fit, fit, scale, common_errors),
-    )
-
-
-def _compute_chi_square(last_fit: _SingleFit, scale: Scale) -> float:
-    """Return the chi-square of the last fit: with the Huber loss, that of the targets' weighted residuals."""
-    robust, targets = last_fit.robust, last_fit.targets
-    if robust is None or targets is None:
-        return scale.chi_square
-    return targets.chi_square(last_fit.compliance, sigma=robust.sigma, threshold=robust.threshold)
-
-
-def _add_uncertainties(
-    problem: _Problem, last_fit: _SingleFit, scale: Scale
-) -> tuple[Fit, CommonErrors | None]:
-    """Return the last fit with all uncertainties in its covariance, and the errors common to all readings.
-
-    There are no common errors where sigma is unknown.
-    """
-    fit, sigma = last_fit.fit, scale.sigma
-    if last_fit.robust is not None:
-        # The weights of the Huber loss come from the residuals, which makes the covariance larger.
-        fit = fit.multiply_covariance(last_fit.robust.inflation)
-    if sigma is None:
-        return fit, None
-    common_errors = _propagate_common_errors(problem, last_fit, sigma)
-    if common_errors is None:
-        return fit, None
-    # The covariance of a fit is in units of sigma.
-    responses = common_errors.responses_to_unfitted_errors / sigma
-    return fit.add_common_errors(responses), common_errors
 
 
 def _widen_likelihood(fit: Fit, uncertainty: FloatArray, open_joints: IndexArray) -> Likelihood | None:
@@ -697,33 +818,49 @@ def _widen_likelihood(fit: Fit, uncertainty: FloatArray, open_joints: IndexArray
     return known if len(known.joints) else None
 
 
-def _estimate_final_scale(problem: _Problem, last_fit: _SingleFit) -> Scale:
+def _estimate_final_scale(problem: _Problem, last_fit: _SingleFit, fit: Fit) -> Scale:
     """Return sigma, as stated or from the residuals, and the chi-square of the last fit.
 
-    With a prior, sigma comes from the fit without the prior, and chi-square from the fit with the prior.
+    With the Huber loss, a robust scale replaces a sigma that is unknown, and chi-square limits each residual
+    to the threshold of the loss. Sigma is at least the rounding error of a position.
+
+    Args:
+        problem: observations and settings.
+        last_fit: last fit.
+        fit: description of this fit.
     """
     stated_sigma = problem.rows.measurements.sigma
-    sigma = stated_sigma if last_fit.robust is None else last_fit.robust.sigma
-    fit, all_readings = last_fit.fit, last_fit.compressed.all_readings
-    if fit.alone is None:
-        scale = estimate_scale(fit, all_readings, sigma)
-        is_given = scale.given
+    all_readings = last_fit.compressed.all_readings
+    robust, targets = last_fit.robust, last_fit.targets
+    if robust is None or targets is None:
+        scale = _estimate_scale_with_prior(fit, all_readings, stated_sigma)
     else:
-        without_prior = estimate_scale(fit.alone, all_readings, sigma)
-        scale = estimate_scale(fit, all_readings, without_prior.sigma)
-        is_given = without_prior.given
-    # A robust scale is not a stated sigma.
-    scale = replace(scale, given=is_given and stated_sigma is not None)
+        scale = _estimate_scale_with_prior(fit, all_readings, robust.sigma)
+        chi_square = targets.chi_square(last_fit.compliance, sigma=robust.sigma, threshold=robust.threshold)
+        is_stated = scale.given and stated_sigma is not None  # a robust scale is not a stated sigma
+        scale = replace(scale, given=is_stated, chi_square=chi_square)
     return scale if scale.sigma is None else replace(scale, sigma=max(scale.sigma, _LEAST_SIGMA))
 
 
-def _refuse_overflow(fit: Fit, scale: Scale, covariance: FloatArray | None) -> None:
+def _estimate_scale_with_prior(fit: Fit, all_readings: Triangle, sigma: float | None) -> Scale:
+    """Return the scale of the residuals, for sigma [m] or, if it is None, for sigma from the residuals.
+
+    With a prior, sigma comes from the fit without the prior, and chi-square from the fit with the prior.
+    """
+    if fit.alone is None:
+        return estimate_scale(fit, all_readings, sigma)
+    without_prior = estimate_scale(fit.alone, all_readings, sigma)
+    with_prior = estimate_scale(fit, all_readings, without_prior.sigma)
+    return replace(with_prior, given=without_prior.given)
+
+
+def _refuse_overflow(compliance: FloatArray, scale: Scale, covariance: FloatArray | None) -> None:
     """Refuse a fit with numbers that are not finite.
 
     Raises:
         MeasurementError: a compliance, its covariance or chi-square is not finite.
     """
-    arrays = [fit.compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
+    arrays = [compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
     if covariance is not None:
         arrays.append(covariance)
     if not all(np.isfinite(array).all() for array in arrays):
@@ -757,19 +894,36 @@ def _propagate_common_errors(problem: _Problem, last_fit: _SingleFit, sigma: flo
         joints=np.flatnonzero(~problem.observability.null),
         prior=None if prior is None else prior.in_units_of(sigma),
     )
-    common_uncertainty = measurements.common_uncertainty
-    by_source = {}
-    for term in stated_terms:
-        response = responses[term.name]  # (n, k) for unit errors
-        # Repeat the term's uncertainties until each of the k unknowns has its own.
-        uncertainties = np.resize(term.prior(common_uncertainty), response.shape[1])
-        by_source[common_uncertainty.source(term.name)] = uncertainties * response
+    common = measurements.common_uncertainty
+    by_source = _scale_by_stated_uncertainties(responses, stated_terms, common)
     if corrected.terms:
         response = np.hstack([responses[term.name] for term in corrected.terms])
         by_source["fitted_causes"] = response @ corrected.root  # root of the covariance of these errors
-    terms_in_fit = last_fit.compressed.statements.terms
-    in_fit = frozenset(common_uncertainty.source(term.name) for term in terms_in_fit)
+    in_fit = frozenset(common.source(term.name) for term in last_fit.compressed.statements.terms)
     return CommonErrors(by_source, in_fit)
+
+
+def _scale_by_stated_uncertainties(
+    responses: Mapping[str, FloatArray], terms: Sequence[Term], common: CommonUncertainty
+) -> dict[str, FloatArray]:
+    """Return the changes (n, k) of n compliances by one standard uncertainty of each of a term's k unknowns.
+
+    Args:
+        responses: changes (n, k) by one unit of each unknown, by the term's name.
+        terms: kinds of error whose uncertainty is stated.
+        common: the stated standard uncertainties.
+
+    Returns:
+        The changes by the source of the error, such as "load_point", or "assumed_load_point" if the
+        uncertainty is assumed.
+    """
+    by_source = dict[str, FloatArray]()
+    for term in terms:
+        response = responses[term.name]
+        # Repeat the term's uncertainties until each of the k unknowns has its own.
+        uncertainties = np.resize(term.prior(common), response.shape[1])
+        by_source[common.source(term.name)] = uncertainties * response
+    return by_source
 
 
 def _list_terms_to_propagate(measurements: Measurements) -> list[Term]:
@@ -786,9 +940,7 @@ def _list_terms_to_propagate(measurements: Measurements) -> list[Term]:
     return stated_terms
 
 
-def _profile_short_levers(
-    problem: _Problem, last_fit: _SingleFit, fit: Fit, scale: Scale, common_errors: CommonErrors | None
-) -> dict[int, LeverProfile]:
+def _profile_short_levers(described: _DescribedFit) -> dict[int, LeverProfile]:
     """Return profile-likelihood intervals of the joints near the line of the load, by the joint's index.
 
     At such a joint an error of the load's place changes the torque by as much as the torque itself, so that
@@ -797,41 +949,48 @@ def _profile_short_levers(
 
     There are no profiles for readings without noise, as these determine the load point, too, so that
     intervals to first order are exact enough.
-
-    Args:
-        problem: observations, settings and stated errors.
-        last_fit: last fit, whose rows belong to its compliances.
-        fit: the fit, with the uncertainty of errors that all observations share.
-        scale: sigma.
-        common_errors: errors that all observations share; None without any.
     """
-    if common_errors is None or not scale.sigma or scale.sigma < LEAST_STATED_SIGMA:
+    common_errors, sigma = described.common_errors, described.scale.sigma
+    if common_errors is None or not sigma or sigma < LEAST_STATED_SIGMA:
         return {}
-    free_load = _build_free_load(problem, last_fit, scale.sigma)
+    free_load = _build_free_load(described.problem, described.last, sigma)
     if free_load is None:
         return {}
-    quantiles = scale.list_quantiles(problem.settings.confidence)
-    inflation = 1.0 if last_fit.robust is None else last_fit.robust.inflation
-    radii = scale.sigma * np.sqrt(inflation) * quantiles
-    combined_joints = {j for group in fit.undetermined for j in group.joints}
-    profiles = {}
+    profiles = dict[int, LeverProfile]()
     for index in np.flatnonzero(free_load.has_short_lever).tolist():
-        j = int(free_load.joints[index])  # the index of the joint is `index` among those that are seen
-        if j in combined_joints:
-            continue
-        ends = free_load.profile(index).find_ends(radii)
-        other_errors = _OtherErrors.of(problem.rows.measurements, common_errors, j, quantiles)
-        first_order_uncertainty = scale.sigma * float(np.sqrt(fit.covariance[j, j]))
-        profile = _build_profile(ends, other_errors, float(last_fit.compliance[j]), first_order_uncertainty)
-        if profile.intervals is not None:
-            bounds = problem.settings.constraints.bounds
-            profile = replace(
-                profile,
-                intervals=np.clip(profile.intervals, bounds.lower[j], bounds.upper[j]),
-                replaces_first_order=bool(last_fit.compressed.statements.terms),
-            )
-        profiles[j] = profile
+        joint = int(free_load.joints[index])  # `index` counts the joints that the readings show
+        if joint not in described.combined_joints:
+            other_errors = _OtherErrors.of(described, common_errors, joint)
+            profile = free_load.profile(index)
+            profiles[joint] = _profile_joint(described, profile, joint, other_errors)
     return profiles
+
+
+def _profile_joint(
+    described: _DescribedFit, profile: Profile, joint: int, other_errors: _OtherErrors
+) -> LeverProfile:
+    """Return the profile-likelihood intervals of one joint, within the bounds of its compliance.
+
+    Args:
+        described: last fit with its uncertainties.
+        profile: least sum of squares for each compliance of the joint, with the errors of the load free.
+        joint: index of the joint.
+        other_errors: errors of the joint that are no unknowns of the profile.
+    """
+    sigma, last = described.scale.sigma or 0.0, described.last
+    inflation = 1.0 if last.robust is None else last.robust.inflation
+    radii = sigma * np.sqrt(inflation) * other_errors.quantiles
+    first_order_uncertainty = sigma * float(np.sqrt(described.fit.covariance[joint, joint]))
+    ends = profile.find_ends(radii)
+    found = _build_profile(ends, other_errors, float(last.compliance[joint]), first_order_uncertainty)
+    if found.intervals is None:
+        return found
+    bounds = described.problem.settings.constraints.bounds
+    return replace(
+        found,
+        intervals=np.clip(found.intervals, bounds.lower[joint], bounds.upper[joint]),
+        replaces_first_order=bool(last.compressed.statements.terms),
+    )
 
 
 def _build_profile(
@@ -872,15 +1031,15 @@ class _OtherErrors(NamedTuple):
     quantiles: FloatArray  # (q,) expanded uncertainties over the standard uncertainty
 
     @classmethod
-    def of(
-        cls, measurements: Measurements, common_errors: CommonErrors, j: int, quantiles: FloatArray
-    ) -> _OtherErrors:
-        """Return the other errors of joint j: all but the stated errors of load and places."""
+    def of(cls, described: _DescribedFit, common_errors: CommonErrors, joint: int) -> _OtherErrors:
+        """Return the other errors of a joint: all but the stated errors of load and places."""
+        measurements = described.problem.rows.measurements
+        quantiles = described.scale.list_quantiles(described.problem.settings.confidence)
         common = measurements.common_uncertainty
         terms_in_profile = list_stated_terms(measurements)
         counted_by_themselves = [*terms_in_profile, FORCE_SCALE]
         sources = [common.source(term.name) for term in counted_by_themselves]
-        responses = common_errors.responses_to_others(sources)[j]
+        responses = common_errors.responses_to_others(sources)[joint]
         return cls(float(np.linalg.norm(responses)), common.scale, quantiles)
 
     def widen(self, intervals: FloatArray, estimate: float) -> FloatArray:

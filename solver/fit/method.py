@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain, pairwise
 from typing import Final, Literal, NamedTuple
 
@@ -399,8 +399,7 @@ class MethodRows:
     #: excitation of the joints as the motion of the wrist centre shows it; decoupled method only
     seen_from_centre: Excitation
     columns: FloatArray  #: (m, n + K) compressed columns of all readings, then a row for each stated error
-    #: (K, n + 1) stated errors that fit one unit of each joint's column, and the readings, best
-    to_unknowns: FloatArray
+    fitted: FloatArray  #: (m, n + K + 1) rows of the last stage, before the stated errors are projected out
 
     @classmethod
     def compress(cls, method: Method, rows: Rows, statements: Statements | None = None) -> MethodRows:
@@ -439,8 +438,13 @@ class MethodRows:
             cross=sums.cross,
             seen_from_centre=sums.seen_from_centre,
             columns=np.vstack([sums.readings.matrix, rows_of_statements]),
-            to_unknowns=_fit_errors_to_columns(fitted[-1].R, n, sigma),
+            fitted=fitted[-1].R,
         )
+
+    @cached_property
+    def to_unknowns(self) -> FloatArray:
+        """Stated errors (K, n + 1) that fit one unit of each joint's column, and the readings, best."""
+        return _fit_errors_to_columns(self.fitted, len(self.method.joint_names), self.statements.sigma)
 
     def fit_statements(self, compliance: FloatArray) -> FittedStatements:
         """Return the stated errors with the values that fit best for given compliances (n,) [rad/(N·m)].
@@ -713,14 +717,7 @@ def find_length_of_least_condition(method: Method, rows: Rows, has_no_effect: Bo
         rotations.add(only_stage.fitted[:, rotation])
     A_v = displacements.matrix[:, ~has_no_effect]
     A_omega = rotations.matrix[:, ~has_no_effect]
-
-    def log_condition(decade: float) -> float:
-        """Return the logarithm of the condition number for the length 10**decade [m]."""
-        stacked = np.concatenate([A_v / 10.0**decade, A_omega])
-        unit_columns_of_stacked = stacked / np.linalg.norm(stacked, axis=0)
-        singular_values = np.linalg.svd(unit_columns_of_stacked, compute_uv=False)
-        return float(np.log(singular_values[0] / max(singular_values[-1], np.finfo(float).tiny)))
-
+    log_condition = partial(_compute_log_condition, A_v, A_omega)
     # The condition number has several local minima where singular values cross: scan, then refine.
     grid = np.linspace(*_DECADES, 121)
     best = grid[np.argmin([log_condition(decade) for decade in grid])]
@@ -729,3 +726,17 @@ def find_length_of_least_condition(method: Method, rows: Rows, has_no_effect: Bo
         log_condition, bounds=(best - step, best + step), method="bounded", options={"xatol": 1e-10}
     )
     return float(10.0 ** np.clip(refined.x, *_DECADES))
+
+
+def _compute_log_condition(A_v: FloatArray, A_omega: FloatArray, decade: float) -> float:
+    """Return the logarithm of the condition number of [A_v / L; A_ω] with unit columns, L = 10**decade [m].
+
+    Args:
+        A_v: (m, p) rows of displacements.
+        A_omega: (m, p) rows of rotations.
+        decade: decimal logarithm of the length L.
+    """
+    stacked = np.concatenate([A_v / 10.0**decade, A_omega])
+    unit_columns_of_stacked = stacked / np.linalg.norm(stacked, axis=0)
+    singular_values = np.linalg.svd(unit_columns_of_stacked, compute_uv=False)
+    return float(np.log(singular_values[0] / max(singular_values[-1], np.finfo(float).tiny)))

@@ -178,6 +178,8 @@ class Constraints:
 
         The order keeps what it implies for these joints by way of the joints left out.
         """
+        if not self.order:
+            return Constraints(self.bounds.select(columns))
         is_below = self._implied_order()[np.ix_(columns, columns)]
         follows_from_others = is_below @ is_below  # c_i ≤ c_j follows from c_i ≤ c_k and c_k ≤ c_j
         pairs = np.argwhere(is_below & ~follows_from_others)
@@ -197,6 +199,8 @@ class Constraints:
         Raises:
             RequestError: if no compliance of another joint satisfies all constraints.
         """
+        if not self.order:  # no joint limits another one
+            return self.select(others)
         is_below = self._implied_order()  # (n, n): whether c_i ≤ c_j follows from the order
         lower, upper = self.bounds.lower.copy(), self.bounds.upper.copy()
         for joint, value in zip(joints.tolist(), compliance.tolist(), strict=True):
@@ -205,12 +209,7 @@ class Constraints:
             lower[at_least_value] = np.maximum(lower[at_least_value], value)
             upper[at_most_value] = np.minimum(upper[at_most_value], value)
         if not (lower[others] < upper[others]).all():
-            raise RequestError(
-                "the decoupled method fits the arm joints first; with their compliances, no compliance of a "
-                "wrist joint satisfies both its bounds and `stiffness_order`",
-                where="stiffness_order",
-                remedy="use method partial_pose, which fits all joints at once",
-            )
+            raise _build_no_wrist_compliance_error()
         return Constraints(Bounds(lower, upper), self.order).select(others)
 
     def are_satisfied_by(self, compliance: FloatArray) -> BoolArray:
@@ -252,6 +251,16 @@ class Constraints:
         for k in range(n):
             is_below |= is_below[:, k, None] & is_below[k]  # c_i ≤ c_k and c_k ≤ c_j
         return is_below
+
+
+def _build_no_wrist_compliance_error() -> RequestError:
+    """Build the error for wrist joints that no compliance suits, once those of the arm joints are fixed."""
+    return RequestError(
+        "the decoupled method fits the arm joints first; with their compliances, no compliance of a "
+        "wrist joint satisfies both its bounds and `stiffness_order`",
+        where="stiffness_order",
+        remedy="use method partial_pose, which fits all joints at once",
+    )
 
 
 @dataclass(frozen=True, eq=False)

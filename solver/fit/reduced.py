@@ -17,7 +17,7 @@ divided by the force it has no unit.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -221,30 +221,56 @@ def reduce_part(part: Part, candidate: Candidate, visible: BoolArray, sigma: flo
     joints = np.flatnonzero(is_determined)
     typical_compliance, levers = _scale_penalty(part.sums, reading_norm)
     elements = list(_list_penalised_elements(candidate, is_determined, levers))
-    diagonal = [element for element in elements if not element.is_full]
-    full = [element for element in elements if element.is_full]
-
-    # The parameters in their order, which is that of `Cone`.
-    columns = [joints]
-    units = [reading_norm / joint_norms[joints]]
-    for element in [*diagonal, *full]:
-        columns.append(element.columns)
-        units.append(element.compute_units(typical_compliance))
-    columns_of_x, unit = np.concatenate(columns), np.concatenate(units)
-    diagonal_entry_count = sum(len(element.columns) for element in diagonal)
+    unit_of_joints = reading_norm / joint_norms[joints]
+    parameters = _Parameters.arrange(joints, unit_of_joints, elements, typical_compliance)
+    scaled_regressor = (regressor / reading_norm)[:, parameters.columns] * parameters.unit
     return Reduced(
         part=part,
-        squares=LeastSquares((regressor / reading_norm)[:, columns_of_x] * unit, z / reading_norm),
-        cone=Cone(
-            nonnegative=len(joints) + diagonal_entry_count,
-            sizes=tuple(len(element.root) for element in full),
-            penalised=diagonal_entry_count,
-        ),
-        columns=columns_of_x,
-        unit=unit,
+        squares=LeastSquares(scaled_regressor, z / reading_norm),
+        cone=parameters.cone,
+        columns=parameters.columns,
+        unit=parameters.unit,
         reading_norm=reading_norm,
         sigma=sigma,
     )
+
+
+class _Parameters(NamedTuple):
+    """Parameters x of a model: first of the joints, then of diagonal matrices, then of full matrices."""
+
+    columns: IndexArray  #: (p,) column of the rows that belongs to each parameter
+    unit: FloatArray  #: (p,) unit of each parameter: compliances are ``unit · x``
+    cone: Cone  #: cone that contains the parameters
+
+    @classmethod
+    def arrange(
+        cls,
+        joints: IndexArray,
+        unit_of_joints: FloatArray,
+        elements: Sequence[_Element],
+        typical_compliance: float,
+    ) -> _Parameters:
+        """Arrange the parameters in the order of `Cone`.
+
+        Args:
+            joints: (j,) columns of the joints whose compliances are estimated.
+            unit_of_joints: (j,) units of these compliances [m/(rad/(N·m))].
+            elements: elements with a penalty.
+            typical_compliance: deflection over force, by which the penalty is scaled [m/N].
+        """
+        diagonal = [element for element in elements if not element.is_full]
+        full = [element for element in elements if element.is_full]
+        columns, units = [joints], [unit_of_joints]
+        for element in [*diagonal, *full]:
+            columns.append(element.columns)
+            units.append(element.compute_units(typical_compliance))
+        diagonal_entry_count = sum(len(element.columns) for element in diagonal)
+        cone = Cone(
+            nonnegative=len(joints) + diagonal_entry_count,
+            sizes=tuple(len(element.root) for element in full),
+            penalised=diagonal_entry_count,
+        )
+        return cls(np.concatenate(columns), np.concatenate(units), cone)
 
 
 def _list_penalised_elements(
@@ -597,15 +623,15 @@ def list_losses_to_compare(measurements: Measurements, losses: tuple[LossName, .
     if "squared" in losses:
         return ("squared",)
     if not residuals_have_lengths:
-        raise UnsupportedMethodError(
+        problem = (
             f"the loss {losses[0]} needs the length of each residual; encoder readings and readings along a "
-            "direction have none",
-            where="loss",
-            remedy="use loss squared",
+            "direction have none"
         )
-    raise UnsupportedMethodError(
-        f"{targets} targets were read, but the loss {losses[0]} of elastic links supports at most "
-        f"{MOST_TARGETS} targets",
-        where="loss",
-        remedy="use loss squared, or leave observations out",
-    )
+        remedy = "use loss squared"
+    else:
+        problem = (
+            f"{targets} targets were read, but the loss {losses[0]} of elastic links supports at most "
+            f"{MOST_TARGETS} targets"
+        )
+        remedy = "use loss squared, or leave observations out"
+    raise UnsupportedMethodError(problem, where="loss", remedy=remedy)

@@ -54,15 +54,20 @@ def find_rest(
         },
     )
     if not answer.success:
-        raise SolverError(
-            f"the fit does not come to rest: after {most_steps} fits the compliances still change by "
-            f"{_largest(answer.fun):.1e} times the change that counts as rest",
-            where="complementary_stiffness",
-            remedy="neglect the complementary stiffness, or add postures and loads that twist every joint",
-        )
+        raise _build_no_rest_error(most_steps, _largest(answer.fun))
     return np.asarray(answer.x * unit)
 
 
 def _largest(changes: FloatArray) -> float:
     """Return the greatest magnitude among changes (n,)."""
     return float(np.abs(changes).max())
+
+
+def _build_no_rest_error(steps: int, change: float) -> SolverError:
+    """Build the error for a search without an end; the last step changed the point by `change` units."""
+    return SolverError(
+        f"the fit did not converge: after {steps} repetitions the compliances still change by "
+        f"{change:.1e} times the tolerance",
+        where="complementary_stiffness",
+        remedy="neglect the complementary stiffness, or add postures and loads that twist every joint",
+    )

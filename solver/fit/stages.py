@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -29,7 +29,7 @@ from scipy.linalg import block_diag
 from jointstiff.schemas.run import SupportFinder
 from jointstiff.solver.arrays import ActiveBounds, BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.fit.method import MethodRows
+from jointstiff.solver.fit.method import MethodRows, Stage
 from jointstiff.solver.fit.observability import (
     Combination,
     Identifiability,
@@ -184,20 +184,19 @@ SolveProblem = Callable[[IdentificationProblem], Solution]
 
 
 @dataclass(frozen=True, eq=False)
-class StageFit:
-    """Solution of one stage of a method."""
+class SolvedStage:
+    """Optimum of one stage of a method: compliances c of p joints that minimise ‖R c − z‖² and a prior."""
 
     joints: IndexArray  #: (p,) joints of the stage's columns
-    spectrum: Spectrum  #: spectrum of the stage's rows, including the rows of a prior
-    analysis: Identifiability  #: identifiability by the readings, without the prior
-    undetermined: tuple[Combination, ...]  #: groups of joints that neither readings nor prior tell apart
-    parameters: float  #: number of parameters that the readings determine
+    R: FloatArray  #: (m, p) compressed rows of the stage's readings
+    readings: Spectrum  #: spectrum of R
+    spectrum: Spectrum  #: spectrum of R and of the rows of a prior
     prior: FloatArray  #: (k,) right-hand side of the prior's rows, which come last
     solution: Solution  #: optimum under the constraints
     tied: BoolArray  #: (p,) mask of joints whose compliance an order makes equal to that of another joint
 
     @classmethod
-    def from_rows(
+    def solve(
         cls,
         R: FloatArray,
         z: FloatArray,
@@ -205,11 +204,8 @@ class StageFit:
         constraints: Constraints,
         prior: Prior | None = None,
         solve_problem: SolveProblem = solve,
-    ) -> StageFit:
+    ) -> SolvedStage:
         """Solve one stage of a method: minimise ``‖R c − z‖²`` over p compliances c under constraints.
-
-        The number of parameters that the readings determine is the rank of R. With a prior, it is the trace
-        of the matrix that turns z into the fitted R c: a parameter that the prior determines does not count.
 
         Args:
             R: (m, p) compressed rows of the stage's readings.
@@ -219,38 +215,17 @@ class StageFit:
             prior: prior of all compliances, in units of sigma, added as further rows.
             solve_problem: function that solves a problem.
         """
-        spectrum = Spectrum(R)
-        identifiability = analyse_spectrum(spectrum, joints)
-        undetermined = identifiability.combinations
-        parameter_count = float(spectrum.rank)
+        readings = spectrum = Spectrum(R)
         prior_values = np.zeros(0)
         if prior is not None:
             prior_rows, prior_values = prior.rows(joints)
             spectrum = Spectrum(np.vstack([R, prior_rows]))
-            undetermined = analyse_spectrum(spectrum, joints).combinations
-            inverse_of_readings = spectrum.inverse[:, : len(R)]
-            parameter_count = float(np.sum(inverse_of_readings.T * R))  # the trace
         rhs = np.concatenate([z, prior_values])
         solution = solve_problem(
             IdentificationProblem(spectrum.determined, rhs, constraints.bounds, constraints.inequalities)
         )
-        is_tied = np.zeros(len(joints), dtype=np.bool_)
-        if solution.tight is not None:
-            # Make compliances exactly equal that are equal up to rounding because of the stiffness order.
-            equalised = constraints.equalise_tied(solution.compliance, solution.tight)
-            solution = replace(solution, compliance=equalised)
-            tied_pairs = np.array(constraints.order)[solution.tight]
-            is_tied[tied_pairs.ravel()] = True
-        return cls(
-            joints=joints,
-            spectrum=spectrum,
-            analysis=identifiability,
-            undetermined=undetermined,
-            parameters=parameter_count,
-            prior=prior_values,
-            solution=solution,
-            tied=is_tied,
-        )
+        solution, is_tied = _equalise_tied_compliances(solution, constraints)
+        return cls(joints, R, readings, spectrum, prior_values, solution, is_tied)
 
     def estimate_without_constraints(self, z: FloatArray) -> FloatArray:
         """Return the compliances (p,) of the fit without constraints; the shortest solution if not unique.
@@ -261,14 +236,125 @@ class StageFit:
         estimate: FloatArray = self.spectrum.inverse @ np.concatenate([z, self.prior])
         return estimate
 
+    def analyse_readings(self) -> Identifiability:
+        """Return what the readings alone determine, without the prior."""
+        return analyse_spectrum(self.readings, self.joints)
 
-def fit_method(
+    def list_undetermined(self) -> tuple[Combination, ...]:
+        """Return the groups of joints that neither readings nor prior tell apart."""
+        return analyse_spectrum(self.spectrum, self.joints).combinations
+
+    def count_determined(self) -> float:
+        """Return the number of parameters that the readings determine: the rank of R.
+
+        With a prior, it is the trace of the matrix that turns z into the fitted R c: a parameter that the
+        prior determines does not count.
+        """
+        has_prior = self.spectrum is not self.readings
+        if not has_prior:
+            return float(self.readings.rank)
+        inverse_of_readings = self.spectrum.inverse[:, : len(self.R)]
+        return float(np.sum(inverse_of_readings.T * self.R))  # the trace
+
+
+def _equalise_tied_compliances(solution: Solution, constraints: Constraints) -> tuple[Solution, BoolArray]:
+    """Make compliances exactly equal that are equal up to rounding because of the stiffness order.
+
+    Returns:
+        The solution with p compliances, and a mask (p,) of those that equal another one.
+    """
+    is_tied = np.zeros(len(solution.compliance), dtype=np.bool_)
+    if solution.tight is None:  # there is no order
+        return solution, is_tied
+    tied_pairs = np.array(constraints.order)[solution.tight]
+    is_tied[tied_pairs.ravel()] = True
+    equalised = constraints.equalise_tied(solution.compliance, solution.tight)
+    return replace(solution, compliance=equalised), is_tied
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedMethod:
+    """Optimum of all stages of a method; `describe` has its covariance and what the readings determine."""
+
+    compressed: MethodRows  #: compressed rows of all observations
+    stages: dict[int, SolvedStage]  #: solved stages by their number; stages without joints are left out
+    compliance: FloatArray  #: (n,) optimum [rad/(N·m)]; zero for joints without effect
+    unconstrained: FloatArray  #: (n,) estimate without constraints [rad/(N·m)]
+
+    @property
+    def active(self) -> ActiveBounds:
+        """Bound (n,) at which each compliance is: -1 at the lower, 1 at the upper bound, else 0."""
+        active = np.zeros(len(self.compliance), dtype=np.int8)
+        for stage in self.stages.values():
+            active[stage.joints] = stage.solution.active
+        return active
+
+    @property
+    def tied(self) -> BoolArray:
+        """Mask (n,) of joints whose compliance an order makes equal to that of another joint."""
+        tied = np.zeros(len(self.compliance), dtype=np.bool_)
+        for stage in self.stages.values():
+            tied[stage.joints] = stage.tied
+        return tied
+
+    def describe(self) -> Fit:
+        """Return the fit of the whole method: optimum, covariance, and the evidence of optimality."""
+        stages = list(self.stages.values())
+        joints = np.concatenate([np.zeros(0, np.intp), *(stage.joints for stage in stages)])
+        covariance = _compute_covariance(self.compressed, self.stages)
+        covariance_of_joints = covariance[np.ix_(joints, joints)]
+        undetermined = self._list_undetermined()
+        rows = self._find_rows_of_likelihood(covariance_of_joints, undetermined)
+        likelihood = Likelihood(joints, self.unconstrained[joints], covariance_of_joints, rows)
+        return Fit(
+            compliance=self.compliance,
+            active=self.active,
+            tied=self.tied,
+            covariance=covariance,
+            likelihood=likelihood,
+            parameters=sum(stage.count_determined() for stage in stages),
+            undetermined=undetermined,
+            identifiability=tuple(stage.analyse_readings() for stage in stages),
+            certificates=tuple(stage.solution.certificate for stage in stages),
+        )
+
+    def _list_undetermined(self) -> tuple[Combination, ...]:
+        """Return the groups of joints that neither the readings nor a prior tell apart, of all stages."""
+        undetermined = list[Combination]()
+        for stage in self.stages.values():
+            undetermined.extend(stage.list_undetermined())
+        return tuple(undetermined)
+
+    def _find_rows_of_likelihood(
+        self, covariance_of_joints: FloatArray, undetermined: Sequence[Combination]
+    ) -> FloatArray | None:
+        """Return rows R of the likelihood, with RᵀR the inverse covariance of the p joints with an effect.
+
+        None leaves the computation to `Likelihood`, which inverts the covariance.
+
+        Args:
+            covariance_of_joints: (p, p) covariance of the unconstrained estimate, in units of sigma².
+            undetermined: groups of joints that neither the readings nor a prior tell apart.
+        """
+        stages = list(self.stages.values())
+        is_by_covariance = self.compressed.spreads is None
+        is_one_stage_by_covariance = is_by_covariance and len(self.compressed.stages) == 1
+        if is_one_stage_by_covariance and stages:
+            return stages[0].spectrum.determined  # weighted by covariance, so RᵀR is the inverse already
+        if not undetermined:
+            return None
+        # Only some sums of the compliances are determined: invert the covariance of these sums.
+        sums = block_diag(*(stage.spectrum.seen for stage in stages))
+        return invert_to_root(sums @ covariance_of_joints @ sums.T) @ sums
+
+
+def solve_method(
     compressed: MethodRows,
     has_no_effect: BoolArray,
     constraints: Constraints,
     prior: Prior | None = None,
     solve_problem: SolveProblem = solve,
-) -> Fit:
+) -> SolvedMethod:
     """Solve the stages of a method in turn, without the joints that have no effect on the readings.
 
     A stage is a least-squares problem for some joints; a later stage takes the compliances of an earlier
@@ -282,9 +368,6 @@ def fit_method(
         prior: prior of the n compliances, in units of sigma; only for weighting by covariance.
         solve_problem: function that solves a problem; `solve_step` is faster, for use in iterations.
 
-    Returns:
-        The fit of all stages: compliances, covariance, and the evidence of optimality.
-
     Raises:
         RequestError: if the bounds on a wrist joint from the stiffness order leave no feasible compliance.
         UnsupportedMethodError: if an arm joint moves the targets but not the wrist centre, or if the wrist
@@ -293,37 +376,80 @@ def fit_method(
     """
     stages, n = compressed.method.stages, len(has_no_effect)
     compliance, unconstrained = np.zeros(n), np.zeros(n)  # estimates with and without constraints
-    fits: dict[int, StageFit] = {}
+    solved_stages: dict[int, SolvedStage] = {}
     if len(stages) > 1:
         _refuse_joints_without_effect_on_centre(compressed, has_no_effect)
     for number, (stage, triangle) in enumerate(zip(stages, compressed.stages, strict=True)):
-        joints = stage.joints[~has_no_effect[stage.joints]]
-        known = stage.known[~has_no_effect[stage.known]]  # estimated by an earlier stage
-        if not len(joints):
+        rows = _StageProblem.of(stage, triangle, has_no_effect)
+        if not len(rows.joints):
             continue
-        R, R_known, z = triangle.matrix[:, joints], triangle.matrix[:, known], triangle.rhs
-        remaining_constraints = constraints.fix_joints(known, compliance[known], joints)
-        remaining_z = z - R_known @ compliance[known]
-        fit = StageFit.from_rows(R, remaining_z, joints, remaining_constraints, prior, solve_problem)
-        if fit.undetermined and stage is not stages[-1]:
-            _refuse_combined_arm_joints(fit, compressed.method.joint_names)
-        compliance[joints] = unconstrained[joints] = fit.solution.compliance
-        constraint_acts_here = fit.solution.active.any() or fit.tied.any()
-        constraint_acted_before = (unconstrained[known] != compliance[known]).any()
-        if constraint_acts_here or constraint_acted_before:
-            remaining_z = z - R_known @ unconstrained[known]
-            unconstrained[joints] = fit.estimate_without_constraints(remaining_z)
-        fits[number] = fit
-    return _combine_stages(compressed, fits, compliance, unconstrained)
+        of_others = constraints.fix_joints(rows.known, compliance[rows.known], rows.joints)
+        z = rows.subtract_known(compliance)
+        solved = SolvedStage.solve(rows.R, z, rows.joints, of_others, prior, solve_problem)
+        if stage is not stages[-1]:
+            _refuse_combined_arm_joints(solved, compressed.method.joint_names)
+        compliance[rows.joints] = solved.solution.compliance
+        unconstrained[rows.joints] = _release_constraints(rows, solved, compliance, unconstrained)
+        solved_stages[number] = solved
+    return SolvedMethod(compressed, solved_stages, compliance, unconstrained)
 
 
-def _refuse_combined_arm_joints(arm: StageFit, joint_names: Sequence[str]) -> None:
-    """Refuse a fit of the arm in which the readings determine some joints only in combination.
+class _StageProblem(NamedTuple):
+    """Rows of one stage of a method: ``R c + R_known c_known ≈ z``, without joints that have no effect."""
+
+    joints: IndexArray  # (p,) joints whose compliances c the stage fits
+    known: IndexArray  # (k,) joints whose compliances c_known an earlier stage has fitted
+    R: FloatArray  # (m, p)
+    R_known: FloatArray  # (m, k)
+    z: FloatArray  # (m,) deflections [m]
+
+    @classmethod
+    def of(cls, stage: Stage, triangle: Triangle, has_no_effect: BoolArray) -> _StageProblem:
+        """Select the columns of the joints that have an effect from the rows of a stage.
+
+        Args:
+            stage: fitted and known joints.
+            triangle: compressed rows of the stage, with a column for each of n joints.
+            has_no_effect: (n,) mask of joints that have no effect on the readings.
+        """
+        joints = stage.joints[~has_no_effect[stage.joints]]
+        known = stage.known[~has_no_effect[stage.known]]
+        return cls(joints, known, triangle.matrix[:, joints], triangle.matrix[:, known], triangle.rhs)
+
+    def subtract_known(self, compliance: FloatArray) -> FloatArray:
+        """Return the deflections (m,) less those by the known joints, for compliances (n,) of all joints."""
+        return np.asarray(self.z - self.R_known @ compliance[self.known])
+
+
+def _release_constraints(
+    rows: _StageProblem, solved: SolvedStage, compliance: FloatArray, unconstrained: FloatArray
+) -> FloatArray:
+    """Return the estimate (p,) of a stage without constraints, neither in this nor in an earlier stage.
+
+    It is the optimum itself where no constraint acts.
+
+    Args:
+        rows: rows of the stage.
+        solved: optimum of the stage under the constraints.
+        compliance: (n,) optimum under the constraints.
+        unconstrained: (n,) estimate without constraints; those of known joints are used.
+    """
+    constraint_acts_here = solved.solution.active.any() or solved.tied.any()
+    constraint_acted_before = (unconstrained[rows.known] != compliance[rows.known]).any()
+    if constraint_acts_here or constraint_acted_before:
+        return solved.estimate_without_constraints(rows.subtract_known(unconstrained))
+    return solved.solution.compliance
+
+
+def _refuse_combined_arm_joints(arm: SolvedStage, joint_names: Sequence[str]) -> None:
+    """Refuse a fit of the arm if the readings determine some joints only in combination.
 
     Raises:
         UnsupportedMethodError: names these joints.
     """
-    combined_joints = sorted(j for group in arm.undetermined for j in group.joints)
+    combined_joints = sorted(j for group in arm.list_undetermined() for j in group.joints)
+    if not combined_joints:
+        return
     names = ", ".join(joint_names[j] for j in combined_joints)
     raise UnsupportedMethodError(
         f"the displacement of the wrist centre determines only a combination of {names}, so the arm's part "
@@ -356,51 +482,7 @@ def _refuse_joints_without_effect_on_centre(compressed: MethodRows, has_no_effec
         )
 
 
-def _combine_stages(
-    compressed: MethodRows, fits: dict[int, StageFit], compliance: FloatArray, unconstrained: FloatArray
-) -> Fit:
-    """Combine the solutions of all stages into the fit of the whole method.
-
-    Args:
-        compressed: compressed rows of all observations.
-        fits: solved stages by their number.
-        compliance: (n,) optimum [rad/(N·m)].
-        unconstrained: (n,) estimate without constraints [rad/(N·m)].
-    """
-    stages = list(fits.values())
-    n = len(compliance)
-    active, tied = np.zeros(n, dtype=np.int8), np.zeros(n, dtype=np.bool_)
-    for stage in stages:
-        active[stage.joints] = stage.solution.active
-        tied[stage.joints] = stage.tied
-    joints = np.concatenate([np.zeros(0, np.intp), *(stage.joints for stage in stages)])
-    covariance = _compute_covariance(compressed, fits)
-    covariance_of_joints = covariance[np.ix_(joints, joints)]
-    undetermined = tuple(group for stage in stages for group in stage.undetermined)
-    # Rows R of the likelihood, RᵀR the inverse covariance; None leaves the computation to `Likelihood`.
-    rows = None
-    is_by_covariance = compressed.spreads is None
-    is_one_stage_by_covariance = is_by_covariance and len(compressed.stages) == 1
-    if is_one_stage_by_covariance and stages:
-        rows = stages[0].spectrum.determined  # weighted by covariance, so RᵀR is the inverse already
-    elif undetermined:
-        # Only some sums of the compliances are determined: invert the covariance of these sums.
-        sums = block_diag(*(stage.spectrum.seen for stage in stages))
-        rows = invert_to_root(sums @ covariance_of_joints @ sums.T) @ sums
-    return Fit(
-        compliance=compliance,
-        active=active,
-        tied=tied,
-        covariance=covariance,
-        likelihood=Likelihood(joints, unconstrained[joints], covariance_of_joints, rows),
-        parameters=sum(stage.parameters for stage in stages),
-        undetermined=undetermined,
-        identifiability=tuple(stage.analysis for stage in stages),
-        certificates=tuple(stage.solution.certificate for stage in stages),
-    )
-
-
-def _compute_covariance(compressed: MethodRows, fits: dict[int, StageFit]) -> FloatArray:
+def _compute_covariance(compressed: MethodRows, fits: dict[int, SolvedStage]) -> FloatArray:
     """Return the exact covariance (n, n) of the unconstrained estimate, in units of sigma² (method.md §4).
 
     A stage maps the whitened deflections d, of covariance I, by a matrix N, and fits its rows N A to N d.
@@ -426,7 +508,7 @@ def _compute_covariance(compressed: MethodRows, fits: dict[int, StageFit]) -> Fl
 
 
 def _propagate_error_of_arm(
-    covariance: FloatArray, compressed: MethodRows, arm: StageFit, wrist: StageFit
+    covariance: FloatArray, compressed: MethodRows, arm: SolvedStage, wrist: SolvedStage
 ) -> FloatArray:
     """Return the covariance (n, n) of two stages, with the effect of the arm's error on the wrist's estimate.
 
@@ -689,6 +771,25 @@ class _HuberProblem:
     squared: FloatArray  # (q, p + 1) [S t] of rows whose loss stays squared
     constraints: Constraints
 
+    @classmethod
+    def of(cls, targets: TargetRows, joints: IndexArray, constraints: Constraints) -> _HuberProblem:
+        """Return the problem for p of n joints, with rows in metres and constraints on all n compliances."""
+        joints_and_readings = [*joints, -1]  # the last column has the readings
+        target_rows = targets.rows[..., joints_and_readings]  # (K, 3, p + 1)
+        encoder_rows = targets.squared.R[:, joints_and_readings]
+        return cls(target_rows, encoder_rows, constraints.select(joints))
+
+    def with_prior(self, prior: Prior, joints: IndexArray) -> _HuberProblem:
+        """Return the problem with the rows of a prior of all n compliances, whose loss is squared.
+
+        Args:
+            prior: prior in units of sigma.
+            joints: (p,) joints of the columns.
+        """
+        matrix, prior_values = prior.rows(joints)
+        prior_rows = np.column_stack([matrix, prior_values])
+        return replace(self, squared=np.vstack([self.squared, prior_rows]))
+
     def with_residuals_in(self, length: float) -> _HuberProblem:
         """Return the problem with all rows divided by a length [m], so that residuals are in this unit."""
         return replace(self, rows=self.rows / length, squared=self.squared / length)
@@ -798,16 +899,11 @@ def fit_huber(
         SolverError: optimality could not be certified.
     """
     joints = np.flatnonzero(~has_no_effect)
-    joints_and_readings = [*joints, -1]  # the last column has the readings
-    target_rows = targets.rows[..., joints_and_readings]  # (K, 3, p + 1)
-    encoder_rows = targets.squared.R[:, joints_and_readings]
-    in_metres = _HuberProblem(target_rows, encoder_rows, constraints.select(joints))
+    in_metres = _HuberProblem.of(targets, joints, constraints)
     if sigma is None:
         sigma = _estimate_robust_scale(in_metres, threshold)
     if prior is not None:
-        matrix, prior_values = prior.in_units_of(sigma).rows(joints)
-        prior_rows = np.column_stack([matrix, prior_values])
-        in_metres = replace(in_metres, squared=np.vstack([encoder_rows, prior_rows]))
+        in_metres = in_metres.with_prior(prior.in_units_of(sigma), joints)
     in_thresholds = in_metres.with_residuals_in(threshold * sigma)
     compliance, certificate = _minimise_huber_loss(in_thresholds)
     _, norms = in_thresholds.residuals_at(compliance)  # (K,)
@@ -823,6 +919,33 @@ def _compute_huber_weights(norm: FloatArray) -> FloatArray:
     return 1.0 / np.maximum(norm, 1.0)
 
 
+class _HuberPoint(NamedTuple):
+    """Point in the search for the optimum of a Huber problem."""
+
+    compliance: FloatArray  # (p,)
+    objective: float  # value of the objective at the point
+    damping: float  # of the next step: near 0 for Newton's step, 1 for a step that always descends
+    solved_by: SupportFinder | None = None  # algorithm that found the active bounds; None at the start
+
+    @classmethod
+    def start(cls, problem: _HuberProblem, clarabel_point: FloatArray | None) -> _HuberPoint:
+        """Start at Clarabel's point (p,), near the optimum; or else at least squares, which may be far."""
+        if clarabel_point is None:
+            compliance = solve_step(problem.build_unweighted_problem()).compliance
+            return cls(compliance, problem.compute_objective(compliance), damping=1.0)
+        return cls(clarabel_point, problem.compute_objective(clarabel_point), _LEAST_DAMPING)
+
+    def take_step(self, problem: _HuberProblem) -> _HuberPoint | None:
+        """Return the next point; None if the step goes too far, so that the objective rises."""
+        proposed, model_certificate = problem.minimise_quadratic_model(self.compliance, self.damping)
+        objective = problem.compute_objective(proposed)
+        has_risen = objective > self.objective * (1.0 + _NO_DESCENT)
+        if has_risen and self.damping < 1.0:
+            return None
+        damping = max(0.1 * self.damping, _LEAST_DAMPING)
+        return _HuberPoint(proposed, objective, damping, model_certificate.solved_by)
+
+
 def _minimise_huber_loss(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
     """Return the optimum (p,) of the Huber problem and its certificate.
 
@@ -834,33 +957,38 @@ def _minimise_huber_loss(problem: _HuberProblem) -> tuple[FloatArray, Certificat
         SolverError: no certified optimum after `MOST_ROUNDS` rounds.
     """
     clarabel_point = _solve_by_clarabel(problem) if len(problem.rows) <= MOST_STATED else None
-    if clarabel_point is None:
-        compliance = solve_step(problem.build_unweighted_problem()).compliance
-        damping = 1.0
-    else:
-        compliance = clarabel_point
-        damping = _LEAST_DAMPING
-    objective = problem.compute_objective(compliance)
+    point = _HuberPoint.start(problem, clarabel_point)
+    certificate: Certificate | None = None
     for _ in range(MOST_ROUNDS):
-        proposed, model_certificate = problem.minimise_quadratic_model(compliance, damping)
-        proposed_objective = problem.compute_objective(proposed)
-        has_risen = proposed_objective > objective * (1.0 + _NO_DESCENT)
-        if has_risen and damping < 1.0:
-            damping = 1.0
+        next_point = point.take_step(problem)
+        if next_point is None:
+            point = point._replace(damping=1.0)
             continue
-        compliance, objective = proposed, proposed_objective
-        damping = max(0.1 * damping, _LEAST_DAMPING)
-        solved_by = model_certificate.solved_by
-        if clarabel_point is not None:
-            # Clarabel found the active bounds if the refined point has zeros at the same joints.
-            has_same_zeros = np.array_equal(clarabel_point == 0.0, compliance == 0.0)
-            solved_by = "clarabel" if has_same_zeros else solved_by
-        certificate = problem.certify_point(compliance, solved_by)
+        point = next_point
+        certificate = _certify_huber_point(problem, point, clarabel_point)
         if certificate.is_optimal():
-            return compliance, _add_witness(problem, certificate, clarabel_point, compliance)
-    raise SolverError(
-        "the fit with the Huber loss did not converge to an optimum (primal "
-        f"{certificate.primal:.1e}, dual {certificate.dual:.1e})",
+            return point.compliance, _add_witness(problem, certificate, clarabel_point, point.compliance)
+    raise _build_no_huber_optimum_error(certificate)
+
+
+def _certify_huber_point(
+    problem: _HuberProblem, point: _HuberPoint, clarabel_point: FloatArray | None
+) -> Certificate:
+    """Return the certificate of a point after a step.
+
+    Clarabel found the active bounds if the point has zeros at the same joints as Clarabel's own point (p,).
+    """
+    solved_by = point.solved_by or "clarabel"
+    if clarabel_point is not None and np.array_equal(clarabel_point == 0.0, point.compliance == 0.0):
+        solved_by = "clarabel"
+    return problem.certify_point(point.compliance, solved_by)
+
+
+def _build_no_huber_optimum_error(last: Certificate | None) -> SolverError:
+    """Build the error for a search without an optimum; `last` is the certificate of its last point."""
+    violations = "" if last is None else f" (primal {last.primal:.1e}, dual {last.dual:.1e})"
+    return SolverError(
+        f"the fit with the Huber loss did not converge to an optimum{violations}",
         where="loss",
         remedy="use loss squared, and report this problem with the data",
     )
@@ -904,16 +1032,7 @@ def _estimate_robust_scale(problem: _HuberProblem, threshold: float) -> float:
     """
     compliance = solve_step(problem.build_unweighted_problem()).compliance
     deflections = problem.rows[..., -1]
-    degrees_of_freedom = deflections.size - len(compliance)
-    if degrees_of_freedom < 1:
-        raise UnsupportedMethodError(
-            "the Huber loss needs sigma, but sigma cannot be estimated: there are no more readings than "
-            "joints",
-            where="loss",
-            remedy="state `noise`, or add observations",
-        )
-    # Factor from the median norm to the standard deviation of one coordinate
-    factor = np.sqrt(deflections.size / degrees_of_freedom) / MEDIAN_NORM
+    factor = _find_factor_of_median_norm(deflections.size, len(compliance))
     least_scale = _LEAST_SCALE * float(np.sqrt(np.mean(deflections**2)))
     scale = np.inf
     for _ in range(_SCALE_ROUNDS):
@@ -925,3 +1044,22 @@ def _estimate_robust_scale(problem: _HuberProblem, threshold: float) -> float:
         in_thresholds = problem.with_residuals_in(threshold * scale)
         compliance, _ = in_thresholds.minimise_quadratic_model(compliance, damping=1.0)
     return scale
+
+
+def _find_factor_of_median_norm(coordinates: int, parameters: int) -> float:
+    """Return the factor from the median norm of the targets' residuals to sigma of one coordinate.
+
+    A fit of p parameters to m coordinates shrinks the residuals by √((m − p)/m) on average.
+
+    Raises:
+        UnsupportedMethodError: there are no more coordinates than parameters.
+    """
+    degrees_of_freedom = coordinates - parameters
+    if degrees_of_freedom < 1:
+        raise UnsupportedMethodError(
+            "the Huber loss needs sigma, but sigma cannot be estimated: there are no more readings than "
+            "joints",
+            where="loss",
+            remedy="state `noise`, or add observations",
+        )
+    return float(np.sqrt(coordinates / degrees_of_freedom)) / MEDIAN_NORM

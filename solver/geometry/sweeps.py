@@ -548,7 +548,8 @@ def _refuse_joints_not_coupled(
         )
     if outer_fit.outer_fit is not None:  # the outer joint's own sweep turned two joints, too
         raise MeasurementError(
-            f"model joint {outer_joint + 1} turns as well, but its own sweep also turns two joints",
+            f"model joint {outer_joint + 1} turns in this sweep, too, but the own sweep of this joint also "
+            "turns two joints",
             where=sweep.where,
             remedy="turn the last of the coupled joints alone in a sweep of its own",
         )

@@ -657,7 +657,7 @@ def _compute_block(robot: Robot, part: Measurements, compliance: FloatArray | No
         equilibrium = find_balance(robot, compliance, part, None, unloaded, start)
     except RequestError:
         raise SolverError(
-            "with joints as soft as these, there is no equilibrium under the load near the unloaded posture",
+            "with such soft joints, the loaded arm has no equilibrium near the unloaded posture",
             where="complementary_stiffness",
             remedy="neglect the complementary stiffness, or check the units of force and length",
         ) from None

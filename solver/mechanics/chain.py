@@ -96,7 +96,7 @@ class ChainJoint:
         sound = error <= _UNIT_TOLERANCE and np.linalg.det(self.rotation) > 0.0
         if not sound or not np.isfinite(self.translation).all():
             raise RobotError(
-                "the joint's frame is not a rotation, a finite translation and a unit axis",
+                "the frame of the joint must have a rotation, a finite translation and a unit axis",
                 remedy="give an orthonormal matrix with determinant 1, and normalise the axis",
                 where=place,
             )

@@ -189,7 +189,8 @@ class Postures:
             J_v (N, T, 3, n), axes of R0 [m/rad].
         """
         x = np.ascontiguousarray(points.transpose(1, 2, 0))[:, :, None]
-        v, w = np.split(self.jacobian.transpose(1, 2, 0), 2)
+        twists = self.jacobian.transpose(1, 2, 0)
+        v, w = twists[:3], twists[3:]
         out = np.empty((len(x), 3, *v.shape[1:]))
         for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # components of v + w × x
             np.multiply(w[j], x[:, k], out=out[:, i])
@@ -329,7 +330,7 @@ def measure_reach(robot: Robot) -> float:
     q[:, 1], q[:, 2] = second, third
     at = Postures(robot, q)
     point = np.zeros(3) if wrist is None else wrist.centre
-    frames, origins = at.joint_frames
+    frames, origins = Postures(robot, q[:1]).joint_frames  # axis 1 is the same in all postures
     axis = frames[0, 0] @ robot.axes[0]
     offset = at.to_base(np.broadcast_to(point, (len(q), 1, 3)))[:, 0] - origins[0, 0]
     return float(np.linalg.norm(np.cross(offset, axis), axis=1).max())

@@ -48,6 +48,7 @@ from jointstiff.solver.fit.estimate import (
     JointCompliance,
     Prediction,
 )
+from jointstiff.solver.fit.identify import describe
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.triangle import solve_nonnegative
@@ -211,13 +212,18 @@ def assess(
 
 
 def _report_root_mistakes(findings: Sequence[Finding]) -> list[Finding]:
-    """Return the findings of mistakes that spoil all readings, one for each code.
+    """Return the findings of mistakes that spoil all readings, one for each code."""
+    root_findings = [finding for finding in findings if finding.code in ROOT_MISTAKES]
+    return summarise_noticed(root_findings, "do_not_use")
+
+
+def summarise_noticed(findings: Sequence[Finding], weight: Verdict) -> list[Finding]:
+    """Return the findings of a weight, one for each code, with the number of others of its kind.
 
     If several robots fit the readings, all of these findings are returned, so that the user can choose one.
     """
-    root_findings = [finding for finding in findings if finding.code in ROOT_MISTAKES]
     reasons: list[Finding] = []
-    for group in _group_by_code(root_findings, "do_not_use"):
+    for group in _group_by_code(findings, weight):
         if group[0].code == "another_robot_fits":
             reasons += group
         else:
@@ -331,7 +337,8 @@ def _report_explanation(joints: JointsAlone, explanation: _Explanation) -> Itera
         fitted_count = sum(bool(term.words) for term in fitted_errors(measurements).terms)
         most = MAX_CAUSES - fitted_count
         # The causes were fitted with the scatter that tests count, so that the joints alone are, too.
-        yield report_causes(explanation.causes, joints.identified.tested, explanation.wrong, most=most)
+        tested = describe(joints.identified.tested)
+        yield report_causes(explanation.causes, tested, explanation.wrong, most=most)
     yield from report_fitted_causes(measurements)
     if not explanation.spoils_stiffnesses:
         # The arms with which the stiffnesses are compared were fitted by joints alone.

@@ -320,7 +320,7 @@ def reduce_problem(
     observed = np.flatnonzero(varies | deflection_rows[:, :-1].any(axis=0))
     if not len(observed):
         raise NotObservableError(
-            "no joint's weight torque varies over the postures",
+            "the torque of the weight about each joint is the same in all postures",
             where="observations",
             remedy="read postures in which the arm is stretched out and folded, wrist up and down",
         )
@@ -731,6 +731,174 @@ def _count_load_coordinates(loaded: Measurements, poses: Poses) -> int:
     return int(loaded.coordinates.sum()) + encoder_readings
 
 
+@dataclass(frozen=True, eq=False)
+class _WeightFitter:
+    """Fit of the same readings for bodies whose mass bounds may differ from the stated bounds."""
+
+    robot: Robot
+    readings: WeightReadings  #: N observations of positions, with bodies as stated
+    whitened: PoseReadings  #: these positions, in units of sigma, or of 1 m if no sigma is stated
+    start: PoseState  #: geometry of the best arm without sag
+    loaded: Measurements | None  #: deflections under known loads
+    stated: StatedLoads | None  #: what is stated of the loads; None for exact loads
+    #: (n,) compliances at which the columns of statements are computed [rad/(N·m)]; None for exact loads
+    stated_at: FloatArray | None
+    free_gravity: bool  #: whether the direction of gravity is estimated
+
+    def fit(self, bodies: tuple[Body, ...], *, free_base: bool = False) -> WeightFit:
+        """Fit geometry, compliances and weights for these bodies, with or without a tilt of the base."""
+        burden = replace(self.readings.burden, bodies=bodies)
+        return fit_own_weight(
+            self.robot,
+            replace(self.readings, burden=burden),
+            self.whitened,
+            self.start,
+            free_gravity=self.free_gravity,
+            free_base=free_base,
+            loaded=self.loaded,
+            stated=None if self.stated_at is None else self.stated,
+            stated_at=self.stated_at,
+        )
+
+    def with_uncertain_loads(self, load_coordinates: int, least_square: float) -> _WeightFitter:
+        """Return the fitter that accounts for what is stated of the loads.
+
+        A fit with exact loads gives the compliances at which the columns of statements are computed, and
+        sigma if none is stated.
+
+        Args:
+            load_coordinates: number of coordinates of deflections under known loads.
+            least_square: lower limit of the mean square of the residuals, in the fit's unit squared.
+        """
+        exact = self.fit(self.readings.burden.bodies)
+        if self.stated is None:
+            return replace(self, stated_at=exact.compliance)
+        noise = 1.0
+        if self.readings.poses.sigma is None:
+            noise = exact.estimate_noise(load_coordinates, least_square)
+        stated = replace(self.stated, compliance=exact.compliance, sigma=float(np.sqrt(noise)))
+        return replace(self, stated=stated, stated_at=exact.compliance)
+
+
+@dataclass(frozen=True)
+class _FitNoise:
+    """Noise of a residual, in the unit of the fit."""
+
+    sigma: float  #: rms of the residuals, or 1 if the stated sigma is used
+    is_of_residuals: bool  #: whether sigma comes from the residuals
+    degrees_of_freedom: int  #: degrees of freedom of the residuals
+
+    @classmethod
+    def choose(cls, fit: WeightFit, degrees_of_freedom: int, *, from_residuals: bool) -> _FitNoise:
+        """Take the rms residual of the fit as sigma, or the stated sigma."""
+        sigma = 1.0
+        if from_residuals:
+            sigma = float(np.sqrt(fit.reduced.residual_squares / degrees_of_freedom))
+        return cls(sigma, from_residuals, degrees_of_freedom)
+
+    def compute_half_width(self, confidence: float) -> float:
+        """Return the half-width of an interval whose standard uncertainty is 1."""
+        degrees_of_freedom = self.degrees_of_freedom if self.is_of_residuals else None
+        return self.sigma * student_quantile(0.5 + 0.5 * confidence, degrees_of_freedom)
+
+
+def _predict_points(fit: WeightFit, sagging: PoseReadings) -> FloatArray:
+    """Return the predicted positions (N, T, 3) of the targets under the weight and the loads [m].
+
+    Args:
+        fit: geometry, compliances of the base, and motion by the loads.
+        sagging: readings whose angles include the sag of the joints.
+    """
+    by_joints = fit.state.motion(sagging).points
+    by_base = differentiate_by_base_compliance(fit.rows.torques, by_joints) @ fit.base
+    return np.asarray(by_joints + by_base + fit.motion_by_loads)
+
+
+def _find_largest_stiffness_ratio(
+    robot: Robot, readings: WeightReadings, fit: WeightFit, sagging: PoseReadings
+) -> float:
+    """Return the largest |∂τ_i/∂θ_j| c_i: relative effect of the sag θ on the torques τ.
+
+    Args:
+        robot: n joints.
+        readings: N observations, with the bodies that the fit used.
+        fit: geometry and compliances c.
+        sagging: readings whose angles include the sag of the joints.
+    """
+
+    def compute_sag_at(turn: FloatArray) -> FloatArray:
+        """Return the sag (N, n) [rad], torque times compliance, after a turn (n,) [rad] of the joints."""
+        motion = fit.state.motion(replace(sagging, angles=sagging.angles + turn))
+        return fit.compliance * compute_torques(robot, readings, motion).known
+
+    return float(np.abs(differentiate_numerically(compute_sag_at, robot.n)).max())
+
+
+@dataclass(frozen=True, eq=False)
+class _FittedWeight:
+    """Last fit of the readings, from which the estimate with its intervals is computed."""
+
+    robot: Robot
+    readings: WeightReadings  #: N observations, with the bounds of masses that the fit used
+    fit: WeightFit
+    findings: tuple[Finding, ...]  #: findings and remarks on masses and on the base
+    rms_without_sag: float  #: rms residual of a whitened coordinate for the best rigid arm [m]
+    degrees_of_freedom: int  #: degrees of freedom of the residuals
+
+    def describe(self, confidence: float) -> WeightEstimate:
+        """Compute intervals, predictions and findings at a confidence level."""
+        poses, fit, problem = self.readings.poses, self.fit, self.fit.reduced
+        unit_of_fit = poses.sigma or 1.0  # [m]
+        reasons = self._list_reasons()
+        noise = self._choose_noise(reasons)
+        rise = noise.compute_half_width(confidence) ** 2
+        joints, width_ratios = compute_joint_results(self.robot, fit, noise.sigma, rise)
+        missing = report_no_identified_joint(
+            [joint.status for joint in joints],
+            "read more postures, state better masses, or use a known payload",
+        )
+        uncertainty = np.array([joint.standard_uncertainty or 0.0 for joint in joints])
+        whitened = poses.whitened
+        sagging = replace(whitened, angles=whitened.angles + fit.sag)
+        predicted = _predict_points(fit, sagging)
+        squares = problem.residual_squares + fit.optimum.loss
+        return WeightEstimate(
+            joints=joints,
+            shares=width_ratios,
+            fit=fit,
+            reasons=(*reasons, *missing),
+            remarks=tuple(each for each in self.findings if each.is_remark),
+            sigma=noise.sigma * unit_of_fit,
+            sigma_of_residuals=noise.is_of_residuals,
+            chi_square=float(self.degrees_of_freedom) if poses.sigma is None else problem.residual_squares,
+            degrees_of_freedom=self.degrees_of_freedom,
+            rms_residual=unit_of_fit * float(np.sqrt(squares / (self.degrees_of_freedom + problem.rank))),
+            rms_without_sag=self.rms_without_sag,
+            confidence=confidence,
+            displacement=predicted - fit.state.motion(whitened).points,
+            residual=np.where(poses.present[..., None], whitened.points - predicted, 0.0),
+            certificate=fit.optimum.certificate,
+            weight=extract_identified_weight(self.readings.burden, fit, noise.sigma, uncertainty),
+            largest_stiffness_ratio=_find_largest_stiffness_ratio(self.robot, self.readings, fit, sagging),
+        )
+
+    def _list_reasons(self) -> tuple[Finding, ...]:
+        """List the findings that reduce the trust in the result."""
+        of_residuals = find_reasons_against(
+            self.fit,
+            self.fit.reduced.rank,
+            self.degrees_of_freedom,
+            stated_sigma=self.readings.poses.sigma,
+        )
+        return (*(each for each in self.findings if not each.is_remark), *of_residuals)
+
+    def _choose_noise(self, reasons: Sequence[Finding]) -> _FitNoise:
+        """Take sigma from the residuals if none is stated, or if the residuals exceed the stated sigma."""
+        exceeds_stated = any(reason.code == "residuals_exceed_sigma" for reason in reasons)
+        from_residuals = self.readings.poses.sigma is None or exceeds_stated
+        return _FitNoise.choose(self.fit, self.degrees_of_freedom, from_residuals=from_residuals)
+
+
 def identify_weight(
     robot: Robot,
     readings: WeightReadings,
@@ -763,87 +931,23 @@ def identify_weight(
     """
     poses = readings.poses
     load_coordinates = 0 if loaded is None else _count_load_coordinates(loaded, poses)
-    whitened, unit_of_fit = poses.whitened, poses.sigma or 1.0
     rigid = calibrate(robot.chain, poses, start=pin.SE3.Identity(), hold_out=False)
-    readings_with_stated_bounds = readings
-    stated_at: FloatArray | None = None  # compliances at which the columns of statements are computed
-
-    def fit_with_bodies(bodies: tuple[Body, ...], *, free_base: bool = False) -> WeightFit:
-        """Fit the readings for bodies whose mass bounds may differ from the stated bounds."""
-        return fit_own_weight(
-            robot,
-            replace(
-                readings_with_stated_bounds,
-                burden=replace(readings_with_stated_bounds.burden, bodies=bodies),
-            ),
-            replace(whitened, weight=whitened.weight / unit_of_fit),
-            PoseState(rigid.axes, rigid.targets, np.zeros(len(poses))),
-            free_gravity=free_gravity,
-            free_base=free_base,
-            loaded=loaded,
-            stated=None if stated_at is None else stated,
-            stated_at=stated_at,
-        )
-
+    whitened, unit_of_fit = poses.whitened, poses.sigma or 1.0
+    start = PoseState(rigid.axes, rigid.targets, np.zeros(len(poses)))
+    in_unit_of_fit = replace(whitened, weight=whitened.weight / unit_of_fit)
+    fitter = _WeightFitter(robot, readings, in_unit_of_fit, start, loaded, stated, None, free_gravity)
     least_square = 1.0 if poses.sigma is not None else _LEAST_NOISE**2
     if stated is not None or loaded is not None:
-        # A fit with exact loads gives the compliances for the columns of statements, and a missing sigma.
-        exact = fit_with_bodies(readings.burden.bodies)
-        stated_at = exact.compliance
-        if stated is not None:
-            noise = exact.estimate_noise(load_coordinates, least_square) if poses.sigma is None else 1.0
-            stated = replace(stated, compliance=stated_at, sigma=float(np.sqrt(noise)))
+        fitter = fitter.with_uncertain_loads(load_coordinates, least_square)
     fit, bodies, findings = fit_with_proved_corrections(
-        fit_with_bodies, readings.burden, load_coordinates, least_square, free_base=free_base
+        fitter.fit, readings.burden, load_coordinates, least_square, free_base=free_base
     )
-    readings = replace(readings, burden=replace(readings.burden, bodies=bodies))
-    problem, loss = fit.reduced, fit.optimum.loss
-    rank, degrees_of_freedom = problem.rank, fit.count_degrees_of_freedom(load_coordinates)
-    reasons = (
-        *(each for each in findings if not each.is_remark),
-        *find_reasons_against(fit, rank, degrees_of_freedom, stated_sigma=poses.sigma),
-    )
-    sigma_of_residuals = poses.sigma is None or any(
-        reason.code == "residuals_exceed_sigma" for reason in reasons
-    )
-    # Sigma in the unit of the fit: the rms residual, or 1 for the stated sigma.
-    sigma_of_fit = (
-        float(np.sqrt(problem.residual_squares / degrees_of_freedom)) if sigma_of_residuals else 1.0
-    )
-    quantile = student_quantile(0.5 + 0.5 * confidence, degrees_of_freedom if sigma_of_residuals else None)
-    joints, width_ratios = compute_joint_results(robot, fit, sigma_of_fit, (sigma_of_fit * quantile) ** 2)
-    statuses = [joint.status for joint in joints]
-    missing = report_no_identified_joint(
-        statuses, "read more postures, state better masses, or use a known payload"
-    )
-    uncertainty = np.array([joint.standard_uncertainty or 0.0 for joint in joints])
-    sagging = replace(whitened, angles=whitened.angles + fit.sag)
-    predicted = fit.state.motion(sagging).points
-    predicted = predicted + differentiate_by_base_compliance(fit.rows.torques, predicted) @ fit.base
-    predicted = predicted + fit.motion_by_loads
-
-    def compute_sag_at(turn: FloatArray) -> FloatArray:
-        """Return the sag (N, n) [rad], torque times compliance, after a turn (n,) [rad] of the joints."""
-        motion = fit.state.motion(replace(sagging, angles=sagging.angles + turn))
-        return fit.compliance * compute_torques(robot, readings, motion).known
-
-    return WeightEstimate(
-        joints=joints,
-        shares=width_ratios,
-        fit=fit,
-        reasons=(*reasons, *missing),
-        remarks=tuple(each for each in findings if each.is_remark),
-        sigma=sigma_of_fit * unit_of_fit,
-        sigma_of_residuals=sigma_of_residuals,
-        chi_square=float(degrees_of_freedom) if poses.sigma is None else problem.residual_squares,
-        degrees_of_freedom=degrees_of_freedom,
-        rms_residual=unit_of_fit
-        * float(np.sqrt((problem.residual_squares + loss) / (degrees_of_freedom + rank))),
+    fitted = _FittedWeight(
+        robot,
+        replace(readings, burden=replace(readings.burden, bodies=bodies)),
+        fit,
+        tuple(findings),
         rms_without_sag=float(np.sqrt(rigid.rss / rigid.dof)),
-        confidence=confidence,
-        displacement=predicted - fit.state.motion(whitened).points,
-        residual=np.where(poses.present[..., None], whitened.points - predicted, 0.0),
-        certificate=fit.optimum.certificate,
-        weight=extract_identified_weight(readings.burden, fit, sigma_of_fit, uncertainty),
-        largest_stiffness_ratio=float(np.abs(differentiate_numerically(compute_sag_at, robot.n)).max()),
+        degrees_of_freedom=fit.count_degrees_of_freedom(load_coordinates),
     )
+    return fitted.describe(confidence)

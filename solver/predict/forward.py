@@ -486,7 +486,7 @@ def compensate_poses(
     if uncorrected.unseen.any():
         twisted = ", ".join(np.array(robot.joint_names)[uncorrected.unseen.any(axis=0)])
         raise CasesError(
-            f"the load or own weight twists {twisted}, which the readings do not determine",
+            f"the load or own weight twists {twisted}, but the readings do not determine the stiffness there",
             failed=np.asarray(uncorrected.unseen.any(axis=1)),
             cause="unseen_joint",
             where="run_id",

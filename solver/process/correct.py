@@ -652,7 +652,7 @@ def _refuse_falling_lengths(lengths: FloatArray) -> None:
     is_known = np.isfinite(lengths)
     if not is_known.all():
         raise RequestError(
-            f"the length in row {int(np.argmin(is_known)) + 1} of the forces is no finite number",
+            f"the length in row {int(np.argmin(is_known)) + 1} of the forces is not a finite number",
             where="forces",
             remedy="give a length in each row",
         )
@@ -660,7 +660,7 @@ def _refuse_falling_lengths(lengths: FloatArray) -> None:
     if len(falls):
         row = int(falls[0]) + 1
         raise RequestError(
-            f"the length {lengths[row]:.6g} in row {row + 1} of the forces is less than "
+            f"the length {lengths[row]:.6g} in row {row + 1} of the forces is less than the length "
             f"{lengths[row - 1]:.6g} in the row before",
             where="forces",
             remedy="sort the rows by their length along the path",

@@ -276,7 +276,7 @@ def _refuse_unseen(bent: Deflection) -> None:
     if bent.unseen.any():
         twisted = ", ".join(np.array(bent.model.robot.joint_names)[bent.unseen.any(axis=0)])
         raise RequestError(
-            f"the load or own weight twists {twisted}, which the readings do not determine",
+            f"the load or own weight twists {twisted}, but the readings do not determine the stiffness there",
             where="run_id",
             remedy="choose a run whose readings determine every joint that the process loads",
         )

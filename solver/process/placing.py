@@ -106,7 +106,7 @@ def coarsen(path: ProcessPath, task: TurnTask, first: IndexArray) -> tuple[Proce
     free = np.flatnonzero(np.isnan(path.given[:, 0]))
     if not len(free):
         raise RequestError(
-            "all targets are joint angles, which do not move with the workpiece",
+            "all targets of the program are joint angles, which do not move with the workpiece",
             where="place",
             remedy="send a program with targets that are poses",
         )

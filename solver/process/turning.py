@@ -387,7 +387,8 @@ class _Choice:
         """
         if not motions:
             raise RequestError(
-                "no motion of the joints follows the path within their limits, as they are or as corrected",
+                "the joints cannot follow the path within their limits, either with programmed or with "
+                "corrected positions",
                 where="path",
                 remedy="move the workpiece, lower `clearance`, or state another range of `turn`",
             )

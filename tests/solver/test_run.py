@@ -28,14 +28,23 @@ def test_arrays_give_true_stiffnesses_with_a_verdict():
 
 def test_joints_are_identified_once_however_many_models_compete(monkeypatch):
     robot, measurements = prepare(elastic_campaign(beam_arm(ARM), configurations=16, seed=5))
-    identified, identify = [], joints.identify_with_fallback
-    monkeypatch.setattr(
-        joints, "identify_with_fallback", lambda *given: identified.append(given) or identify(*given)
-    )
+    fitted, fit_joints = [], joints.fit_joints
+    monkeypatch.setattr(joints, "fit_joints", lambda *given: fitted.append(given) or fit_joints(*given))
     options = RunOptions(cross_validation=CrossValidation(folds=2, draws=1), links=["joint_2"])
     result = run(robot, measurements, options)
     assert {each.model for each in result.choice.models} > {"joints", "diagonal_links"}
-    assert len(identified) == 1
+    assert len(fitted) == 1
+
+
+def test_joints_are_described_once_as_only_the_last_fit_is_read(monkeypatch):
+    """A first fit gives the residuals from which the scatter is found: nobody reads its intervals."""
+    robot, measurements = simulated(load="pull", seed=4)
+    fitted, described = [], []
+    fit_joints, describe = joints.fit_joints, joints.describe
+    monkeypatch.setattr(joints, "fit_joints", lambda *given: fitted.append(given) or fit_joints(*given))
+    monkeypatch.setattr(joints, "describe", lambda fit: described.append(fit) or describe(fit))
+    run(robot, measurements, RunOptions())
+    assert (len(fitted), len(described)) == (2, 1)
 
 
 def test_joints_alone_that_win_a_comparison_are_reported_with_their_budget():

@@ -59,6 +59,7 @@ class Errors:
     """Errors that the campaign does not state."""
 
     play: float = 0.0  #: lost motion of each gearbox [rad]: the angle is off by half of it to either side
+    repeatability: float = 0.0  #: standard deviation of a turn of each joint between both readings [rad]
     encoder: float = 0.0  #: standard deviation of an error of each encoder's angle [rad]
     structure: float = 0.0  #: part of each compliance that is behind the encoder
 
@@ -173,6 +174,8 @@ def simulate(design: Design, errors: Errors, seed: int) -> EncoderCampaign:
     arm, plan = design.arm, design.experiment
     sides = generator.choice([-1.0, 1.0], (2, *plan.joints.shape))
     unloaded, from_side = plan.joints + 0.5 * errors.play * sides
+    turns = np.random.default_rng([seed, _STREAM, 3]).standard_normal(plan.joints.shape)
+    from_side = from_side + errors.repeatability * turns
     bent = equilibrium(arm, from_side, *plan.wrenches)
     loaded = from_side + bent
     shape = (len(plan.joints), *_POINTS.shape)

@@ -69,7 +69,7 @@ def correct(
     stated = dict[str, Any](fields)
     if options is not None:
         if "units" in stated:
-            raise TypeError("`options` state their own units: leave `units` out")
+            raise TypeError("`options` already state units: omit `units`")
         stated = options.model_dump(exclude_unset=True) | stated
     with JobMonitor(on_progress, cancel, executor) as monitor:
         return backend.start_call(monitor).correct_poses(source, poses, joints, stated, monitor)

@@ -159,7 +159,8 @@ FLEET: Final = Kind[Fleet, FleetRequest](
     files=(
         File(
             name="table.csv",
-            description="one row per set and joint: stiffness with its interval, verdict; or the set's error",
+            description="one row per measurement set and joint: stiffness with its interval and verdict, or "
+            "the error of the set",
             sheet=sets_sheet,
             made_of="result",
         ),

@@ -494,8 +494,8 @@ GEOMETRY: Final = Kind[Geometry, GeometryRequest](
     files=(
         File(
             name="axes.csv",
-            description="each axis: a point, the direction, and the uncertainties of both, in R0 at model "
-            "angle zero",
+            description="each axis: a point, the direction, and the uncertainties of both, in the base "
+            "frame R0 at model angle zero",
             sheet=axes_sheet,
             made_of="result",
         ),
@@ -504,8 +504,7 @@ GEOMETRY: Final = Kind[Geometry, GeometryRequest](
     max_bytes=READINGS_BYTES,
     has_report=False,
     examples=_EXAMPLES,
-    description="""Identify a robot's geometry from sweeps of single joints, or from unloaded poses.
-
-Post the identified model as the model of a robot: `{"format": "geometry", …}`. Suspicious readings
-are findings; readings that do not determine the geometry are refused.""",
+    description="Identify a robot's geometry from sweeps of single joints, or from poses without load. Post "
+    'the identified model as the model of a robot: `{"format": "geometry", …}`. Suspicious readings are '
+    "findings; readings that do not determine the geometry are refused.",
 )

@@ -373,7 +373,7 @@ def refuse_step_plan(plan: Plan) -> None:
     """
     if plan.request.weight_step is not None:
         raise RequestError(
-            "the plan is that of a weight step of two encoders, which has no targets",
+            "the plan is for a weight step, which is read by two encoders instead of targets",
             where="weight_step",
             remedy="fill in the plan's table (readings.csv), and identify the gearboxes with it",
         )

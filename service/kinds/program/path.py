@@ -225,7 +225,8 @@ class ProgramFrames:
         """
         if self.x_axis is None:
             raise RequestError(
-                "the program gives the tool's axis, but no angle about it",
+                "the program gives the direction of the tool's axis, but no angle of the tool about this "
+                "axis",
                 where="tool_x",
                 remedy="give `tool_x`, the direction of the tool's x axis in the base",
             )

@@ -62,7 +62,7 @@ def _refuse_other_columns(columns: Mapping[str, FloatArray]) -> None:
     others = sorted(columns.keys() ^ set(_COLUMNS))
     if others:
         raise RequestError(
-            f"the column {others[0]} of the packed path is missing, or is none of a pose",
+            f"the column {others[0]} of the packed path is missing, or is not a column of a pose",
             where="files",
             remedy="give x, y, z and a rotation vector rx, ry, rz, with units in the headers",
         )

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +87,7 @@ from jointstiff.solver.process.correct import (
     correct_cases,
 )
 from jointstiff.solver.process.pace import Pace
-from robotprograms import BLOCK, NUMBERS, ExternalAxes, Rewriting, quote_text
+from robotprograms import BLOCK, NUMBERS, Edit, ExternalAxes, Rewriting, quote_text
 from robotprograms import Program as ReadProgram
 
 MAX_QUICK_POINTS: Final = 10_000
@@ -127,11 +127,55 @@ _REMARKS: Final = ("", "no load", "capped", _UNCERTAIN)
 """Remarks on a point in the table of points, stored there by index."""
 
 
+_Columns: TypeAlias = dict[str, Sequence[Any] | NDArray[Any]]
+"""Columns of a table by the names of fields: one value for each point."""
+
+
+class _Motions(NamedTuple):
+    """k motions of a rigid body, from one pose to another, along the axes of R0."""
+
+    displacement: FloatArray  # (k, 3) [m]
+    rotation: FloatArray  # (k, 3) rotation vectors [rad]
+
+    @classmethod
+    def from_rows(cls, rows: FloatArray) -> _Motions:
+        """Return the motions in the rows (k, 6) of an array: displacement, then rotation vector."""
+        return cls(rows[:, :3], rows[:, 3:])
+
+    @property
+    def lengths(self) -> FloatArray:
+        """Lengths of the displacements (k,) [m]."""
+        return _vector_lengths(self.displacement)
+
+    @property
+    def angles(self) -> FloatArray:
+        """Angles of the rotations (k,) [rad]."""
+        return _vector_lengths(self.rotation)
+
+    def select(self, rows: IndexArray | slice) -> _Motions:
+        """Return the motions in some of the rows."""
+        return _Motions(self.displacement[rows], self.rotation[rows])
+
+    def in_mm(self) -> FloatArray:
+        """Return columns (k, 5): displacement [mm], its length [mm], angle of the rotation [mrad]."""
+        return 1e3 * np.column_stack([self.displacement, self.lengths, self.angles])
+
+
 @dataclass(frozen=True, eq=False)
 class Corrections(CaseCorrections):
     """Corrections of the k points of a path that are under load."""
 
     points: IndexArray  # (k,) indices of points in the path
+
+    @property
+    def deflection_motions(self) -> _Motions:
+        """Motions by which the load moves the k points without a correction."""
+        return _Motions.from_rows(self.uncorrected)
+
+    @property
+    def correction_motions(self) -> _Motions:
+        """Motions by which the corrections move the k targets."""
+        return _Motions.from_rows(self.correction)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +192,11 @@ class WrittenPoints:
     place: FloatArray  # (m, 3) wanted position of the tool's centre point in R0 [m]
     arm: FloatArray  # (m, 6) wanted postures of the arm as the controller shows them [rad]
     quantile: float  # half width of the intervals in standard uncertainties
+
+    @property
+    def residual_motions(self) -> _Motions:
+        """Motions (k) from the wanted pose to the pose that the loaded robot reaches."""
+        return _Motions.from_rows(self.residual)
 
     @cached_property
     def counted(self) -> BoolArray:
@@ -181,7 +230,7 @@ class WrittenPoints:
 
         NaN where an interval is unknown.
         """
-        return self._make_intervals(self.corrections.uncorrected, self.corrections.uncertainty)
+        return self._make_intervals(self.corrections.deflection_motions, self.corrections.uncertainty)
 
     @cached_property
     def _remaining_intervals(self) -> FloatArray:
@@ -190,22 +239,21 @@ class WrittenPoints:
         A correction by the prediction leaves the error of the prediction, whose direction is unknown. NaN
         where an interval is unknown.
         """
-        return self._make_intervals(self.residual, self.corrections.scatter)
+        return self._make_intervals(self.residual_motions, self.corrections.scatter)
 
-    def _make_intervals(self, motion: FloatArray, uncertainty: FloatArray) -> FloatArray:
-        """Return intervals (2, k, 2) of the lengths of motions (k, 6) [m]: by readings, and with model error.
+    def _make_intervals(self, motions: _Motions, uncertainty: FloatArray) -> FloatArray:
+        """Return intervals (2, k, 2) of the lengths of k motions [m]: by readings, and with model error.
 
         `uncertainty` (k,) is the standard uncertainty of each length from the readings [m].
         """
-        half_widths = np.stack([self.quantile * uncertainty, self.corrections.model_error])
-        half_widths[~np.isfinite(half_widths)] = np.nan
-        by_readings, with_model_error = half_widths
+        by_readings = _replace_infinite(self.quantile * uncertainty)
+        with_model_error = _replace_infinite(self.corrections.model_error)
         # The interval with model error must not be narrower than the interval from readings only.
         wider = np.fmax(by_readings, with_model_error)
-        half_widths[1] = np.where(np.isnan(with_model_error), np.nan, wider)
-        length = _vector_lengths(motion[:, :3])
-        low = np.maximum(length - half_widths, 0.0)
-        high = length + half_widths
+        with_model_error = np.where(np.isnan(with_model_error), np.nan, wider)
+        half_widths = np.stack([by_readings, with_model_error])
+        low = np.maximum(motions.lengths - half_widths, 0.0)
+        high = motions.lengths + half_widths
         return np.stack([low, high], axis=2)
 
     @cached_property
@@ -232,39 +280,65 @@ class WrittenPoints:
 
     def list_worst_points(self) -> list[ProgramPoint]:
         """Return at most `MAX_WORST` points with the greatest deflections, greatest first."""
-        corrections, targets = self.corrections, self.path.program.targets
-        deflections = _vector_lengths(corrections.uncorrected[:, :3])
-        # Of each worst point: its row among the corrections, its number on the path, its target.
-        worst = np.argsort(-deflections, kind="stable")[:MAX_WORST]
-        points = corrections.points[worst]
-        target_indices = self.path.targets[points]
-        uncorrected = corrections.uncorrected[worst]  # (w, 6) [m and rad]
-        correction = corrections.correction[worst]
-        residual = self.residual[worst]
-        interval, interval_with_error = self._intervals[:, worst]
-        residual_interval, residual_interval_with_error = self._remaining_intervals[:, worst]
-        names = [_replace_unprintable(targets.names[index]) for index in target_indices.tolist()]
+        deflections = self.corrections.deflection_motions.lengths
+        worst = np.argsort(-deflections, kind="stable")[:MAX_WORST]  # rows among the corrections
         return messages.build_messages(
             ProgramPoint,
-            number=points + 1,
-            name=names,
-            line=targets.line[target_indices],
-            place=self.place[points],
-            deflection=_vector_lengths(uncorrected[:, :3]),
-            deflection_rotation=_vector_lengths(uncorrected[:, 3:]),
-            correction=_vector_lengths(correction[:, :3]),
-            correction_rotation=_vector_lengths(correction[:, 3:]),
-            standard_uncertainty=corrections.uncertainty[worst],
-            interval=interval,
-            interval_with_model_error=interval_with_error,
-            residual=_vector_lengths(residual[:, :3]),
-            residual_rotation=_vector_lengths(residual[:, 3:]),
-            residual_interval=residual_interval,
-            residual_interval_with_model_error=residual_interval_with_error,
-            rounding=self.rounding[worst],
-            share=corrections.share[worst],
-            capped=corrections.capped[worst],
+            **self._describe_points(self.corrections.points[worst]),
+            **self._describe_motions(worst),
+            **self._describe_intervals(worst),
         )
+
+    def _describe_points(self, points: IndexArray) -> _Columns:
+        """Return number, name, line and place of points (w,), given by their indices in the path.
+
+        The keys are fields of `ProgramPoint`, a message about one point of the program.
+        """
+        targets = self.path.program.targets
+        target_indices = self.path.targets[points]
+        names = [_replace_unprintable(targets.names[index]) for index in target_indices.tolist()]
+        return {
+            "number": points + 1,
+            "name": names,
+            "line": targets.line[target_indices],
+            "place": self.place[points],
+        }
+
+    def _describe_motions(self, rows: IndexArray) -> _Columns:
+        """Return deflection, correction and residual of the points in rows (w,) of the corrections.
+
+        The keys are fields of `ProgramPoint`, a message about one point of the program.
+        """
+        corrections = self.corrections
+        deflection = corrections.deflection_motions.select(rows)
+        correction = corrections.correction_motions.select(rows)
+        residual = self.residual_motions.select(rows)
+        return {
+            "deflection": deflection.lengths,
+            "deflection_rotation": deflection.angles,
+            "correction": correction.lengths,
+            "correction_rotation": correction.angles,
+            "residual": residual.lengths,
+            "residual_rotation": residual.angles,
+            "rounding": self.rounding[rows],
+            "share": corrections.share[rows],
+            "capped": corrections.capped[rows],
+        }
+
+    def _describe_intervals(self, rows: IndexArray) -> _Columns:
+        """Return uncertainty and intervals of deflection and residual in rows (w,) of the corrections.
+
+        The keys are fields of `ProgramPoint`, a message about one point of the program.
+        """
+        interval, interval_with_model_error = self._intervals[:, rows]
+        residual_interval, residual_interval_with_model_error = self._remaining_intervals[:, rows]
+        return {
+            "standard_uncertainty": self.corrections.uncertainty[rows],
+            "interval": interval,
+            "interval_with_model_error": interval_with_model_error,
+            "residual_interval": residual_interval,
+            "residual_interval_with_model_error": residual_interval_with_model_error,
+        }
 
     def _loaded_columns(self, block: slice) -> FloatArray:
         """Return the numbers (b, 22) of b points under load, in the order of the names `_LOADED_COLUMNS`.
@@ -275,12 +349,12 @@ class WrittenPoints:
         interval, interval_with_model_error = 1e3 * self._intervals[:, block]  # (b, 2) [mm]
         return np.column_stack(
             [
-                *_motions_in_mm(corrections.uncorrected[block]),
-                *_motions_in_mm(corrections.correction[block]),
+                corrections.deflection_motions.select(block).in_mm(),
+                corrections.correction_motions.select(block).in_mm(),
                 1e3 * corrections.uncertainty[block],
                 interval,
                 interval_with_model_error,
-                *_motions_in_mm(self.residual[block]),
+                self.residual_motions.select(block).in_mm(),
                 1e3 * self.rounding[block],
                 corrections.share[block],
             ]
@@ -291,22 +365,18 @@ class WrittenPoints:
 
         Points without load have NaN in the columns `_LOADED_COLUMNS`.
         """
-        path = self.path
-        targets = path.program.targets
-        names = "\n".join([targets.names[i] for i in path.targets.tolist()]).encode("latin-1")
-        content = io.BytesIO()
-        for column in self._fill_columns():
-            np.save(content, _split_differences(column), allow_pickle=False)
-        for array in (
-            self._number_remarks(),
-            targets.source[path.targets].astype(np.uint8),
-            targets.line[path.targets].astype(np.int32),
-            np.array([source.name for source in path.program.sources]),
-            np.frombuffer(names, dtype=np.uint8),
-            self._pack_remaining(),
-        ):
-            np.save(content, array, allow_pickle=False)
-        return content.getvalue()
+        program, targets = self.path.program, self.path.targets
+        names = "\n".join([program.targets.names[i] for i in targets.tolist()])
+        stored = _StoredTable(
+            columns=[_split_differences(column) for column in self._fill_columns()],
+            remark=self._number_remarks(),
+            file=program.targets.source[targets].astype(np.uint8),
+            line=program.targets.line[targets].astype(np.int32),
+            file_names=np.array([source.name for source in program.sources]),
+            names=np.frombuffer(names.encode("latin-1"), dtype=np.uint8),
+            remaining=self._pack_remaining(),
+        )
+        return stored.to_bytes()
 
     def _fill_columns(self) -> NDArray[np.float32]:
         """Return the columns `_POSTURE_COLUMNS`, then `_LOADED_COLUMNS`, of the m points of the path (c, m).
@@ -344,24 +414,66 @@ class WrittenPoints:
         return columns
 
 
+class _StoredTable(NamedTuple):
+    """Table of the m points of a path, as arrays that are stored one after the other."""
+
+    columns: list[NDArray[np.uint8]]  # (4, m) each: columns of numbers, as `_split_differences` arranges them
+    remark: NDArray[np.uint8]  # (m,) index of each point's remark in `_REMARKS`
+    file: NDArray[np.uint8]  # (m,) index of each point's file
+    line: NDArray[np.int32]  # (m,) line of each point in its file
+    file_names: NDArray[np.str_]  # names of the files
+    names: NDArray[np.uint8]  # names of the points as bytes of Latin-1, one name a line
+    remaining: NDArray[np.float32] | None  # (4, m) columns `_REMAINING_COLUMNS`; None in older tables
+
+    def to_bytes(self) -> bytes:
+        """Return the arrays in the order of the fields, each in NumPy's format `npy`."""
+        stored = io.BytesIO()
+        arrays: list[NDArray[Any]] = [*self.columns, self.remark, self.file, self.line]
+        arrays += [self.file_names, self.names]
+        if self.remaining is not None:
+            arrays.append(self.remaining)
+        for array in arrays:
+            np.save(stored, array, allow_pickle=False)
+        return stored.getvalue()
+
+    @classmethod
+    def from_bytes(cls, content: bytes) -> _StoredTable:
+        """Read the arrays from bytes of `to_bytes`, or of an older version, which lacks `remaining`."""
+        stored = io.BytesIO(content)
+        column_count = len(_POSTURE_COLUMNS + _LOADED_COLUMNS)
+        columns = [np.load(stored, allow_pickle=False) for _ in range(column_count)]
+        remark, file, line, file_names, names = (np.load(stored, allow_pickle=False) for _ in range(5))
+        remaining = None
+        has_remaining = stored.tell() < len(content)
+        if has_remaining:
+            remaining = np.load(stored, allow_pickle=False)
+        return cls(columns, remark, file, line, file_names, names, remaining)
+
+    def list_names(self) -> list[str]:
+        """Return the name of each point."""
+        return self.names.tobytes().decode("latin-1").split("\n")
+
+    def name_columns(self) -> dict[str, NDArray[np.float32]]:
+        """Return the columns of numbers (m,) by their headers, such as `deflection [mm]`."""
+        headers = _POSTURE_COLUMNS + _LOADED_COLUMNS
+        columns = dict(zip(headers, map(_add_up_differences, self.columns), strict=True))
+        if self.remaining is not None:
+            columns.update(zip(_REMAINING_COLUMNS, self.remaining, strict=True))
+        return columns
+
+
 def points_sheet(content: bytes) -> Sheet:
     """Return the table of points from bytes of `WrittenPoints.pack_table`; NaN for an empty cell."""
-    stored = io.BytesIO(content)
-    numbers = dict[str, NDArray[np.float32]]()
-    for name in _POSTURE_COLUMNS + _LOADED_COLUMNS:
-        numbers[name] = _add_up_differences(np.load(stored, allow_pickle=False))
-    remark, source, line, files, names = (np.load(stored, allow_pickle=False) for _ in range(5))
+    stored = _StoredTable.from_bytes(content)
+    names_of_files, remarks = stored.file_names.astype(object), np.array(_REMARKS, dtype=object)
     columns: dict[str, Any] = {
-        "point": np.arange(1, len(line) + 1),
-        "name": names.tobytes().decode("latin-1").split("\n"),
-        "file": files.astype(object)[source],
-        "line": line,
+        "point": np.arange(1, len(stored.line) + 1),
+        "name": stored.list_names(),
+        "file": names_of_files[stored.file],
+        "line": stored.line,
+        **stored.name_columns(),
+        "remark": remarks[stored.remark],
     }
-    columns |= numbers
-    has_remaining_columns = stored.tell() < len(content)  # older tables have none
-    if has_remaining_columns:
-        columns |= dict(zip(_REMAINING_COLUMNS, np.load(stored, allow_pickle=False), strict=True))
-    columns["remark"] = np.array(_REMARKS, dtype=object)[remark]
     return Sheet(columns, texts=frozenset({"name", "file", "remark"}), digits=".7g")
 
 
@@ -387,13 +499,9 @@ def _add_up_differences(planes: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.cumsum(differences, dtype=np.uint32).view(np.float32)
 
 
-def _motions_in_mm(motion: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return displacements (k, 3) [mm], their lengths (k,) [mm] and rotation angles (k,) [mrad] of motions.
-
-    `motion` (k, 6) [m, rad] has displacements, then rotation vectors.
-    """
-    displacement, rotation = motion[:, :3], motion[:, 3:]
-    return 1e3 * displacement, 1e3 * _vector_lengths(displacement), 1e3 * _vector_lengths(rotation)
+def _replace_infinite(numbers: FloatArray) -> FloatArray:
+    """Return numbers with NaN in place of infinity."""
+    return np.where(np.isfinite(numbers), numbers, np.nan)
 
 
 def _vector_lengths(vectors: FloatArray) -> FloatArray:
@@ -417,127 +525,196 @@ def write_compensated_program(
     Raises:
         FaultsError: a correction leads out of the joints' limits, or a corrected target is not reached.
     """
-    robot, program = model.robot, path.program
     _refuse_out_of_limits(path, corrections)
-    targets = path.targets[corrections.points]  # under load
-    residual = np.empty((len(targets), 6))
-    is_changed = np.zeros(len(targets), dtype=np.bool_)
-    unreached: list[int] = []
-    for rows in rewriting.blocks(targets):
-        block_targets = targets[rows]
-        corrected = Postures(robot, robot.joint_map.model_angles(corrections.commanded[rows]))
-        written = _write_corrected_numbers(path, corrections, rows, corrected, inverse, rewriting)
-        programmed = program.targets.values[block_targets, :NUMBERS]
-        is_changed[rows] = (np.isfinite(programmed) & (programmed != written)).any(axis=1)
-        cases = path.cases[corrections.points[rows]]
-        residual[rows], reached = _compute_residuals(
-            path, cases, block_targets, written, corrected, model, inverse
-        )
-        unreached += corrections.points[rows[~reached]].tolist()
-    reason = "the robot does not reach the corrected target"
-    _refuse_points(path, sorted(unreached), reason, "move the part away from the singularity")
+    written = _TargetWriter(path, corrections, model, inverse, rewriting).write()
+    _refuse_unreached(path, corrections.points[~written.is_reached])
     return WrittenPoints(
         path=path,
         corrections=corrections,
-        residual=residual,
-        rounding=_vector_lengths(residual[:, :3] - corrections.residual[:, :3]),
-        changed=is_changed,
-        place=_compute_programmed_positions(path, robot),
+        residual=written.residual,
+        rounding=_vector_lengths(written.residual[:, :3] - corrections.residual[:, :3]),
+        changed=written.is_changed,
+        place=_compute_programmed_positions(path, model.robot),
         arm=inverse.select_arm_joints(path.cases.joints),
         quantile=quantile,
     )
 
 
-def _write_corrected_numbers(
-    path: ProgramPath,
-    corrections: Corrections,
-    rows: IndexArray,
-    corrected: Postures,
-    inverse: InverseKinematics,
-    rewriting: Rewriting | RowsWriting,
-) -> FloatArray:
-    """Write the corrected numbers of b targets into the program; return the numbers (b, 7) as written.
+class _WrittenTargets(NamedTuple):
+    """What the loaded robot makes of the written numbers of k targets."""
 
-    Args:
-        path: path of the program.
-        corrections: corrections of all points under load.
-        rows: (b,) indices in `corrections` of the points to write.
-        corrected: corrected postures of these points.
-        inverse: inverse kinematics, with the choice of the joints that belong to the arm.
-        rewriting: text or rows of the program, in which the numbers are replaced.
-    """
-    targets = path.program.targets
-    points = corrections.points[rows]
-    block_targets = path.targets[points]
-    is_joint_target = targets.given_as_joints[block_targets]
-    corrected_arm = inverse.select_arm_joints(corrections.commanded[rows])
-    numbers = path.frames.convert_poses_to_numbers(path.program, block_targets, corrected.flange_pose)
-    arm_in_units_of_program = corrected_arm / targets.angle_unit[block_targets, None]
-    numbers[is_joint_target, :6] = arm_in_units_of_program[is_joint_target]
-    # A target without correction keeps its text, unless it is reached in another posture.
-    is_written = corrections.share[rows] > 0.0
-    if path.programmed is not None:
-        is_written |= ~is_joint_target
-    numbers[~is_written] = np.nan
-    # Only targets that are poses state a configuration of the arm, which a correction can make wrong.
-    programmed = path.cases.joints if path.programmed is None else path.programmed
-    programmed_arm = inverse.select_arm_joints(programmed[points])
-    written_poses = np.flatnonzero(~is_joint_target & is_written)
-    edits_of_configuration = path.stated.list_word_edits(
-        block_targets[written_poses], programmed_arm[written_poses], corrected_arm[written_poses]
-    )
-    return rewriting.replace(block_targets, numbers, edits_of_configuration)
+    residual: FloatArray  # (k, 6) motion from the wanted to the reached pose [m, rad], axes of R0
+    is_changed: BoolArray  # (k,) mask of the targets with a number that was changed
+    is_reached: BoolArray  # (k,) mask of the targets that the robot reaches
+
+    @classmethod
+    def make_empty(cls, count: int) -> _WrittenTargets:
+        """Return arrays for `count` targets, which `put` fills."""
+        residual = np.empty((count, 6))
+        return cls(residual, np.zeros(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_))
+
+    def put(self, rows: IndexArray, block: _WrittenTargets) -> None:
+        """Store what is known of the targets of a block in the rows (b,) of these targets."""
+        self.residual[rows] = block.residual
+        self.is_changed[rows] = block.is_changed
+        self.is_reached[rows] = block.is_reached
 
 
-def _compute_residuals(
-    path: ProgramPath,
-    cases: LoadCases,
-    targets: IndexArray,
-    written: FloatArray,
-    corrected: Postures,
-    model: ForwardModel,
-    inverse: InverseKinematics,
-) -> tuple[FloatArray, BoolArray]:
-    """Compute how far the loaded robot is from the programmed poses, if it moves to the written numbers.
+class _Block(NamedTuple):
+    """b targets that are written at once."""
 
-    Args:
-        path: path of the program.
-        cases: programmed postures of b targets, with loads.
-        targets: (b,) indices of the targets.
-        written: (b, 7) numbers of the targets in the compensated program.
-        corrected: corrected postures before the numbers were rounded.
-        model: model of the loaded robot.
-        inverse: inverse kinematics of the robot.
+    rows: IndexArray  # (b,) row of each target among the corrections
+    points: IndexArray  # (b,) index of each target's point in the path
+    targets: IndexArray  # (b,) index of each target in the program
+    is_joint_target: BoolArray  # (b,) mask of the targets in joint angles; the others are poses
+    angle_unit: FloatArray  # (b, 1) unit of the angles of each target [rad]
+    cases: LoadCases  # wanted postures, with loads
+    corrected: Postures  # corrected postures, before their numbers are rounded
 
-    Returns:
-        Residuals (b, 6) [m, rad], and a mask (b,) of the targets that the robot reaches.
-    """
-    robot, program, frames = model.robot, path.program, path.frames
-    is_joint_target = program.targets.given_as_joints[targets]
-    angle_unit = program.targets.angle_unit[targets, None]
-    pose_rows = np.flatnonzero(~is_joint_target)
-    # The numbers of a target in joint angles are the posture; for a pose, it is solved near the correction.
-    written_angles = robot.joint_map.model_angles(inverse.insert_held_joints(written[:, :6] * angle_unit))
-    written_poses = frames.flange_poses(program, targets[pose_rows], written[pose_rows])
-    # If all targets are poses of a robot without linear axes, the kinematics are not computed again.
-    can_start_from_corrected = inverse.arm is robot and len(pose_rows) == len(targets)
-    if can_start_from_corrected:
-        start = corrected
-    else:
-        start = Postures(inverse.arm, inverse.select_arm_joints(corrected.q)[pose_rows])
-    arm_angles, pose_reached = inverse.refine_from(written_poses, start)
-    written_angles[pose_rows] = inverse.insert_held_joints(arm_angles, of_model=True)
-    reached = np.ones(len(targets), dtype=np.bool_)
-    reached[pose_rows] = pose_reached
-    wanted_angles = robot.joint_map.model_angles(cases.joints)
-    if path.programmed is None:
-        wanted_poses = frames.find_flange_poses(program, targets, robot, cases.joints)
-    else:  # the program states other poses than the wanted ones
-        wanted_poses = flange_poses(robot, wanted_angles)
-    # The loaded robot is near the wanted posture, moved by the rounding of the written numbers.
-    start_angles = wanted_angles + written_angles - corrected.q
-    residuals = compute_pose_residuals(model, cases, wanted_poses, written_angles, start_angles)
-    return residuals, reached
+
+class _SolvedPostures(NamedTuple):
+    """Postures of the robot at the written numbers of b targets."""
+
+    angles: FloatArray  # (b, n) positions of the model's joints [rad or m]
+    is_reached: BoolArray  # (b,) mask of the targets that the robot reaches
+
+
+@dataclass(frozen=True, eq=False)
+class _TargetWriter:
+    """Writes corrected targets into a program, and computes what the loaded robot makes of them."""
+
+    path: ProgramPath  # path of the program
+    corrections: Corrections  # corrections of the k points under load
+    model: ForwardModel  # model of the loaded robot
+    inverse: InverseKinematics  # inverse kinematics, which knows the joints of the arm
+    rewriting: Rewriting | RowsWriting  # text or rows of the program, in which numbers are replaced
+
+    def write(self) -> _WrittenTargets:
+        """Write the k targets under load, block by block, because all at once would need much memory."""
+        targets = self.path.targets[self.corrections.points]
+        written = _WrittenTargets.make_empty(len(targets))
+        for rows in self.rewriting.blocks(targets):
+            written.put(rows, self._write_block(self._make_block(rows)))
+        return written
+
+    def _make_block(self, rows: IndexArray) -> _Block:
+        """Return the block of the targets in these rows (b,) of the corrections."""
+        robot, targets_of_program = self.model.robot, self.path.program.targets
+        points = self.corrections.points[rows]
+        targets = self.path.targets[points]
+        return _Block(
+            rows=rows,
+            points=points,
+            targets=targets,
+            is_joint_target=targets_of_program.given_as_joints[targets],
+            angle_unit=targets_of_program.angle_unit[targets, None],
+            cases=self.path.cases[points],
+            corrected=Postures(robot, robot.joint_map.model_angles(self.corrections.commanded[rows])),
+        )
+
+    def _write_block(self, block: _Block) -> _WrittenTargets:
+        """Write the numbers of b targets, and compute the poses that the loaded robot reaches by them."""
+        numbers = self._write_numbers(block)
+        programmed = self.path.program.targets.values[block.targets, :NUMBERS]
+        is_changed_number = np.isfinite(programmed) & (programmed != numbers)  # (b, 7)
+        postures = self._solve_postures(block, numbers)
+        residual = self._compute_residuals(block, postures.angles)
+        return _WrittenTargets(residual, is_changed_number.any(axis=1), postures.is_reached)
+
+    def _write_numbers(self, block: _Block) -> FloatArray:
+        """Write the corrected numbers of b targets into the program; return the numbers (b, 7) as written."""
+        is_written = self._find_written_targets(block)
+        numbers = self._find_corrected_numbers(block)
+        numbers[~is_written] = np.nan  # these targets keep their text
+        edits = self._list_configuration_edits(block, is_written)
+        return self.rewriting.replace(block.targets, numbers, edits)
+
+    def _find_written_targets(self, block: _Block) -> BoolArray:
+        """Return a mask (b,) of the targets that get new numbers.
+
+        A target without correction keeps its text, unless it is reached in another posture than the program
+        states: this can be if `path.programmed` is set, and the target is a pose.
+        """
+        is_written = self.corrections.share[block.rows] > 0.0
+        if self.path.programmed is not None:
+            is_written |= ~block.is_joint_target
+        return is_written
+
+    def _find_corrected_numbers(self, block: _Block) -> FloatArray:
+        """Return the numbers (b, 7) that state corrected targets: those of a pose, or six joint angles."""
+        numbers = self.path.frames.convert_poses_to_numbers(
+            self.path.program, block.targets, block.corrected.flange_pose
+        )
+        corrected_arm = self.inverse.select_arm_joints(self.corrections.commanded[block.rows])  # (b, 6) [rad]
+        angles_in_unit_of_program = corrected_arm / block.angle_unit
+        numbers[block.is_joint_target, :6] = angles_in_unit_of_program[block.is_joint_target]
+        return numbers
+
+    def _list_configuration_edits(self, block: _Block, is_written: BoolArray) -> list[tuple[int, Edit]]:
+        """Return edits of numbers that state the arm's configuration, each with the index of its target.
+
+        Only targets that are poses state a configuration. A correction can make it wrong: it turns joint 1
+        from 89.9° to 90.1°, for example, which is in another quadrant.
+
+        Args:
+            block: b targets.
+            is_written: (b,) mask of the targets that get new numbers.
+        """
+        programmed = self.path.cases.joints if self.path.programmed is None else self.path.programmed
+        poses = np.flatnonzero(~block.is_joint_target & is_written)
+        programmed_arm = self.inverse.select_arm_joints(programmed[block.points])
+        corrected_arm = self.inverse.select_arm_joints(self.corrections.commanded[block.rows])
+        return self.path.stated.list_word_edits(
+            block.targets[poses], programmed_arm[poses], corrected_arm[poses]
+        )
+
+    def _solve_postures(self, block: _Block, numbers: FloatArray) -> _SolvedPostures:
+        """Return the postures of the unloaded robot at the written numbers (b, 7) of targets.
+
+        The numbers of a target in joint angles are the posture. For a pose, the posture is solved, beginning
+        near the corrected one.
+        """
+        stated_arm = numbers[:, :6] * block.angle_unit
+        angles = self.model.robot.joint_map.model_angles(self.inverse.insert_held_joints(stated_arm))
+        is_reached = np.ones(len(numbers), dtype=np.bool_)
+        pose_rows = np.flatnonzero(~block.is_joint_target)
+        poses = self.path.frames.flange_poses(self.path.program, block.targets[pose_rows], numbers[pose_rows])
+        arm_angles, pose_reached = self.inverse.refine_from(poses, self._choose_start(block, pose_rows))
+        angles[pose_rows] = self.inverse.insert_held_joints(arm_angles, of_model=True)
+        is_reached[pose_rows] = pose_reached
+        return _SolvedPostures(angles, is_reached)
+
+    def _choose_start(self, block: _Block, pose_rows: IndexArray) -> Postures:
+        """Return the corrected postures of the arm at the targets in `pose_rows` of a block.
+
+        If all targets are poses of a robot without linear axes, the kinematics are not computed again.
+        """
+        is_robot_the_arm = self.inverse.arm is self.model.robot
+        if is_robot_the_arm and len(pose_rows) == len(block.targets):
+            return block.corrected
+        return Postures(self.inverse.arm, self.inverse.select_arm_joints(block.corrected.q)[pose_rows])
+
+    def _compute_residuals(self, block: _Block, written_angles: FloatArray) -> FloatArray:
+        """Return how far the loaded robot is from the wanted poses (b, 6) [m, rad], at the written targets.
+
+        `written_angles` (b, n) are the postures of the unloaded robot at the written numbers [rad or m].
+        """
+        wanted_angles = self.model.robot.joint_map.model_angles(block.cases.joints)
+        wanted_poses = self._find_wanted_poses(block, wanted_angles)
+        # The loaded robot is near the wanted posture, moved by the rounding of the written numbers.
+        start_angles = wanted_angles + written_angles - block.corrected.q
+        return compute_pose_residuals(self.model, block.cases, wanted_poses, written_angles, start_angles)
+
+    def _find_wanted_poses(self, block: _Block, wanted_angles: FloatArray) -> FloatArray:
+        """Return the wanted poses (b, 4, 4) of the flange in R0 [m] at the targets of a block.
+
+        The program states these poses, unless the path was turned to other ones: then they follow from the
+        wanted postures `wanted_angles` (b, n) [rad or m].
+        """
+        robot, path = self.model.robot, self.path
+        if path.programmed is not None:
+            return flange_poses(robot, wanted_angles)
+        return path.frames.find_flange_poses(path.program, block.targets, robot, block.cases.joints)
 
 
 def _compute_programmed_positions(path: ProgramPath, robot: Robot) -> FloatArray:
@@ -559,6 +736,12 @@ def _refuse_out_of_limits(path: ProgramPath, corrections: Corrections) -> None:
     is_outside = corrections.status == RowStatus.BEYOND_LIMITS
     reason = "the corrected target is outside of the joints' limits"
     _refuse_points(path, corrections.points[is_outside].tolist(), reason, "move the part, or omit its load")
+
+
+def _refuse_unreached(path: ProgramPath, points: IndexArray) -> None:
+    """Raise a `FaultsError` if there are points that the robot does not reach."""
+    reason = "the robot does not reach the corrected target"
+    _refuse_points(path, sorted(points.tolist()), reason, "move the part away from the singularity")
 
 
 def _refuse_points(path: ProgramPath, points: Sequence[int], reason: str, remedy: str) -> None:
@@ -589,8 +772,19 @@ def _read_program(
         trust_routines=request.trust_routines,
         external_axes=external_axes,
     )
-    if request.leave_others or not program.faults:
-        return program
+    if not request.leave_others:
+        _refuse_left_moves(program)
+    return program
+
+
+def _refuse_left_moves(program: ReadProgram) -> None:
+    """Refuse a program with moves that cannot be corrected, because the request does not leave such moves.
+
+    Raises:
+        MovesLeftError: there are such moves; the error counts them, and lists why.
+    """
+    if not program.faults:
+        return
     first_faults = FaultsError(program.faults)
     left_count, corrected_count = len(program.left_moves), len(program.moves)
     left_of_all = f"{left_count} of {left_count + corrected_count} moves"
@@ -622,8 +816,8 @@ def _refuse_compensating_controller(request: ProgramRequest | ProcessRequest) ->
     """
     if request.accuracy_option == "compensates_load":
         raise RequestError(
-            "the controller already compensates the deflection under load; a second compensation "
-            "would be wrong",
+            "the controller already compensates the deflection under load, so a second compensation would "
+            "be wrong",
             where="accuracy_option",
             remedy="switch the controller's accuracy option off, repeat the measurement, and set "
             "`accuracy_option` to `off`",
@@ -653,6 +847,31 @@ def _separate_load_table(request: ProgramRequest | ProcessRequest) -> _RequestFi
             remedy="send the table together with the files of the program",
         )
     return _RequestFiles(contents, table)
+
+
+def _hash_inputs(model_hash: str, request: ProgramRequest | ProcessRequest) -> str:
+    """Return the hash of all inputs of a program: the model's hash, the options, and the files."""
+    options = request.model_dump_json(exclude={"run_id", "robot_id", "files"})
+    contents = [file.content or "" for file in request.files]
+    return hash_texts(model_hash, options, *contents)
+
+
+def _find_model(
+    robot: Robot, run: Run | None, request: ProgramRequest | ProcessRequest
+) -> RunModel | PriorModel:
+    """Return the model of the loaded robot: that of a run, or without a run the prior of the robot.
+
+    Raises:
+        RequestError: the run has no model, or the request does not fit the run.
+    """
+    with as_request_errors():
+        if run is None:
+            is_weighted = bool(request.masses) or request.absolute
+            return PriorModel.from_robot(robot, weighted=is_weighted)
+        length_unit = LENGTH[request.units.length]
+        return RunModel.from_run(
+            robot, run, absolute=request.absolute, masses=request.masses, length=length_unit
+        )
 
 
 class ProgramWork(Work):
@@ -686,35 +905,23 @@ class ProgramWork(Work):
         """
         _refuse_compensating_controller(request)
         self.robot_id, self._request = robot_id, request
-        options = request.model_dump_json(exclude={"run_id", "robot_id", "files"})
-        contents = [each.content or "" for each in request.files]
         model_hash = f"{content} {robot.payload!r}" if run is None else run.provenance.input_hash
-        self.input_hash = hash_texts(model_hash, options, *contents)
-        self._run_model: RunModel | PriorModel
-        with as_request_errors():
-            if run is None:
-                self._run_model = PriorModel.from_robot(
-                    robot, weighted=bool(request.masses) or request.absolute
-                )
-            else:
-                self._run_model = RunModel.from_run(
-                    robot,
-                    run,
-                    absolute=request.absolute,
-                    masses=request.masses,
-                    length=LENGTH[request.units.length],
-                )
+        self.input_hash = _hash_inputs(model_hash, request)
+        self._run_model = _find_model(robot, run, request)
         files = _separate_load_table(request)
         self._external_axes = _interpret_external_axes(request, robot)
         self._rows = find_rows(files.of_program, request.units, robot)
-        if self._rows is None:
-            self._program = _read_program([*files.of_program.items()], request, self._external_axes)
-        else:
-            self._program = self._rows.program
+        self._program = self._read_program(files.of_program)
         self._visits = Visits.collect(self._program, request, files.load_table, self._measure_lengths)
         feeds = find_feeds(self._program, request, self._visits)
         # (v, n) greatest motion of the model's joints for a length of the line to each visit [rad/m or m/m]
         self._joint_limits = Pace(feeds, robot.speeds, rate=np.inf).limits()
+
+    def _read_program(self, files: Mapping[str, bytes]) -> ReadProgram:
+        """Return the program in the text of the files, by name, unless the request sends rows of numbers."""
+        if self._rows is not None:
+            return self._rows.program
+        return _read_program([*files.items()], self._request, self._external_axes)
 
     def _measure_lengths(self) -> FloatArray:
         """Return the length (v,) of the path up to each visit of a target [m], for loads by length."""
@@ -831,30 +1038,40 @@ class ProgramWork(Work):
         """
         computed_parts = parts or map(self._correct, self._spans())  # a short program has no steps
         corrections = Corrections(**concatenate_steps(computed_parts))
-        del parts  # free the memory, as `corrections` is a copy
-        quantile = self._run_model.model.quantile(self._request.confidence)
+        del parts, computed_parts  # free the memory, as `corrections` is a copy
         rewriting = Rewriting(self._program) if self._rows is None else RowsWriting(self._rows)
-        points = write_compensated_program(
-            self._path, corrections, self._run_model.model, self._inverse, quantile, rewriting
-        )
+        points = self._write_points(corrections, rewriting)
         contents = rewriting.files()
         self._check_written(rewriting, points)
-        program, unchanged_moves = self._program, len(self._program.left_moves)
         assessment = self._assess_corrections(corrections)
-        if self.must_mark(assessment, unchanged_moves) and points.changed.any():
-            # The comment that marks the program as compensated goes into the first file.
-            contents[0] = insert_mark(
-                program.format,
-                contents[0],
-                self._run_model.name,
-                assessment.verdict,
-                datetime.now(UTC).date(),
-                len(program.moves) + unchanged_moves,
-                unchanged_moves,
-            )
-        names = [source.name for source in program.sources]
+        if points.changed.any() and self.must_mark(assessment, len(self._program.left_moves)):
+            contents[0] = self._insert_mark(contents[0], assessment)
+        names = [source.name for source in self._program.sources]
         files = [compress_file(name, content) for name, content in zip(names, contents, strict=True)]
         return self._make_result(points, files, assessment)
+
+    def _write_points(self, corrections: Corrections, rewriting: Rewriting | RowsWriting) -> WrittenPoints:
+        """Write the corrected points into the program, and return them with their residuals.
+
+        Raises:
+            FaultsError: the robot does not reach a corrected target.
+        """
+        model = self._run_model.model
+        quantile = model.quantile(self._request.confidence)
+        return write_compensated_program(self._path, corrections, model, self._inverse, quantile, rewriting)
+
+    def _insert_mark(self, content: bytes, assessment: Assessment) -> bytes:
+        """Return the content of the first file with a comment that marks the program as compensated."""
+        program, left_count = self._program, len(self._program.left_moves)
+        return insert_mark(
+            program.format,
+            content,
+            self._run_model.name,
+            assessment.verdict,
+            datetime.now(UTC).date(),
+            len(program.moves) + left_count,
+            left_count,
+        )
 
     def _check_written(self, rewriting: Rewriting | RowsWriting, points: WrittenPoints) -> None:
         """Check what was written; a compensated program needs no further check."""
@@ -873,14 +1090,9 @@ class ProgramWork(Work):
         Raises:
             VerdictError: limits reduce corrections, and the request has no `accept_verdict`.
         """
-        run = self._run_model.result
-        lengths = _vector_lengths(corrections.uncorrected[:, :3])
-        extrapolated_count = int((corrections.extrapolation > EXTRAPOLATED).sum())
         reasons = [
             *self._list_reasons(),
-            *find_implausible_deflection(float(lengths.max(initial=0.0)), run),
-            *find_far_points([*np.unique(self._path.cases.load_point, axis=0).tolist()]),
-            *find_beyond_campaign(extrapolated_count, len(corrections.points), "points"),
+            *self._find_doubtful_deflections(corrections),
             *self._find_uncorrected(corrections),
             *_find_capped(corrections),
             *self._find_singular(corrections),
@@ -891,6 +1103,21 @@ class ProgramWork(Work):
                 "a program whose corrections exceed the limits", "max_displacement", items
             )
         return assess_with_run(self.subject, reasons, self._run_model.assessment)
+
+    def _find_doubtful_deflections(self, corrections: Corrections) -> list[Finding]:
+        """Return why predicted deflections are doubtful, most important first.
+
+        A deflection is implausibly great, a load point is far from the flange, or loads exceed those of the
+        campaign by which the model was identified.
+        """
+        greatest_deflection = float(corrections.deflection_motions.lengths.max(initial=0.0))
+        load_points = np.unique(self._path.cases.load_point, axis=0)
+        extrapolated_count = int((corrections.extrapolation > EXTRAPOLATED).sum())
+        return [
+            *find_implausible_deflection(greatest_deflection, self._run_model.result),
+            *find_far_points([*load_points.tolist()]),
+            *find_beyond_campaign(extrapolated_count, len(corrections.points), "points"),
+        ]
 
     def _find_uncorrected(self, corrections: Corrections) -> Iterator[Finding]:
         """Report that no point is corrected, and that moves of the program were left unchanged."""
@@ -935,10 +1162,6 @@ class ProgramWork(Work):
     ) -> ProgramResult:
         """Return the result message of the corrected points and written files."""
         corrections, program = points.corrections, self._program
-        deflections = _vector_lengths(corrections.uncorrected[:, :3])
-        correction_sizes = _vector_lengths(corrections.correction[:, :3])
-        residuals = _vector_lengths(points.residual[:, :3])
-        remarks = [*self._describe_blend(points), *self.list_remarks()]
         kind: ProgramFormat = program.format  # type: ignore[assignment]
         return ProgramResult(
             joint_kinds=joint_kinds_by_name(self._run_model.model.robot),
@@ -950,16 +1173,16 @@ class ProgramWork(Work):
             corrected=int(points.changed.sum()),
             capped=int(corrections.capped.sum()),
             left_alone=self._count_uncorrected_targets(points),
-            deflection=points.summarize_sizes(deflections),
-            correction=points.summarize_sizes(correction_sizes),
-            residual=points.summarize_sizes(residuals),
+            deflection=points.summarize_sizes(corrections.deflection_motions.lengths),
+            correction=points.summarize_sizes(corrections.correction_motions.lengths),
+            residual=points.summarize_sizes(points.residual_motions.lengths),
             deflection_ends=points.summarize_intervals("deflection"),
             residual_ends=points.summarize_intervals("residual"),
             with_model_error=points.has_model_error,
             rounding=points.summarize_sizes(points.rounding),
             confidence=self._request.confidence,
             worst=points.list_worst_points(),
-            remarks=remarks,
+            remarks=[*self._describe_blend(points), *self.list_remarks()],
             files=files,
             table=compress_file("points", points.pack_table()),
         )
@@ -997,23 +1220,35 @@ class ProgramWork(Work):
 
         After `_MAX_REMARKS` reasons, one remark counts the others.
         """
-        lines_of = defaultdict[tuple[int, str], list[int]](list)  # by the index of the file, and the reason
-        for remark in self._program.left_alone:
-            lines_of[remark.source, remark.text].append(remark.line)
-        for move in self._program.left_moves:
-            lines_of[0, f"left unchanged: {move.reason}; {move.remedy}"].append(move.line)
-        uncorrected = []
-        for (source, reason), lines in lines_of.items():
-            file = f" of {quote_text(self._program.sources[source].name)}" if source else ""
-            uncorrected.append(f"{_line_numbers(lines)}{file}: {reason}")
         remarks = self._run_model.remarks(self._request.confidence)
         if self._request.cut is not None:
             remarks.append(self.cut_remark)
+        uncorrected = self._describe_uncorrected_lines()
         remarks += uncorrected[:_MAX_REMARKS]
         hidden_count = len(uncorrected) - _MAX_REMARKS
         if hidden_count > 0:
             remarks.append(f"… and {hidden_count} more remarks")
         return remarks
+
+    def _describe_uncorrected_lines(self) -> list[str]:
+        """Return a sentence for each reason why lines are not corrected, with the lines and their file.
+
+        The first file is not named: `lines 3, 7: left unchanged: …`, but `line 2 of 'sub.src': …`.
+        """
+        sentences = []
+        for (source, reason), lines in self._group_uncorrected_lines().items():
+            file = f" of {quote_text(self._program.sources[source].name)}" if source else ""
+            sentences.append(f"{_line_numbers(lines)}{file}: {reason}")
+        return sentences
+
+    def _group_uncorrected_lines(self) -> dict[tuple[int, str], list[int]]:
+        """Return the lines that are not corrected, by the index of their file and the reason."""
+        lines_of = defaultdict[tuple[int, str], list[int]](list)
+        for remark in self._program.left_alone:
+            lines_of[remark.source, remark.text].append(remark.line)
+        for move in self._program.left_moves:
+            lines_of[0, f"left unchanged: {move.reason}; {move.remedy}"].append(move.line)
+        return lines_of
 
 
 def _line_numbers(lines: Sequence[int]) -> str:
@@ -1063,7 +1298,7 @@ def refuse_corrected_files(inputs: Inputs, request: ProgramRequest | ProcessRequ
             was_written_by_job = sent_digests.intersection(written_digests)
             if was_written_by_job:
                 raise RequestError(
-                    f"a file is the output of the compensated program '{job['id']}'",
+                    f"a file of the request is the output of the compensated program '{job['id']}'",
                     where="files",
                     remedy="send the original program",
                 )

@@ -146,7 +146,8 @@ def test_a_corrected_program_is_not_corrected_again_but_the_program_itself_may_b
     assert corrected.headers["content-disposition"] == "attachment; filename*=UTF-8''cell-corrected.src"
     assert ("; Jointstiff run " in corrected.text) == mark
     assert told(sent(corrected.text)) == (
-        f"422 | files | a file is the output of the compensated program '{job['id']}' | send the "
+        f"422 | files | a file of the request is the output of the compensated program "
+        f"'{job['id']}' | send the "
         "original program"
     )
     assert sent(TEXT).status_code == 201

@@ -52,7 +52,10 @@ BODIES = {
     "long exponent": (b"1e" + b"9" * 1_000, [NO_OBJECT] * 3),
     "invalid utf-8": (
         b'{"name": "\xff\xfe"}',
-        ["422 invalid-request | body | the body is not a text in UTF-8 | send the JSON document in UTF-8"]
+        [
+            "422 invalid-request | body | the body of the request is not a text in UTF-8 | send "
+            "the JSON document in UTF-8"
+        ]
         * 3,
     ),
     "lone surrogate": (

@@ -94,9 +94,9 @@ FILES = """\
 * `model.…` of a run: tables with intervals (csv, xlsx), or MJCF with springs; `do_not_use` needs
 * `program` of a program or process: a compensated file (`file`); only numbers of its targets differ
 * tables, by the kind of the job; their headers have the units
-* geometry: `axes.csv` (each axis: a point, the direction, and the uncertainties of both, in R0 at model angle zero)
+* geometry: `axes.csv` (each axis: a point, the direction, and the uncertainties of both, in the base frame R0 at model angle zero)
 * plan: `report.pdf`, `report.html`, `rehearsal.json`, `readings.csv` (the readings in their order)
-* fleet: `report.pdf`, `report.html`, `table.csv` (one row per set and joint: stiffness with its interval, verdict; or the set's error)
+* fleet: `report.pdf`, `report.html`, `table.csv` (one row per measurement set and joint: stiffness with its interval and verdict, or the error of the set)
 """  # noqa: E501 - lines of the description
 
 

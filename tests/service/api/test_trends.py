@@ -343,7 +343,7 @@ def test_a_trend_of_one_cell_is_narrower_and_refuses_sets_of_other_uncertainties
     identify(client, measure(client, robot, 3, noise=stated))
     refused = client.get(path, params={"same_cell": True})
     assert refused.status_code == 422
-    assert "uncertainties of the force's scale" in refused.json()["detail"]
+    assert "for the scale of the force" in refused.json()["detail"]
 
 
 def test_a_trend_names_the_campaigns_that_it_compares_if_others_are_later():

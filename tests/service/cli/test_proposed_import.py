@@ -65,7 +65,7 @@ def test_a_template_refuses_files_in_another_order():
 
 def test_yes_accepts_no_proposal_with_a_doubt():
     shown = refused(f"import signs.txt --robot '{ARM}' --yes -o c.json")
-    assert_said(shown, "--yes accepts no proposal with a doubt: two of x, y and z may be exchanged")
+    assert_said(shown, "--yes does not accept a doubtful proposal: two of x, y and z may be exchanged")
 
 
 def test_rows_that_are_shifted_get_no_proposal():

@@ -61,15 +61,15 @@ def test_lengths_and_angles_at_the_terminal_become_those_of_the_file(folder):
         ),
         (
             ["options.json", "--load-point", "0,0,6000"],
-            "load_point: the point is 6 m from the flange, where no tool reaches: up to 5 m is plausible "
+            "load_point: the point is 6 m from the flange, but a tool reaches at most 5 m "
             "remedy: check the unit of the point; for a longer tool, put the flange of the robot's model "
             "on the tool",
         ),
         (["pull.json"], "the file is a campaign remedy: use `jointstiff identify FILE`"),
         (
             ["options.json", "--accuracy-option", "compensates_load"],
-            "accuracy_option: the controller already compensates the deflection under load; a second "
-            "compensation would be wrong "
+            "accuracy_option: the controller already compensates the deflection under load, so a "
+            "second compensation would be wrong "
             "remedy: switch the controller's accuracy option off, repeat the measurement, and set "
             "`--accuracy-option` to `off`",
         ),

@@ -171,30 +171,33 @@ HELP = {
         "Usage: jointstiff identify [OPTIONS] {FILE} Identify the joint stiffnesses of a campaign. "
         "docs/glossary.md explains the terms.",
         "FILE <file> Campaign file: robot, measurement set and run options in one JSON document. [required]",
-        "--positive / --no-positive Constrain every compliance to be zero or positive.",
-        "sigma; default 2.8 (95 % of good readings are below). Dimensionless.",
-        "--cause NAME[:FIRST] Causes to fit with the joints, as a reason recommends: the readings stay "
-        "as they are, and the intervals include the uncertainty of the causes. Repeatable.",
+        "--positive / --no-positive True to constrain every compliance to be zero or positive.",
+        "divided by sigma; default 2.8, above which 5 % of good readings lie. Dimensionless.",
+        "--cause NAME[:FIRST] Systematic errors to fit together with the joints, as a reason of the "
+        "verdict recommends: the readings stay as they are, and the intervals include the uncertainty of "
+        "these errors. Repeatable.",
         "--prior JOINT=STIFFNESS:UNCERTAINTY",
         "--resample SIZE[:REPETITIONS[:SEED]]",
-        "--leave-out NAME,NAME,... Labels of observations to omit; the remaining observations are checked "
-        "again.",
-        "--apply ACTION Apply an action that a reason of the verdict recommends, such as exchange_columns or "
-        "convert_units: write the corrected campaign to a new file, and identify this campaign.",
+        "--leave-out NAME,NAME,... Labels of observations to omit; the checks are then repeated for the "
+        "remaining observations.",
+        "--apply ACTION Apply an action that a reason of the verdict recommends, such as exchange_columns "
+        "or convert_units. The corrected campaign is written to a new file and identified.",
         "-o, --output FILE File to write the corrected campaign to; default: a new file next to the old one.",
-        "Unit of stiffness or compliance in the tables: 10⁶ N·m/rad, kN·m/°, …, or µrad/(N·m). [default: "
-        "MNm/rad]",
+        "Unit of stiffness or compliance in the tables, such as 10⁶ N·m/rad, kN·m/° or µrad/(N·m). "
+        "[default: MNm/rad]",
     ],
     "compare": [
         "Compare methods on a campaign, or two campaigns of one robot.",
         "[SECOND] <file> File of a second campaign, compared with the first: with secondary encoders, "
         "after a change, or of a robot of the same model.",
-        "--ordered / --no-ordered Also identify both sets together, with no joint softer in the second set.",
+        "--ordered / --no-ordered True to identify both sets also in one fit, in which no joint is softer "
+        "in the second set than in the first.",
         "--same-load / --no-same-load True if the load of both sets acted at the same point of the flange, "
-        "with one error.",
-        "--same-cell / --no-same-cell True if the same cell or weights gave the forces of both sets, with "
-        "one error of scale.",
-        "--confidence NUMBER Confidence level of the ratios' intervals; default: the first run's.",
+        "so that both sets have the same error of the load point.",
+        "--same-cell / --no-same-cell True if the same load cell or the same weights gave the forces of "
+        "both sets, so that both sets have the same error of scale.",
+        "--confidence NUMBER Confidence level of the intervals of the ratios; default: the confidence "
+        "level of the first run.",
         "--csv Print CSV for spreadsheets.",
     ],
     "predict": [
@@ -209,10 +212,12 @@ HELP = {
     ],
     "map": [
         "Map deflection and compliance over a work area.",
-        "--absolute / --no-absolute Deflections are relative to a rigid arm, sag included; needs `weight`.",
-        "--despite-verdict `do_not_use`: also accept a run with this verdict.",
-        "--load-point X,Y,Z[mm] Point where the force acts, flange frame; default: the tool's position.",
-        "--turns <int> Number of angles about the tool's axis over a full turn.",
+        "--absolute / --no-absolute True to predict deflections relative to a rigid arm, so that the sag "
+        "by own weight is included; needs a run with `weight`.",
+        "--despite-verdict Confirmation: `do_not_use` accepts a run even if its verdict is *do not use*.",
+        "--load-point X,Y,Z[mm] Point where the force acts, in the flange frame; default: the position of "
+        "the tool.",
+        "--turns <int> Number of angles of the tool about its axis, evenly over a full turn.",
         "--moment X,Y,Z[N.m] Moment of the process on the robot, about the load point.",
         "--axes <base|flange> Frame in which force, moment and `direction` are given.",
     ],
@@ -223,9 +228,10 @@ HELP = {
         "--units length=mm,angle=deg,force=N Units of columns whose header has no unit; add moment=N.m if "
         "there are moments.",
         "--delimiter <comma|semicolon|tab|whitespace> Delimiter between cells; detected if absent.",
-        "--encoders <motor|secondary> Encoders that close the position loop; must be stated.",
-        "--accept-unusual / --no-accept-unusual True: accept values over 100 standard deviations from their "
-        "column's median, and a load point over 5 m from the flange.",
+        "--encoders <motor|secondary> Encoders with which the controller closes the position loop; this "
+        "field must be stated.",
+        "--accept-unusual / --no-accept-unusual True to accept values over 100 standard deviations from "
+        "the median of their column, and a load point over 5 m from the flange.",
         "--template FILE Template of an earlier import; files with other headers are refused.",
     ],
     "measure": [
@@ -234,60 +240,61 @@ HELP = {
         '--goal GOAL Goal of the measurement: an uncertainty of "15 %" of every stiffness that the load '
         'tests, or "6 um" of the deflection in the work area; or "below 0.5 mm" to decide whether the '
         "deflection stays below this limit. Required without --bridge.",
-        "--source SOURCE simulated:SEED, lines:/dev/ttyUSB0, lines:tcp://host:port, lines:udp://:port, or "
-        "robodk. Required without --bridge.",
+        "--source SOURCE Source of the readings: simulated:SEED, lines:/dev/ttyUSB0, "
+        "lines:tcp://host:port, lines:udp://:port, or robodk. Required unless --bridge is given.",
         "--bridge SOURCE Source of positions for a page of the service. Needs --server and --code; omit "
         "campaign, --goal and --source. --code CODE Code that the page shows under *Tracker*.",
-        "--most <int range> Greatest number of readings; the measurement then ends. [default: 200; "
+        "--most <int range> Greatest number of readings, after which the measurement ends. [default: 200; "
         "1<=x<=200]",
-        "--yes Ask no questions: take the readings at once, one after the other.",
-        "--timeout <float range> Time without data, in seconds, after which a source counts as stopped. "
-        "[default: 30.0; x>=0.1]",
+        "--yes Ask no questions: take all readings at once, one after the other.",
+        "--timeout <float range> Time without data, in seconds, after which a source is considered "
+        "stopped. [default: 30.0; x>=0.1]",
         "--load KIND:NEWTONS Load to apply, such as dead_weight:1500, dead_weight:150kg or "
         "any_direction:1500; default: the strongest force of the campaign, as a weight if all forces of "
         "the campaign pull down.",
-        "--sigma NUMBER[mm] Standard uncertainty of one coordinate of one reading; default: the "
-        "campaign's, or 20 µm.",
+        "--sigma NUMBER[mm] Standard uncertainty of one coordinate of one reading; default: that of the "
+        "campaign, or 20 µm.",
         "--seed <int> Random seed of the postures; the same seed gives the same plan.",
     ],
     "compensate": [
         "Compensate a program for the deflection under load.",
         "PROGRAM <list[Path]> Robot program, or CSV table of poses; for KUKA, the .src and its .dat, for "
         "ABB, the modules of the task, for FANUC, the .LS and those that it calls. [required]",
-        "--accuracy-option <off|same_as_measured|compensates_load> Accuracy option of the controller: `off`; "
-        "`same_as_measured`: on, as in the campaign; `compensates_load`: refused, because the load "
-        "would be compensated twice.",
+        "--accuracy-option <off|same_as_measured|compensates_load> Accuracy option of the controller: "
+        "`off`; `same_as_measured`: switched on, as in the campaign; `compensates_load`: refused, because "
+        "the load would be compensated twice.",
         "--max-displacement NUMBER[mm] Greatest displacement of a correction, in units.length; default: 5 "
         "mm.",
         "--max-rotation NUMBER[deg] Greatest rotation of a correction, in units.angle; default: 10 mrad.",
-        "--trust-routines / --no-trust-routines True: no unknown routine moves the robot, frames or points, "
-        "except what it gets by reference.",
-        "--mark / --no-mark True: write run, verdict and date as a comment (always for the verdict "
-        "do_not_use). A program with this comment is not corrected again.",
-        "--explain Only print target, base and tool of each move, and the reason why a move is not "
+        "--trust-routines / --no-trust-routines True if no unknown routine moves the robot or changes "
+        "frames or points, except those that it gets by reference.",
+        "--mark / --no-mark True to write run, verdict and date as a comment (always written for the "
+        "verdict do_not_use). A program with this comment is not corrected again.",
+        "--explain Only print the target, base and tool of each move, and the reason why a move is not "
         "corrected.",
     ],
     "geometry": [
         "Identify the geometry of a robot from sweeps or poses.",
-        "--fit <one_by_one|together> Fit of the sweeps: one by one (uses only the angle of the moving "
-        "joint), or all together (uses the controller's angles of all joints).",
-        "--base <nominal|axes> Frame R0. `nominal`: as in the nominal model. `axes`: z along axis "
-        "1, x towards axis 2 along the common perpendicular at model angle zero. Default: "
-        "`nominal`, or `axes` without a model.",
+        "--fit <one_by_one|together> Way to fit the sweeps: one by one, which uses only the angle of the "
+        "moving joint; or all together, which uses the controller's angles of all joints.",
+        "--base <nominal|axes> Definition of the robot's base frame R0. `nominal`: as in the nominal "
+        "model. `axes`: z along axis 1, x towards axis 2 along the common perpendicular at model angle "
+        "zero. Default: `nominal`, or `axes` without a model.",
         "-o, --output ROBOT.json File to write the identified robot to.",
     ],
     "serve": [
         "Start the service.",
         "--host <str> Address to listen on. [default: 127.0.0.1]",
-        "--port <int range> Port to listen on; 0: any free port. [default: 8000; 0<=x<=65535]",
+        "--port <int range> Port on which the service listens; 0 chooses any free port. [default: 8000; "
+        "0<=x<=65535]",
         "[env var: JOINTSTIFF_DATABASE; default: sqlite:///jointstiff.db]",
         "--no-access-control Require no keys; use this option only behind an authenticating proxy. Needs "
         "--allowed-host.",
-        "--metrics-host <str> Address of the metrics port; everyone who reaches this address can read the "
-        "metrics. [default: 127.0.0.1]",
+        "--metrics-host <str> Address on which the metrics port listens; everyone who reaches this address "
+        "can read the metrics. [default: 127.0.0.1]",
         "--require-key Require a key (`jointstiff keys create`) even for requests from this machine.",
-        "--keys-file FILE File of keys, such as a secret of a container; the file has only hashes of the "
-        "keys.",
+        "--keys-file FILE File of access keys, such as a secret of a container; the file contains only "
+        "hashes of the keys.",
     ],
 }
 

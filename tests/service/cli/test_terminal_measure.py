@@ -146,8 +146,8 @@ def test_lines_that_nobody_confirms_are_not_read(asked, capsys):
     with pytest.raises(typer.Exit):
         asked("confirms", "")
     assert capsys.readouterr().err == (
-        "lines\ndid the program read the lines correctly? y or n: nobody confirmed that the lines are read "
-        "correctly\n  remedy: answer y if the lines are read correctly, or use --yes\n"
+        "lines\ndid the program read the lines correctly? y or n: nobody confirmed that the lines of the "
+        "source are read correctly\n  remedy: answer y if the lines are read correctly, or use --yes\n"
     )
 
 

@@ -386,11 +386,11 @@ class TestPosesWithoutJoints:
     [
         (
             "predict postures.csv run.json",
-            "postures.csv and run.json are exchanged: the order is FILE POSTURES",
+            "postures.csv and run.json are in the wrong order: the right order is FILE POSTURES",
         ),
         (
             "correct postures.csv pull.json --force 0,0,-5",
-            "postures.csv and pull.json are exchanged: the order is CAMPAIGN_OR_ROBOT POSES",
+            "postures.csv and pull.json are in the wrong order: the right order is CAMPAIGN_OR_ROBOT POSES",
         ),
     ],
 )

@@ -112,7 +112,7 @@ REFUSED = {
     "names of the other convention": (
         [{"a_{i-1}": 1.0, "alpha_{i-1}": 0.0, "d_i": 0.0, "theta_i": 0.0}],
         "mm, deg",
-        "as in the modified convention",
+        "belong to the modified convention",
     ),
     "five columns": ([[1.0, 2.0, 3.0, 4.0, 5.0]], None, r"the table has the shape \(1, 5\)"),
 }
@@ -152,7 +152,9 @@ def test_a_joint_map_of_another_kind_is_refused(joint_map):
 def test_offsets_of_a_joint_map_in_degrees_are_refused():
     joint_map = {"matrix": np.eye(3).tolist(), "offset": [0, 90, 0]}
     robot = js.robot(ROWS, convention="standard", columns=PLAIN, joint_map=joint_map)
-    with pytest.raises(RobotError, match=r"the offset of joint 2 is 90 rad; it seems to be in degrees"):
+    with pytest.raises(
+        RobotError, match=r"the offset of joint 2 is 90 rad, but this number seems to be in degrees"
+    ):
         prepare_robot(robot)
 
 
@@ -219,8 +221,8 @@ def test_r_is_the_length_along_z_where_khalil_writes_it_or_a_is_named():
 @pytest.mark.parametrize(
     ("columns", "convention", "reason"),
     [
-        ("theta d r alpha", "standard", "the column r has two meanings"),
-        ("theta d r alpha a", "modified", "the column r has two meanings"),
+        ("theta d r alpha", "standard", "the column r is ambiguous"),
+        ("theta d r alpha a", "modified", "the column r is ambiguous"),
         ("theta d a", "standard", "the table has no column alpha"),
         ("theta d a a", "standard", "the column 'a' of the table occurs twice"),
         ("theta d a beta", "standard", "the column 'beta' of the table is unknown"),
@@ -236,7 +238,9 @@ def test_columns_that_are_not_certain_are_refused(columns, convention, reason):
 
 @pytest.mark.parametrize("rows", [pd.DataFrame(reordered(ROWS)), [DhRow(**row) for row in reordered(IN_SI)]])
 def test_columns_of_a_table_with_names_are_refused(rows):
-    with pytest.raises(js.CampaignError, match="the columns of the table have names already"):
+    with pytest.raises(
+        js.CampaignError, match="names of the columns are given twice: by `columns` and by the table"
+    ):
         js.robot(rows, convention="standard", columns=PLAIN, units="mm, deg")
 
 

@@ -112,7 +112,7 @@ def test_the_nominal_file_of_ros_gives_the_arm_of_the_catalogue(tmp_path):
         (
             "calibration.conf",
             CONF,
-            "does not name its arm.*rename the file, such as `ur10e_calibration.conf`",
+            "nor the name of its file names the arm.*rename the file, such as `ur10e_calibration.conf`",
         ),
         (
             "ur10e_calibration.conf",
@@ -136,7 +136,11 @@ def test_the_nominal_file_of_ros_gives_the_arm_of_the_catalogue(tmp_path):
             CONF.replace(repr(DELTAS["theta"][1]), "31.0"),
             "moves the flange of a .*UR10e by .* mm",
         ),
-        ("ur3_calibration.conf", CONF, "moves the flange of a .*UR3 by .* mm, so it is of another arm"),
+        (
+            "ur3_calibration.conf",
+            CONF,
+            "moves the flange of a .*UR3 by .* mm, so the calibration belongs to another arm",
+        ),
         (
             "ur10e_calibration.conf",
             CONF.replace(repr(DELTAS["d"][1]), "1e999"),

@@ -210,5 +210,5 @@ def test_a_load_on_the_command_line_is_a_mass_and_its_place():
         "point": [0.0, 0.0, 150.0],
     }
     assert parse_load("5, 0 0 80") == {"mass": 5.0, "point": [0.0, 0.0, 80.0]}
-    with pytest.raises(ValueError, match="must be a mass and its place"):
+    with pytest.raises(ValueError, match="must state a mass in kg and the place of its centre"):
         parse_load("heavy,0,0,0")

@@ -140,7 +140,7 @@ def test_texts_in_a_part_of_their_own_are_read_without_their_pronunciation():
         assert numbers_of(answered(("a.xlsx", each))) == CAMPAIGN_NUMBERS
     other = repacked(content, TEXTS, lambda _: b'<sst xmlns="urn:other"><si><t>a</t></si></sst>')
     assert refusals(("a.xlsx", other)) == [
-        f"a.xlsx:1:1: a cell refers to a shared text that the workbook lacks, '0'; {SAVE_AGAIN}"
+        f"a.xlsx:1:1: a cell refers to the shared text '0', which the workbook does not contain; {SAVE_AGAIN}"
     ]
 
 

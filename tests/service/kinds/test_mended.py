@@ -230,13 +230,18 @@ CAUSES_GIVEN = (
     [
         (
             {"causes": [{"name": "ghost"}]},
-            ("run.causes", "the readings do not show the cause 'ghost'", CAUSES_GIVEN),
+            (
+                "run.causes",
+                "`causes` names the error 'ghost', but the readings cannot show this error",
+                CAUSES_GIVEN,
+            ),
         ),
         (
             {"causes": [{"name": "shift", "first": "none"}]},
             (
                 "run.causes",
-                "the readings do not show the cause 'shift' since observation 'none'",
+                "`causes` names the error 'shift' since observation 'none', but the readings "
+                "cannot show this error",
                 CAUSES_GIVEN,
             ),
         ),

@@ -164,8 +164,8 @@ class TestWhatOwnWeightDoesNotKnow:
         where, reason, _ = refused(js.identify, document).split(" | ")
         assert where == "measurement_set.observations[0].readings[0]"
         assert reason == (
-            f"1 fault; first: {where}: give `unloaded` and `loaded`, or `deflection`, or `displacement` with "
-            "its direction, or `unloaded` alone for runs with `weight`"
+            f"1 fault; first: {where}: a reading needs `unloaded` and `loaded`, or `deflection`, or "
+            "`displacement` with its direction, or (for runs with `weight`) `unloaded` alone"
         )
 
     def test_plans_with_a_work_area_or_gravity_that_is_estimated(self, local, own):
@@ -231,8 +231,9 @@ class TestWhatOwnWeightDoesNotKnow:
         for run, more in ((stored, {"masses": MASSES}), (loaded, {})):
             asked = still | {"run_id": run["id"]} | more
             assert told(local.request("POST", "/v1/deflections", json=asked)) == (
-                f"422 | absolute | `absolute` needs own weight in run '{run['id']}', and no `masses` in the "
-                "request; one of these conditions is not met | choose "
+                f"422 | absolute | `absolute` needs a run with own weight and a request without "
+                f"`masses`, but "
+                f"run '{run['id']}' has no own weight, or the request has `masses` | choose "
                 "a run with `weight` and without balancers, and leave "
                 "`masses` out"
             )

@@ -66,7 +66,7 @@ def test_sweeps_and_poses_have_at_most_so_many_positions_and_exclude_each_other(
     posed["poses"] *= 1401 // len(posed["poses"]) + 1
     assert told(posted(local, posed)) == (
         "422 | body | 1 fault; first: body: give at most 4200 readings of targets in all, not 4212: "
-        f"omit every second position, or targets beyond three | {SCHEMA}"
+        f"omit every second position, or give only three targets | {SCHEMA}"
     )
 
 

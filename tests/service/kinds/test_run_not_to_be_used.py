@@ -15,7 +15,8 @@ RESIDUALS = (
     "within 18.6 µm, so the flange moves differently from the model"
 )
 DROPPED = (
-    "what is stated of load and places could not be fitted together with the joints: the fit moves an error "
+    "what is stated of load and places could not be fitted together with the joints: the fit "
+    "changes a stated quantity "
     "by 38 times its standard uncertainty"
 )
 

@@ -343,7 +343,8 @@ class TestWhatDoesNotGoWithASlide:
             ("measurement_set.noise.encoder_sigma", 1e-6),
         )
         assert refused(js.identify, document) == (
-            "measurement_set.observations | there are encoder readings of joint_3, a prismatic joint | "
+            "measurement_set.observations | there are encoder readings of joint_3, but joint_3 is "
+            "a prismatic joint | "
             "omit these readings: encoder readings are used for revolute joints only"
         )
 

@@ -152,5 +152,5 @@ def test_a_weight_too_small_to_tell_is_said_in_words_of_encoders():
 
 
 def test_the_plan_of_a_step_is_no_campaign(small):
-    with pytest.raises(RequestError, match="a weight step of two encoders, which has no targets"):
+    with pytest.raises(RequestError, match="a weight step, which is read by two encoders instead of targets"):
         js.rehearse(small, robot=ROBOT)

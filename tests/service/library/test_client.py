@@ -256,7 +256,7 @@ def test_a_plan_is_saved_and_rehearsed_after_its_campaign_was_deleted(service, c
         planned.save(tmp_path / "plan.json")
         assert js.load(tmp_path / "plan.json").result == planned.result
         assert js.rehearse(planned, robot=campaign, seed=1).postures == 12
-        with pytest.raises(Exception, match="the plan does not have the campaign that it continues"):
+        with pytest.raises(Exception, match="the plan does not contain the campaign that the plan continues"):
             js.rehearse(planned)
 
 

@@ -159,7 +159,7 @@ class TestFiles:
             (("rz [deg]", ""), "line 1.*column 7 has no header"),
             (("rz [deg]", "colour"), "columns.*'colour' is not known"),
             (("rz [deg]", "rz"), "line 1.*'rz' has no unit"),
-            ((",rz [deg]", ""), "line 2.*the row has 7 cells, and the header has 6"),
+            ((",rz [deg]", ""), "line 2.*the row has 7 cells, but the header has 6"),
         ],
     )
     def test_a_wrong_header_is_refused_by_name(self, tmp_path, change, words):
@@ -192,14 +192,14 @@ def test_a_number_that_is_not_finite_names_its_row(number):
     _, run = exact_run()
     poses, joints = IN_MM.copy(), DEGREES.copy()
     poses[2, 0, 3] = number
-    with pytest.raises(js.CampaignError, match="row 3 of column x has no finite number"):
+    with pytest.raises(js.CampaignError, match="row 3 of column x contains a missing or infinite number"):
         run.correct(poses, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
     poses = IN_MM.copy()
     poses[3, 0, 0] = number
-    with pytest.raises(js.CampaignError, match="the rotation of row 4 has no finite number"):
+    with pytest.raises(js.CampaignError, match="the rotation of row 4 contains a missing or infinite number"):
         run.correct(poses, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
     joints[4, 1] = number
-    with pytest.raises(js.CampaignError, match="row 5 of column j2 has no finite number"):
+    with pytest.raises(js.CampaignError, match="row 5 of column j2 contains a missing or infinite number"):
         run.correct(IN_MM, joints, tool=TOOL_IN_MM, forces=FORCE)
 
 

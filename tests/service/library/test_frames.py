@@ -200,8 +200,9 @@ def test_an_index_that_does_not_match_is_refused():
     )
     assert read(unloaded=even_rows.to_numpy(), loaded=odd_rows.to_numpy()) == read()
     assert refusal(unloaded=UNLOADED, loaded=LOADED.iloc[::-1]) == (
-        "the rows of `loaded` are in another order than those of `unloaded`, and those of `joints` have no "
-        "names that tell their order; remedy: give `joints` the same index, or sort the rows of `loaded`"
+        "the rows of `loaded` are in another order than the rows of `unloaded`, and the rows of "
+        "`joints` have "
+        "no names that show their order; remedy: give `joints` the same index, or sort the rows of `loaded`"
     )
 
 
@@ -209,7 +210,8 @@ def test_numbered_rows_are_aligned_also_next_to_names_in_words():
     named = FORCES.set_axis(LABELS)
     assert read(forces=named, unloaded=UNLOADED, loaded=LOADED) == read(labels=LABELS)
     assert refusal(forces=named, unloaded=UNLOADED, loaded=LOADED.iloc[::-1]) == (
-        "the rows of `loaded` are numbered, but not in order (7, 6, 5, …), and those of `forces` have names "
+        "the rows of `loaded` are numbered, but not in order (7, 6, 5, …), and the rows of "
+        "`forces` have names "
         "in words; remedy: give both the same index, or sort the rows of `loaded` by their numbers"
     )
     other = LOADED.set_axis(range(1, 9))
@@ -232,7 +234,8 @@ def test_rows_in_a_list_are_rows(count, names):
 def test_rows_of_different_frames_in_a_list_are_refused():
     rows = [FORCES.iloc[i] for i in range(7)] + [JOINTS.iloc[7]]
     assert refusal(forces=rows).startswith(
-        "row 7 of the list `forces` has the elements J1, J2, J3, J4, J5, J6; those of row 0 are Fx, Fy, Fz"
+        "row 7 of the list `forces` has the elements J1, J2, J3, J4, J5, J6, but row 0 has the "
+        "elements Fx, Fy, Fz"
     )
 
 

@@ -77,6 +77,13 @@ def of_joints(change):
     return build(change), build(lambda joints: joints)
 
 
+def with_infinite_angle(joints):
+    """Return the joints with an infinite angle of joint_2 in observation 4."""
+    changed = joints.copy()
+    changed[3, 1] = np.inf
+    return changed
+
+
 def of_arrays(wrong, right):
     """Return an argument of `Campaign.from_arrays` as a mistake, and its correction."""
 
@@ -114,7 +121,11 @@ MISTAKES = {
     ),
     "infinite force": (
         *of_arrays({"forces": (0, 0, float("inf"))}, {"forces": FORCE}),
-        "`forces` has infinite values; remedy: give finite numbers$",
+        "`forces` has infinite values; the first is in element 3; remedy: give finite numbers$",
+    ),
+    "infinite angle": (
+        *of_joints(with_infinite_angle),
+        r"`joints` has infinite values; the first is that of joint_2 in observation 4 \(row 4\)",
     ),
     "no arm of this name": (
         lambda _, _document: js.robot("KUKA KR210"),

@@ -47,7 +47,7 @@ def test_the_unit_of_the_result_can_be_chosen(tmp_path):
         (HEADER.replace("motor_2 [deg]", "motor_9 [deg]"), TIMES, "no joint '9'"),
         (HEADER.replace("link_2 [deg]", "link_2 [grad]"), TIMES, "the unit grad"),
         (HEADER.replace("link_2 [deg]", "link_2"), TIMES, "no unit"),
-        (HEADER.replace("link_2 [deg]", "torque_2"), TIMES, "no columns of motors and links"),
+        (HEADER.replace("link_2 [deg]", "torque_2"), TIMES, "no columns with angles of motors and links"),
         (HEADER, TIMES**2, "equal intervals"),
         (HEADER, TIMES[:200], "takes 0.8 s"),
         (HEADER.replace("motor_3", "motor_joint_2"), TIMES, "two columns"),

@@ -171,7 +171,7 @@ def test_a_plan_is_rehearsed_with_the_campaign_that_it_continues(document, tmp_p
     # A plan as the API writes it names the campaign by an id only.
     Path("answer.json").write_text(planned._message.model_dump_json())
     assert js.rehearse("answer.json", robot=document, seed=3) == rehearsal
-    with pytest.raises(Exception, match="the plan does not have the campaign that it continues"):
+    with pytest.raises(Exception, match="the plan does not contain the campaign that the plan continues"):
         js.rehearse("answer.json", robot=document["robot"])
 
 

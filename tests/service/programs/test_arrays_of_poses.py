@@ -141,7 +141,7 @@ def test_rows_with_other_columns_are_refused_by_their_names():
     for changes, word in (({"rx [deg]": None}, "rx"), ({"J1 [deg]": np.zeros(12)}, "j1")):
         with pytest.raises(RequestError, match=f"the column {word} of the packed path"):
             PathRows.unpack(packed(**changes), units, robot)
-    with pytest.raises(RequestError, match="row 2 of column y has no finite number"):
+    with pytest.raises(RequestError, match="row 2 of column y contains a missing or infinite number"):
         PathRows.unpack(packed(**{"y [mm]": np.array([0.0, np.inf] + [0.0] * 10)}), units, robot)
 
 

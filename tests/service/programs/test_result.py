@@ -200,7 +200,7 @@ LONG = [0, 0, 500, 0, 0, 0]
 REFUSED = {
     "a load that the controller compensates": (
         {"accuracy_option": "compensates_load"},
-        "accuracy_option: the controller already compensates the deflection under load; a second compensation would be wrong; switch the controller's accuracy option off, repeat the measurement, and set `accuracy_option` to `off`",
+        "accuracy_option: the controller already compensates the deflection under load, so a second compensation would be wrong; switch the controller's accuracy option off, repeat the measurement, and set `accuracy_option` to `off`",
     ),
     "no tool": ({"tools": []}, NO_NUMBERS),
     "another tool": ({"tools": [{"name": "TOOL_DATA[7]", "values": LONG}]}, NO_NUMBERS),

@@ -136,8 +136,8 @@ def test_readings_of_the_hook_that_disagree_are_refused_with_their_distance(stat
     document = without_point(shot(stated, [1, 4, 7], errors))
     said = refused(measurements, document)
     assert said.startswith("observations[7].readings | ")
-    assert "the 3 readings of target 'hook' disagree on the load point" in said
-    assert "mm from another one (3 mm is plausible)" in said
+    assert "the 3 readings of target 'hook' show different load points" in said
+    assert "mm from the load point by another observation (3 mm is plausible)" in said
 
 
 def test_different_load_points_of_observations_contradict_one_reading(stated):
@@ -152,7 +152,7 @@ def test_two_readings_of_the_hook_that_differ_are_as_uncertain_as_half_their_dis
     near = without_point(shot(stated, [1, 4], [[0.0, 0.0, 1.3e-3], [0.0, 0.0, -1.3e-3]]))
     assert measurements(near).hook.uncertainty == pytest.approx(1.3e-3, rel=0.1)
     far = without_point(shot(stated, [1, 4], [[0.0, 0.0, 2.9e-3], [0.0, 0.0, -2.9e-3]]))
-    assert "the 2 readings of target 'hook' disagree on the load point" in refused(measurements, far)
+    assert "the 2 readings of target 'hook' show different load points" in refused(measurements, far)
 
 
 def test_a_wrong_target_beside_the_hook_is_refused_as_the_load_point_rests_on_it(stated):
@@ -160,7 +160,7 @@ def test_a_wrong_target_beside_the_hook_is_refused_as_the_load_point_rests_on_it
     document[SET]["observations"][0]["readings"][0]["unloaded"][0] += 0.1
     said = refused(measurements, document)
     assert said.startswith(
-        "observations[0].readings | observation 'shot' reads target 'hook' on the hook, and "
+        "observations[0].readings | observation 'shot' reads target 'hook' on the hook, but "
     )
     assert "(3 mm is plausible), so the load point is wrong | correct or omit the wrong reading" in said
 
@@ -186,7 +186,7 @@ def test_a_set_without_another_target_than_the_hook_is_refused(stated):
     for observation in document[SET]["observations"]:
         del observation["readings"][1:]
     document[SET]["load_point_target"] = document[SET]["observations"][0]["readings"][0]["target"]
-    reason = "gives the load point, and no other target has a reading"
+    reason = "gives only the load point, but no other target has a reading"
     assert reason in refused(measurements, document)
 
 

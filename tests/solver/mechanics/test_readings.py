@@ -293,10 +293,17 @@ class TestIncluded:
         assert np.abs(included.predicted - (loaded - unloaded)).max() < 1e-8
         assert included.rms_residual < 1e-8 < 1e-6 < linear.rms_residual
 
-    def test_compliances_that_never_settle_are_refused(self, pulls, monkeypatch):
+    def test_compliances_that_never_settle_are_no_answer_and_the_answer_without_k_c_says_why(
+        self, pulls, monkeypatch
+    ):
         monkeypatch.setattr(iteration, "MAX_ITERATIONS", 1)
         with pytest.raises(SolverError, match="still change"):
-            estimate(*pulls, complementary_stiffness="included")
+            iteration.find_rest(np.cos, np.zeros(1), unit=np.array([1e-9]), most_steps=1)
+        found = estimate(*pulls, complementary_stiffness="included")
+        effect, neglected = found.complementary_stiffness, estimate(*pulls)
+        assert (effect.included, effect.iterations) == (False, 0)
+        assert "still change" in effect.obstacle
+        assert np.array_equal(found.compliance, neglected.compliance)
 
 
 class TestReported:

@@ -103,8 +103,8 @@ def test_a_load_without_a_balance_is_refused():
 def test_joints_too_soft_to_balance_the_load_are_refused_with_its_complementary_stiffness():
     robot, readings = simulated(load="pull", configurations=2, sigma=0.0, seed=3)
     assert refused(lambda: next(regressor_blocks(robot, readings, 1e3 * ARM.compliances))) == (
-        "complementary_stiffness | with joints as soft as these, there is no equilibrium under the "
-        "load near the unloaded posture | neglect the complementary stiffness, or check the units of "
+        "complementary_stiffness | with such soft joints, the loaded arm has no "
+        "equilibrium near the unloaded posture | neglect the complementary stiffness, or check the units of "
         "force and length"
     )
     one_reading = replace(first_target(readings), sigma=None)
@@ -221,7 +221,7 @@ OWN = [(f"{OBSERVATIONS}.{i}.readings.{k}.sigma", (1 + k) * 1e-5) for i in range
 @pytest.mark.parametrize(
     ("changes", "place", "said"),
     [
-        ([(NOISE, {})], NOISE, "give `sigma`, `instrument` or `force`, or leave `noise` out"),
+        ([(NOISE, {})], NOISE, "give `sigma`, `instrument` or `force` in `noise`, or omit `noise`"),
         (
             [(NOISE, {"sigma": 2e-5, "instrument": SHEET})],
             NOISE,
@@ -264,7 +264,8 @@ def test_noise_is_of_every_reading_or_of_the_set(document):
     missing = changed(document, (NOISE, None), *OWN, (f"{OBSERVATIONS}.3.readings.1.sigma", None))
     assert refused(prepare, missing) == (
         "observations[3].readings | some readings state their own noise, but a reading of this observation "
-        "states none | give every reading its `sigma` or its covariances, or give only `noise` for the set"
+        "states no noise | give every reading its `sigma` or its covariances, or give only "
+        "`noise` for the set"
     )
 
 

@@ -387,8 +387,8 @@ def test_two_rows_of_one_length_are_a_step_of_the_force():
 @pytest.mark.parametrize(
     ("lengths", "reason"),
     [
-        ([2.0, 0.0, 4.0], "the length 0 in row 2 of the forces is less than 2 in the row before"),
-        ([0.0, 1.0, NAN], "the length in row 3 of the forces is no finite number"),
+        ([2.0, 0.0, 4.0], "the length 0 in row 2 of the forces is less than the length 2 in the row before"),
+        ([0.0, 1.0, NAN], "the length in row 3 of the forces is not a finite number"),
     ],
 )
 def test_forces_whose_lengths_are_not_in_rising_order_are_refused(lengths, reason):

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from robotprograms import fanuc, krl, rapid, table, ur
+from robotprograms.arrays import FloatArray
 from robotprograms.errors import Fault, ProgramError, ReadMove, quote_text
 from robotprograms.interpreter import Permissions, interpret
 from robotprograms.language import Language
@@ -62,26 +63,48 @@ def read_program(
     Raises:
         ProgramError: the text is not understood; or a move is not certain, and `leave_others` is false.
     """
-    chosen = _choose_format(files, name)
+    kind = _choose_format(files, name)
     sources = _read_sources(files)
-    has_commas = chosen == "csv" and has_decimal_commas(sources[0].text)
-    language = table.DECIMAL_COMMAS if has_commas else FORMATS[chosen]
     permissions = Permissions(leave_alone, trust_routines)
-    own: tuple[OwnNumbers, ...] = ()  # numbers that moves get in place of the names of targets
-    while True:  # the program is read again with own numbers, until no move needs further ones
-        # Names and states are not kept: they take as much memory as the targets built next.
-        found = interpret(chosen, sources, language, permissions, own)
-        columns = found.columns
-        columns.settle_targets(found.used, external_axes)
-        own = columns.list_own_numbers()
-        if not own or _exceed_limit(sources, own):
-            break
-        main_file, own = insert_numbers(sources[0], own)
-        sources = main_file, *sources[1:]
-    program = columns.build_program(found.causes)
+    program = _interpret_with_own_numbers(kind, sources, permissions, external_axes)
     if program.faults and not leave_others:
         raise ProgramError(program.faults, left=program.left_moves)
     return program
+
+
+def _interpret_with_own_numbers(
+    kind: str, sources: tuple[Source, ...], permissions: Permissions, external_axes: ExternalAxes
+) -> Program:
+    """Interpret a program, and write numbers into moves whose targets cannot be corrected otherwise.
+
+    If `MoveL p1,...` is corrected but the declaration of p1 has to stay, the move gets numbers of its own in
+    place of the name p1. The program is then read again, until no move needs further ones.
+
+    Args:
+        kind: name of the format.
+        sources: files of the program, first the one whose moves are corrected.
+        permissions: what the user permits the reader to assume on routines.
+        external_axes: what the user states on external axes.
+    """
+    language = _choose_language(kind, sources[0])
+    own_numbers: tuple[OwnNumbers, ...] = ()
+    while True:
+        # Names and states are not kept: they take as much memory as the targets built next.
+        found = interpret(kind, sources, language, permissions, own_numbers)
+        columns = found.columns
+        columns.settle_targets(found.used, external_axes)
+        own_numbers = columns.list_own_numbers()
+        if not own_numbers or _exceed_limit(sources, own_numbers):
+            return columns.build_program(found.causes)
+        main_file, own_numbers = insert_numbers(sources[0], own_numbers)
+        sources = (main_file, *sources[1:])
+
+
+def _choose_language(kind: str, main_file: Source) -> Language:
+    """Return the language of a format; a table (CSV) may be written with decimal commas, as in `1,5;2,0`."""
+    if kind == "csv" and has_decimal_commas(main_file.text):
+        return table.DECIMAL_COMMAS
+    return FORMATS[kind]
 
 
 def _read_sources(files: Sequence[tuple[str, bytes]]) -> tuple[Source, ...]:
@@ -98,8 +121,12 @@ def _read_sources(files: Sequence[tuple[str, bytes]]) -> tuple[Source, ...]:
     return tuple(_read_source(name, content) for name, content in programs_and_data)
 
 
-def _choose_format(files: Sequence[tuple[str, bytes]], name: str | None) -> str:
-    """Return the name of the format of files, which is `name` if that is given.
+def _choose_format(files: Sequence[tuple[str, bytes]], stated: str | None) -> str:
+    """Return the name of the format of a program: `krl` for the file `part.src`.
+
+    Args:
+        files: names and bytes of its files.
+        stated: name of the format that the user states; if None, the first file's name decides.
 
     Raises:
         ProgramError: there is no file, the format is not known, or a program has fewer files.
@@ -107,23 +134,50 @@ def _choose_format(files: Sequence[tuple[str, bytes]], name: str | None) -> str:
     if not files:
         _refuse("program", None, "no file was sent", "send a program")
     first_name, _ = files[0]
-    suffix = PurePath(first_name.lower()).suffix
-    if suffix in _UNSUPPORTED_SUFFIXES and name is None:
-        remedy = "write the program in the controller's own language, or as a table of targets (CSV)"
-        _refuse(first_name, None, "programs in the formats CNC, APT and CLS cannot be read", remedy)
-    formats_with_suffix = [each for each, language in FORMATS.items() if suffix in language.suffixes.split()]
-    chosen = name or next(iter(formats_with_suffix), "")
-    if chosen not in FORMATS:
+    if stated is None:
+        _refuse_unsupported_suffix(first_name)
+    kind = stated or _find_format_of_suffix(first_name)
+    if kind not in FORMATS:
         reason = "the file's name does not show the format"
         _refuse(first_name, None, reason, f"give `format`: one of {', '.join(FORMATS)}")
-    if len(files) > _MOST_FILES.get(chosen, 1):
-        last_name, _ = files[-1]
-        remedy = (
-            "send one program: for KUKA a .src with its .dat and $config.dat, for ABB the modules of one "
-            "task, for FANUC the .LS and those that it calls"
-        )
-        _refuse(last_name, None, "more files were sent than one program has", remedy)
-    return chosen
+    _refuse_further_files(files, kind)
+    return kind
+
+
+def _refuse_unsupported_suffix(file: str) -> None:
+    """Refuse a file with the suffix of a format that cannot be read, such as `part.gcode`.
+
+    Raises:
+        ProgramError: the suffix is such a one.
+    """
+    if PurePath(file.lower()).suffix in _UNSUPPORTED_SUFFIXES:
+        remedy = "write the program in the controller's own language, or as a table of targets (CSV)"
+        _refuse(file, None, "programs in the formats CNC, APT and CLS cannot be read", remedy)
+
+
+def _find_format_of_suffix(file: str) -> str:
+    """Return the name of the format whose files have the suffix of a file; empty if there is none."""
+    suffix = PurePath(file.lower()).suffix
+    for kind, language in FORMATS.items():
+        if suffix in language.suffixes.split():
+            return kind
+    return ""
+
+
+def _refuse_further_files(files: Sequence[tuple[str, bytes]], kind: str) -> None:
+    """Refuse more files than one program of a format has.
+
+    Raises:
+        ProgramError: there are more files.
+    """
+    if len(files) <= _MOST_FILES.get(kind, 1):
+        return
+    last_name, _ = files[-1]
+    remedy = (
+        "send one program: for KUKA a .src with its .dat and $config.dat, for ABB the modules of one "
+        "task, for FANUC the .LS and those that it calls"
+    )
+    _refuse(last_name, None, "more files were sent than one program has", remedy)
 
 
 def _exceed_limit(sources: Sequence[Source], own: Sequence[OwnNumbers]) -> bool:
@@ -142,7 +196,8 @@ def list_moves(
 ) -> list[ReadMove]:
     """Return all moves of a program in order of lines, with target, base, tool and whether each is corrected.
 
-    If no move can be corrected, the moves are those that the error of reading has.
+    The arguments are those of `read_program`. If no move can be corrected, the moves are those that the error
+    of reading has.
 
     Raises:
         ProgramError: the text of the program is not understood.
@@ -160,13 +215,16 @@ def list_moves(
         if not error.left_moves:
             raise
         return list(error.left_moves)
-    moves = list(program.left_moves)
+    moves = [*program.left_moves, *_list_moves_to_stored(program), *_list_corrected_moves(program)]
+    return sorted(moves, key=lambda move: move.line)
+
+
+def _list_moves_to_stored(program: Program) -> Iterator[ReadMove]:
+    """Yield the moves of a program to positions that are stored in the controller, such as `PTP HOME`."""
     for remark in program.left_alone:
         is_move_to_stored_position = bool(remark.target)
         if is_move_to_stored_position:
-            moves.append(ReadMove(remark.line, remark.target, base="", tool="", reason=remark.text))
-    moves += _list_corrected_moves(program)
-    return sorted(moves, key=lambda move: move.line)
+            yield ReadMove(remark.line, remark.target, base="", tool="", reason=remark.text)
 
 
 def _list_corrected_moves(program: Program) -> Iterator[ReadMove]:
@@ -174,11 +232,16 @@ def _list_corrected_moves(program: Program) -> Iterator[ReadMove]:
     targets, moves = program.targets, program.moves
     last_targets = moves.visits[moves.ends - 1]
     for line, target in zip(moves.line.tolist(), last_targets.tolist(), strict=True):
-        numbers = targets.values[target, :NUMBERS]
-        stated_numbers = numbers[np.isfinite(numbers)].tolist()
-        shown_numbers = ", ".join(f"{number:g}" for number in stated_numbers)
-        base, tool = targets.frames[targets.base[target]], targets.frames[targets.tool[target]]
-        yield ReadMove(line, targets.names[target] or shown_numbers, base.name, tool.name, corrected=True)
+        shown_target = targets.names[target] or _show_numbers(targets.values[target, :NUMBERS])
+        base = targets.frames[targets.base[target]]
+        tool = targets.frames[targets.tool[target]]
+        yield ReadMove(line, shown_target, base.name, tool.name, corrected=True)
+
+
+def _show_numbers(numbers: FloatArray) -> str:
+    """Return the numbers of a target for a message, such as `100, 200.5, 0`; NaN is left out."""
+    stated_numbers = numbers[np.isfinite(numbers)].tolist()
+    return ", ".join(f"{number:g}" for number in stated_numbers)
 
 
 def _read_source(name: str, content: bytes) -> Source:

@@ -44,6 +44,8 @@ _UNIT_TOLERANCE: Final = 1e-3
 """Largest difference of a quaternion's length from 1 that the rounding of a program explains."""
 _GIMBAL_COSINE: Final = 1e-9
 """|cos| of the middle angle below which the two other angles turn about the same axis."""
+_ZERO_ANGLE: Final = 1e-12
+"""Angle of a rotation [rad] below which its axis is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,14 +170,17 @@ def _find_nearest_vectors(vectors: FloatArray, near: FloatArray) -> FloatArray:
     whole k. A zero rotation has no axis: full turns are added about the axis of `near`.
     """
     angle = np.linalg.norm(vectors, axis=1, keepdims=True)
-    near_angle = np.linalg.norm(near, axis=1, keepdims=True)
-    near_axis = near / np.where(near_angle > 0, near_angle, 1)
-    is_zero = angle < 1e-12
-    axis = np.where(is_zero, near_axis, vectors / np.where(is_zero, 1, angle))
+    axis = np.where(angle < _ZERO_ANGLE, _divide_by_length(near), _divide_by_length(vectors))
     near_angle_about_axis = np.sum(axis * near, axis=1, keepdims=True)
     turns = np.round((near_angle_about_axis - angle) / (2 * np.pi))
     turned_vectors = axis * (angle + 2 * np.pi * turns)
     return np.where(turns == 0, vectors, turned_vectors)
+
+
+def _divide_by_length(vectors: FloatArray) -> FloatArray:
+    """Return the unit vectors (m, 3) along vectors (m, 3); zero for a vector of length zero."""
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.where(lengths > 0, lengths, 1))
 
 
 def _to_rotation_matrices(angles: FloatArray) -> FloatArray:
@@ -205,10 +210,17 @@ def _find_nearest_angles(rotations: FloatArray, near: FloatArray) -> FloatArray:
     if is_locked.any():
         locked = _find_locked_solution(rotations[is_locked], near[is_locked, 2])
         first[is_locked] = second[is_locked] = locked
-    first, second = _add_turns(first, near), _add_turns(second, near)
+    return _choose_nearer(_add_turns(first, near), _add_turns(second, near), near)
+
+
+def _choose_nearer(first: FloatArray, second: FloatArray, near: FloatArray) -> FloatArray:
+    """Return the row of `first` or of `second` that is nearer to that of `near`, for each of m rows (m, 3).
+
+    The distance is Euclidean; of two rows at the same distance, the first one is returned.
+    """
     distance_of_first = np.sum((first - near) ** 2, axis=1)
     distance_of_second = np.sum((second - near) ** 2, axis=1)
-    is_first_nearer = (distance_of_first <= distance_of_second)[:, None]
+    is_first_nearer = (distance_of_first <= distance_of_second)[:, np.newaxis]
     return np.where(is_first_nearer, first, second)
 
 
@@ -252,35 +264,36 @@ def calculate(expression: str) -> float | None:
     """Return the value of an expression of numbers, pi and d2r(); None if there is none."""
     try:
         value = _calculate(ast.parse(expression.strip(), mode="eval").body)
-    except (SyntaxError, ValueError, ZeroDivisionError, OverflowError, RecursionError, MemoryError):
+    except (SyntaxError, ValueError, KeyError, ArithmeticError, RecursionError, MemoryError):
         return None
     return value if math.isfinite(value) else None
 
 
 def _calculate(node: ast.expr) -> float:
-    """Return the value of an expression from its syntax tree.
+    """Return the value of an expression from its syntax tree, such as that of `pi/2 + d2r(30)`.
 
     Raises:
-        ValueError: the expression has other parts than numbers, pi, d2r(), +, -, * and /.
+        ValueError: the expression has other parts than numbers, pi, d2r() and signs.
+        KeyError: a sign is none of +, -, * and /.
     """
     match node:
         case ast.Constant(value=int() | float() as number):
             return float(number)
         case ast.Name(id="pi"):
             return math.pi
-        case ast.Call(func=ast.Name(id="d2r"), args=[angle], keywords=[]):
-            return math.radians(_calculate(angle))
-        case ast.UnaryOp(op=ast.USub(), operand=operand):
-            return -_calculate(operand)
-        case ast.UnaryOp(op=ast.UAdd(), operand=operand):
-            return _calculate(operand)
-        case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() as sign, right=right):
-            operation = _OPERATIONS[type(sign)]
-            return operation(_calculate(left), _calculate(right))
+        case ast.Call(func=ast.Name(id="d2r"), args=[degrees], keywords=[]):
+            return math.radians(_calculate(degrees))
+        case ast.UnaryOp(op=sign, operand=operand):
+            return _ONE_OPERAND[type(sign)](_calculate(operand))
+        case ast.BinOp(left=left, op=sign, right=right):
+            return _TWO_OPERANDS[type(sign)](_calculate(left), _calculate(right))
     raise ValueError(ast.dump(node))
 
 
-_OPERATIONS: Final[dict[type[ast.operator], Callable[[float, float], float]]] = {
+_ONE_OPERAND: Final[dict[type[ast.unaryop], Callable[[float], float]]] = {
+    ast.UAdd: operator.pos, ast.USub: operator.neg
+}  # fmt: skip
+_TWO_OPERANDS: Final[dict[type[ast.operator], Callable[[float, float], float]]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv
 }  # fmt: skip
 _MOST_BLANKS: Final = 32
@@ -308,31 +321,41 @@ class Numerals:
     def from_text(cls, text: str, pattern: str) -> Numerals:
         r"""Find the numbers in a text without `\0` by a pattern; no number spans two lines.
 
-        The text is read in blocks of whole lines. Growing arrays hold the numbers: many small arrays would
-        leave gaps in the memory, as large as the numbers themselves.
+        In `X 1.5,Y 2`, the numbers are 1.5 and 2, and the masked text is `X \0,Y \0`. The text is read in
+        blocks of whole lines. Growing arrays hold the numbers: many small arrays would leave gaps in the
+        memory, as large as the numbers themselves.
         """
         values, starts, ends = array("d"), array("i"), array("i")
         masked_blocks = list[str]()
         split_at_numbers = re.compile(f"({pattern})").split
-        begin = 0
-        while begin < len(text):
-            end = text.find("\n", begin + _BLOCK_LENGTH) + 1 or len(text)
-            pieces = split_at_numbers(text[begin:end])  # text, number, text, number, …, text
-            texts, numbers = pieces[::2], pieces[1::2]
-            lengths = np.fromiter(map(len, pieces), dtype=np.int32, count=len(pieces))
-            ends_of_pieces = begin + np.cumsum(lengths, dtype=np.int32)
-            ends_of_texts, ends_of_numbers = ends_of_pieces[::2], ends_of_pieces[1::2]
-            values.frombytes(_parse_numbers(numbers).tobytes())
-            starts.frombytes(ends_of_texts[:-1].tobytes())  # a number begins where the text before it ends
-            ends.frombytes(ends_of_numbers.tobytes())
-            masked_blocks.append("\0".join(texts))
-            begin = end
+        for begin, end in _list_blocks(text):
+            pieces = split_at_numbers(text[begin:end])
+            block = cls._from_pieces(pieces, begin)
+            values.frombytes(block.values.tobytes())
+            starts.frombytes(block.starts.tobytes())
+            ends.frombytes(block.ends.tobytes())
+            masked_blocks.append(block.masked_text)
         return cls(
             np.asarray(memoryview(values)),
             np.asarray(memoryview(starts)),
             np.asarray(memoryview(ends)),
             "".join(masked_blocks),
         )
+
+    @classmethod
+    def _from_pieces(cls, pieces: list[str], begin: int) -> Numerals:
+        r"""Return the numbers of a block of a text that is split at its numbers.
+
+        Args:
+            pieces: text, number, text, number, …, text: as `X `, `1.5`, `,Y `, `2` and an empty text.
+            begin: index of the block's first character in the whole text.
+        """
+        texts, numbers = pieces[::2], pieces[1::2]
+        lengths = np.fromiter(map(len, pieces), dtype=np.int32, count=len(pieces))
+        ends_of_pieces = begin + np.cumsum(lengths, dtype=np.int32)
+        ends_of_texts, ends_of_numbers = ends_of_pieces[::2], ends_of_pieces[1::2]
+        starts_of_numbers = ends_of_texts[:-1]  # a number begins where the text before it ends
+        return cls(_parse_numbers(numbers), starts_of_numbers, ends_of_numbers, "\0".join(texts))
 
     def masked_texts(self, starts: IndexArray, ends: IndexArray) -> tuple[Iterator[str], IndexArray]:
         """Return k parts of the text, with NUL in place of each number.
@@ -363,6 +386,16 @@ class Numerals:
         missing[1:] -= 1  # NUL takes the place of the number
         np.cumsum(missing, out=missing)
         return missing
+
+
+def _list_blocks(text: str) -> Iterator[tuple[int, int]]:
+    """Yield the first and the last + 1 character of each block of a text; a block ends with a line."""
+    begin = 0
+    while begin < len(text):
+        end_of_line = text.find("\n", begin + _BLOCK_LENGTH) + 1
+        end = end_of_line or len(text)  # there is no further line end in the last block
+        yield begin, end
+        begin = end
 
 
 def iterate_integers(values: IndexArray) -> Iterator[int]:
@@ -430,13 +463,16 @@ def format_new_numbers(
     # Only numbers near the old number or near zero need a comparison of texts.
     distance = np.minimum(np.abs(new - old), np.abs(new))
     for i in np.flatnonzero(distance < 2.0 * 10.0**-digits).tolist():
-        old_number = f"{old[i]:.{digits[i]}f}"
-        are_both_zero = float(numbers[i]) == float(old_number) == 0.0
-        differ[i] = numbers[i] != old_number and not are_both_zero
-        if float(numbers[i]) == 0.0:  # no `-0.00`
-            numbers[i] = numbers[i].removeprefix("-")
+        numbers[i] = _remove_sign_of_zero(numbers[i])
+        old_number = _remove_sign_of_zero(f"{old[i]:.{digits[i]}f}")
+        differ[i] = numbers[i] != old_number
     _copy_plus_signs(numbers, has_plus_sign=characters[spans[:, 0]] == ord("+"))
     return numbers, differ
+
+
+def _remove_sign_of_zero(number: str) -> str:
+    """Return a number as text: `0.00` for `-0.00`, any other number unchanged."""
+    return number.removeprefix("-") if float(number) == 0.0 else number
 
 
 def _copy_plus_signs(numbers: list[str], has_plus_sign: BoolArray) -> None:
@@ -517,18 +553,29 @@ def splice_texts(characters: Characters, spans: Places, texts: Sequence[str]) ->
         texts: m texts in place of these parts.
     """
     starts, ends = spans.T
-    # Gaps of unchanged text and replaced parts alternate; a gap comes first and last.
-    ends_of_gaps = np.append(starts, len(characters))
-    starts_of_gaps = np.concatenate([[0], ends])
-    gaps = ends_of_gaps - starts_of_gaps
-    old_lengths = ends - starts
+    gaps = _measure_gaps(spans, len(characters))
     new_lengths = np.fromiter(map(len, texts), dtype=np.intp, count=len(texts))
-    is_replaced = _mark_parts(gaps, old_lengths)  # mask of the old text
+    is_replaced = _mark_parts(gaps, ends - starts)  # mask of the old text
     is_new = _mark_parts(gaps, new_lengths)  # mask of the new text
     result = np.empty(len(is_new), dtype=np.uint8)
     result[is_new] = np.frombuffer("".join(texts).encode("latin-1"), dtype=np.uint8)
     result[~is_new] = characters[~is_replaced]
     return result.tobytes()
+
+
+def _measure_gaps(spans: Places, length: int) -> IndexArray:
+    """Return the lengths (m + 1,) of the gaps before, between and behind the m parts of a text.
+
+    For the parts (2, 4) and (5, 6) of a text of 9 characters, the lengths are 2, 1 and 3.
+
+    Args:
+        spans: (m, 2) first and last + 1 character of each part, in order.
+        length: number of characters of the text.
+    """
+    starts, ends = spans.T
+    ends_of_gaps = np.append(starts, length)
+    starts_of_gaps = np.concatenate([[0], ends])
+    return np.asarray(ends_of_gaps - starts_of_gaps)
 
 
 def _mark_parts(gaps: IndexArray, parts: IndexArray) -> BoolArray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from robotprograms import language as ir
 from robotprograms.errors import quote_text, show_text
-from robotprograms.language import Op
+from robotprograms.language import Misread, Op
 from robotprograms.notation import DEGREE, MM, Notation, Orientation
 from robotprograms.program import Literal, Motion, Source
 from robotprograms.statements import Statements
@@ -26,6 +26,32 @@ class _Coordinates(NamedTuple):
     orientation: Orientation
     count_of_lengths: int  # of the first columns
     count_of_angles: int = 0  # of the columns behind the lengths; further columns are ratios without a unit
+
+    def group_units(self, units: list[str]) -> _Units:
+        """Group the units of these columns, such as mm, mm, mm, deg, deg, deg, by the quantity."""
+        begin_of_angles = self.count_of_lengths
+        begin_of_ratios = begin_of_angles + self.count_of_angles
+        return _Units(
+            of_lengths=set(units[:begin_of_angles]),
+            of_angles=set(units[begin_of_angles:begin_of_ratios]),
+            of_ratios=set(units[begin_of_ratios:]),
+        )
+
+
+class _Units(NamedTuple):
+    """Different units of the columns that state a target; empty for a column without a unit."""
+
+    of_lengths: set[str]
+    of_angles: set[str]
+    of_ratios: set[str]  # of numbers such as those of a quaternion
+
+    @property
+    def are_consistent(self) -> bool:
+        """True if all lengths have one known unit, all angles have one, and ratios have none."""
+        are_known = self.of_lengths <= _LENGTHS.keys() and self.of_angles <= _ANGLES.keys()
+        are_equal = len(self.of_lengths) <= 1 and len(self.of_angles) <= 1
+        have_ratios_no_unit = self.of_ratios <= {""}
+        return are_known and are_equal and have_ratios_no_unit
 
 
 _XYZ: Final = ("x", "y", "z")
@@ -61,24 +87,46 @@ _REMEDY: Final = (
 def read_table(statements: Statements, sources: tuple[Source, ...]) -> None:
     """Add each row of a table of targets as a move; a table without rows adds nothing.
 
-    The first line that is neither empty nor a comment is the header.
+    Raises:
+        ProgramError: the header of the table does not name coordinates with their units.
     """
     source = sources[0]
-    masked_lines, _ = statements.numerals[0].masked_texts(source.starts, source.ends)
-    rows = ((index, masked) for index, masked in enumerate(masked_lines) if _is_row(masked))
-    index_of_header, _ = next(rows, (0, ""))
-    _, first_row = next(rows, (0, ""))
-    if not first_row:
+    header = _find_header(statements, source)
+    if header is None:
         return
-    header = show_text(source.text[source.starts[index_of_header] : source.ends[index_of_header]])
-    columns = _parse_header(statements, index_of_header + 1, header, first_row)
-    lines_behind_header = slice(index_of_header + 1, None)
-    statements.add_statements(
-        0,
-        source.starts[lines_behind_header],
-        source.ends[lines_behind_header],
-        translate=partial(_translate_row, columns),
-    )
+    try:
+        columns = _parse_header(header)
+    except Misread as fault:
+        statements.refuse(header.line, fault.reason, fault.remedy)
+    translate_row = partial(_translate_row, columns)
+    starts, ends = source.starts[header.line :], source.ends[header.line :]  # of the lines behind the header
+    statements.add_statements(0, starts, ends, translate=translate_row)
+
+
+class _Header(NamedTuple):
+    """Header of a table, and the first row behind it."""
+
+    line: int  # number of the line of the header; the first line of the file is 1
+    text: str  # such as `x [mm];y [mm];z [mm]`
+    first_row: str  # with NUL in place of each number
+
+
+def _find_header(statements: Statements, source: Source) -> _Header | None:
+    """Find the header of a table: its first line that is neither empty nor a comment.
+
+    The header is None if no row of targets follows.
+    """
+    masked_lines, _ = statements.numerals[0].masked_texts(source.starts, source.ends)
+    index_of_header: int | None = None
+    for index, masked in enumerate(masked_lines):
+        if not _is_row(masked):
+            continue
+        if index_of_header is None:
+            index_of_header = index
+        else:
+            text = source.text[source.starts[index_of_header] : source.ends[index_of_header]]
+            return _Header(index_of_header + 1, show_text(text), first_row=masked)
+    return None
 
 
 def _is_row(line: str) -> bool:
@@ -120,33 +168,49 @@ def _split_row(masked: str, delimiter: str) -> list[_Cell]:
 
 
 def _translate_row(columns: _TableColumns, masked: str) -> list[tuple[int, Op]]:
-    """Translate a row of a table into a move, with its number of lines below the row's line, which is 0.
+    """Translate a row of a table, such as `100;200;300`, into a move to the target that the row states.
 
-    An empty line gives no move. If a cell is not a number or the tool changes, the move has a reason and is
-    not corrected. `masked` is the row's text with NUL in place of each number.
+    If a cell is not a number or the tool changes, the move has a reason and is not corrected. An empty line
+    gives no move.
+
+    Args:
+        columns: columns of the table.
+        masked: text of the row with NUL in place of each number.
+
+    Returns:
+        The move, with its number of lines below the line of the row, which is 0.
     """
     if not _is_row(masked):
         return []
     cells = _split_row(masked, columns.delimiter)
     fault = _find_fault_of_row(columns, cells)
-    target = Literal(columns.notation, ())
     if fault is None:
-        target = Literal(
-            columns.notation,
-            tuple(cells[k].ordinals[0] for k in columns.places),
-            external=_list_ordinals(cells, columns.external),
-            common=_list_ordinals(cells, columns.frame_columns),
-        )
-    is_joints = columns.notation.is_joints
-    move = ir.Move(
-        Motion.JOINT if is_joints else Motion.LINEAR,
-        (target,),
-        bases=(ir.Named("base" if is_joints else "part"),),
-        tools=(ir.Named("tool"),),
-        reason=fault.reason if fault else "",
-        remedy=fault.remedy if fault else "",
-    )
-    return [(0, move)]
+        move = _make_move(_read_target(columns, cells))
+    else:
+        target_without_numbers = Literal(columns.notation, ())
+        move = _make_move(target_without_numbers)._replace(reason=fault.reason, remedy=fault.remedy)
+    line_offset = 0
+    return [(line_offset, move)]
+
+
+def _read_target(columns: _TableColumns, cells: list[_Cell]) -> Literal:
+    """Return the target that a row states, as indices of its numbers among those of the row."""
+    numbers = tuple(cells[k].ordinals[0] for k in columns.places)
+    external_axes = _list_ordinals(cells, columns.external)
+    numbers_of_frames = _list_ordinals(cells, columns.frame_columns)
+    return Literal(columns.notation, numbers, external_axes, common=numbers_of_frames)
+
+
+def _make_move(target: Literal) -> ir.Move:
+    """Return the move to a target: joint angles by a motion of the joints, a pose on a line.
+
+    A table names no frames: joint angles are in the frame `base`, poses in that of the part.
+    """
+    if target.notation.is_joints:
+        motion, base = Motion.JOINT, "base"
+    else:
+        motion, base = Motion.LINEAR, "part"
+    return ir.Move(motion, (target,), bases=(ir.Named(base),), tools=(ir.Named("tool"),))
 
 
 def _list_ordinals(cells: list[_Cell], columns: Iterable[int]) -> tuple[int, ...]:
@@ -178,35 +242,39 @@ def _find_fault_of_row(columns: _TableColumns, cells: list[_Cell]) -> _FaultOfRo
     return None
 
 
-def _parse_header(statements: Statements, line: int, header: str, first: str) -> _TableColumns:
+def _parse_header(header: _Header) -> _TableColumns:
     """Parse the header of a table, such as `x [mm];y [mm];z [mm];tool`.
 
-    Args:
-        statements: statements of the program, which refuse it.
-        line: line of the header.
-        header: text of the header.
-        first: first row of targets, with NUL in place of each number.
-
     Raises:
-        ProgramError: the header does not name coordinates with their units.
+        Misread: the header does not name coordinates with their units.
     """
-    delimiter = max(";\t,", key=header.count)  # the most frequent one
-    texts = header.split(delimiter)
-    columns = _parse_columns(statements, line, texts)
-    coordinates = _find_coordinates(statements, line, header, columns)
-    notation = _choose_notation(coordinates, [columns[name].unit for name in coordinates.names])
-    if notation is None:
-        reason = "the columns of the targets have no units, different units, or units of another quantity"
-        statements.refuse(line, reason, _REMEDY)
-    first_row = dict(enumerate(cell.strip() for cell in first.split(delimiter)))
+    delimiter = max(";\t,", key=header.text.count)  # the most frequent one
+    titles = header.text.split(delimiter)
+    columns = _parse_columns(titles)
+    coordinates = _find_coordinates(header.text, columns)
+    columns_of_target = [columns[name] for name in coordinates.names]
+    units = coordinates.group_units([column.unit for column in columns_of_target])
     return _TableColumns(
         delimiter,
-        width=len(texts),
-        notation=notation,
-        places=[columns[name].place for name in coordinates.names],
-        frame_columns={k: first_row.get(k, "") for k, text in enumerate(texts) if _FRAME_COLUMN.match(text)},
-        external=[k for k, text in enumerate(texts) if _EXTERNAL.match(text)],
+        width=len(titles),
+        notation=_choose_notation(coordinates.orientation, units),
+        places=[column.place for column in columns_of_target],
+        frame_columns=_find_frame_columns(titles, header.first_row.split(delimiter)),
+        external=[index for index, title in enumerate(titles) if _EXTERNAL.match(title)],
     )
+
+
+def _find_frame_columns(titles: list[str], first_row: list[str]) -> dict[int, str]:
+    """Return the columns of tool or base: the text in the cell of the first row, by the index of the column.
+
+    The first row may have fewer cells than the header has titles; a missing cell has an empty text.
+    """
+    frame_columns = dict[int, str]()
+    for index, title in enumerate(titles):
+        if _FRAME_COLUMN.match(title):
+            cell = first_row[index] if index < len(first_row) else ""
+            frame_columns[index] = cell.strip()
+    return frame_columns
 
 
 class _Column(NamedTuple):
@@ -216,66 +284,65 @@ class _Column(NamedTuple):
     unit: str  # such as `mm`; empty if the header states none
 
 
-def _parse_columns(statements: Statements, line: int, texts: list[str]) -> dict[str, _Column]:
-    """Return the columns whose texts in the header, on this line, are a name and perhaps a unit, by name.
+def _parse_columns(titles: list[str]) -> dict[str, _Column]:
+    """Return the columns of a table by their names, from titles such as `x [mm]` and `qw`.
+
+    A title of another form, such as `weld seam 3`, is left out.
 
     Raises:
-        ProgramError: two columns have the same name.
+        Misread: two columns have the same name.
     """
     columns = dict[str, _Column]()
-    for index, text in enumerate(texts):
-        cell = text.strip().strip('"').strip().removeprefix("\xef\xbb\xbf")  # mark of UTF-8
-        match = _COLUMN_NAME.fullmatch(cell)
+    for index, title in enumerate(titles):
+        plain_title = title.strip().strip('"').strip().removeprefix("\xef\xbb\xbf")  # mark of UTF-8
+        match = _COLUMN_NAME.fullmatch(plain_title)
         if match is None:
             continue
         name, unit = match["name"].lower(), match["unit"] or ""
         if name in columns:
-            statements.refuse(line, "two columns have the same name", _REMEDY)
+            raise Misread("two columns have the same name", _REMEDY)
         columns[name] = _Column(index, unit.lower())
     return columns
 
 
-def _find_coordinates(
-    statements: Statements, line: int, header: str, columns: Collection[str]
-) -> _Coordinates:
-    """Return the coordinates of targets in a table, which has columns of these names.
+def _find_coordinates(header: str, columns: Collection[str]) -> _Coordinates:
+    """Return the coordinates of targets in a table, such as x, y, z and a, b, c.
+
+    Args:
+        header: text of the header, for the message.
+        columns: names of the columns of the table.
 
     Raises:
-        ProgramError: the table has no coordinates, or both poses and joint angles.
+        Misread: the table has no coordinates, or both poses and joint angles.
     """
     complete = [each for each in _COORDINATES if set(each.names) <= set(columns)]
     are_joints = {each.orientation is Orientation.JOINTS for each in complete}
     if len(are_joints) > 1:
         reason = "the table has both poses and joint angles"
-        statements.refuse(line, reason, "omit the poses or the joint angles")
+        raise Misread(reason, "omit the poses or the joint angles")
     if not complete:
         reason = f"the header {quote_text(header)} does not name the coordinates of the targets"
-        statements.refuse(line, reason, _REMEDY)
+        raise Misread(reason, _REMEDY)
     return complete[0]  # the first one has the most columns: x, y, z alone come last
 
 
-def _choose_notation(coordinates: _Coordinates, units: list[str]) -> Notation | None:
-    """Return the notation of coordinates whose columns have these units; None if the units do not fit.
+def _choose_notation(orientation: Orientation, units: _Units) -> Notation:
+    """Return the notation of targets whose columns have these units.
 
-    All lengths have one unit, and so have all angles; ratios have none.
+    Raises:
+        Misread: a unit is unknown, missing or differs from the others.
     """
-    begin_of_angles = coordinates.count_of_lengths
-    begin_of_ratios = begin_of_angles + coordinates.count_of_angles
-    units_of_lengths = set(units[:begin_of_angles])
-    units_of_angles = set(units[begin_of_angles:begin_of_ratios])
-    units_of_ratios = set(units[begin_of_ratios:])
-    are_known = units_of_lengths <= _LENGTHS.keys() and units_of_angles <= _ANGLES.keys()
-    have_ratios_no_unit = units_of_ratios <= {""}
-    are_equal = len(units_of_lengths) <= 1 and len(units_of_angles) <= 1
-    if not (are_known and are_equal and have_ratios_no_unit):
-        return None
+    if not units.are_consistent:
+        reason = "the columns of the targets have no units, different units, or units of another quantity"
+        raise Misread(reason, _REMEDY)
     # Where no column is a length, or an angle, any unit serves.
-    length_unit, angle_unit = next(iter(units_of_lengths), "mm"), next(iter(units_of_angles), "rad")
+    length_unit = next(iter(units.of_lengths), "mm")
+    angle_unit = next(iter(units.of_angles), "rad")
     return Notation(
-        coordinates.orientation,
+        orientation,
         length=_LENGTHS[length_unit],
         angle=_ANGLES[angle_unit],
-        length_decimals=6 if units_of_lengths == {"mm"} else 9,
+        length_decimals=6 if units.of_lengths == {"mm"} else 9,
         angle_decimals=9,
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -75,6 +75,9 @@ _OFFSET: Final = re.compile(
     rf"pose_(?:trans|add)\((?P<target>{_WORD}),(?P<offset>[^()]++(?:\([^()]*+\)[^()]*+)*)\)"
 )
 """A pose at an offset from a target."""
+_CALL_WITH_TARGET: Final = re.compile(
+    r"(?P<function>get_inverse_kin|pose_trans)\((?P<arguments>.*)\)", re.DOTALL
+)
 _DEGREES: Final = r"d2r\(\0\)(?:,d2r\(\0\))"
 _LITERALS: Final = (
     (POSE, re.compile(rf"p{_SIX}")),
@@ -167,25 +170,50 @@ def _read_value(line: Line, text: str) -> list[Op]:
 
 
 def _translate_assignment(line: Line) -> list[Op]:
-    """Translate an assignment: a name gets a target in numbers, one number or an unknown value."""
+    """Translate an assignment: a name gets a target in numbers, one number or an unknown value.
+
+    In `local a[1] = b`, the groups of the line are `local`, `name` (a), `index` ([1]; empty if the whole name
+    is set) and `value` (b).
+    """
     name, index, value = line["name"], line["index"], line.part("value")
-    ops: list[Op] = [ir.Local(frozenset({name}))] if line["local"] else []
+    declaration: list[Op] = [ir.Local(frozenset({name}))] if line["local"] else []
     is_whole_name = not index  # not an element such as `a[1]` or a field
-    literal = _read_literal(value)
-    if value.is_number:  # pi, or a speed
-        literal = Literal(_NUMBER, value.ordinals)
+    literal = _read_numbers(value)
     if is_whole_name and literal is not None:
-        return [*ops, ir.Assign(name, literal)]
-    if "[" in index:
-        indices = index.strip("[]").replace("][", ",")
-        ops += line.read_expression(indices)
-    expression = value.text
-    offset = _OFFSET.fullmatch(expression) if is_whole_name else None  # such as pose_add(target, offset)
-    if offset:
-        ops.append(ir.Offset(name, offset["target"]))
-        expression = offset["offset"]
+        return [*declaration, ir.Assign(name, literal)]
+    if is_whole_name:
+        uses = _translate_computed_value(line, name)
+    else:
+        uses = [*_read_indices(line, index), *_read_value(line, value.text)]
     unknown = ir.MakeUnknown(frozenset({name}), f"{name} gets a value that is not a number", _REMEDY)
-    return [*ops, *_read_value(line, expression), unknown]
+    return [*declaration, *uses, unknown]
+
+
+def _read_numbers(value: Line) -> Literal | None:
+    """Return the single number, pose or joint angles that a text states; None for any other text."""
+    if value.is_number:  # pi, or a speed
+        return Literal(_NUMBER, value.ordinals)
+    return _read_literal(value)
+
+
+def _read_indices(line: Line, index: str) -> list[Op]:
+    """Return the uses of variables in the indices of an element, such as i and j of `[i][j]`."""
+    if "[" not in index:  # a field
+        return []
+    indices = index.strip("[]").replace("][", ",")
+    return line.read_expression(indices)
+
+
+def _translate_computed_value(line: Line, name: str) -> list[Op]:
+    """Translate the value of an assignment that is no number, such as `name = pose_add(target, offset)`.
+
+    A pose at an offset from a target is noted: a correction of the target shifts moves to this pose.
+    """
+    expression = line["value"]
+    offset = _OFFSET.fullmatch(expression)
+    if offset is None:
+        return _read_value(line, expression)
+    return [ir.Offset(name, offset["target"]), *_read_value(line, offset["offset"])]
 
 
 class _Target(NamedTuple):
@@ -206,29 +234,56 @@ def _translate_move(line: Line) -> list[Op]:
     """
     motion = _MOTIONS[line["motion"]]
     names_of_targets = ("pose_via", "pose_to") if motion is Motion.CIRCULAR else ("pose|q",)
-    count = len(names_of_targets)
     arguments = line.part("arguments").split()
     try:
-        targets = [
-            _read_target(_remove_name(argument, name))
-            for argument, name in zip(arguments, names_of_targets, strict=False)
-        ]
+        targets = _read_targets(arguments, names_of_targets)
     except Misread as fault:
         uses = _read_value(line, line["arguments"])
         return ir.make_uncorrected_move(uses, fault.reason, _REMEDY, motion)
-    if len(targets) < count:
+    if len(targets) < len(names_of_targets):
         raise Misread("a target is not given by numbers")
-    settings = _name_arguments(line["motion"], arguments[count:])
-    uses = [op for target in targets for op in target.uses]
-    for _, value in settings:
-        uses += value.read_expression()
+    settings = _name_settings(line["motion"], arguments[len(targets) :])
+    uses = _list_uses(targets, settings)
+    move = _make_move(motion, targets, _read_feed(settings))
+    return [*uses, _provide_for_targets_as_bases(move)]
+
+
+def _read_targets(arguments: list[Line], names: tuple[str, ...]) -> list[_Target]:
+    """Read the targets of a move from its first arguments; fewer than `names` if there are fewer arguments.
+
+    An argument may have its name before it, as in `pose_to=p[...]`; `names` are patterns of the names.
+
+    Raises:
+        Misread: a target is neither in numbers nor in a variable.
+    """
+    targets = list[_Target]()
+    for argument, name in zip(arguments, names, strict=False):
+        targets.append(_read_target(_remove_name(argument, name)))
+    return targets
+
+
+def _list_uses(targets: list[_Target], settings: list[_Setting]) -> list[Op]:
+    """Return the uses of variables in the arguments of a move: its targets, and settings such as `v=speed`.
+
+    Raises:
+        Misread: the move calls a routine.
+    """
+    uses = list[Op]()
+    for target in targets:
+        uses += target.uses
+    for setting in settings:
+        uses += setting.value.read_expression()
     if ir.calls_routine(uses):
         raise Misread("the arguments of the move call a routine")
+    return uses
+
+
+def _make_move(motion: Motion, targets: list[_Target], feed: ir.Feed | None) -> ir.Move:
+    """Return a move to targets with the active tool, each in the frame in which it is given."""
     points = tuple(target.point for target in targets)
     bases = tuple(target.base for target in targets)
-    tools = (ir.Copy(_ACTIVE),) * count
-    move = ir.Move(motion, points, bases, tools, feed=_read_feed(dict(settings)))
-    return [*uses, _provide_for_targets_as_bases(move)]
+    tools = (ir.Copy(_ACTIVE),) * len(targets)
+    return ir.Move(motion, points, bases, tools, feed=feed)
 
 
 def _provide_for_targets_as_bases(move: ir.Move) -> ir.Move:
@@ -262,33 +317,37 @@ def _remove_name(argument: Line, name: str) -> Line:
     return argument.cut(prefix.end()) if prefix else argument
 
 
-def _name_arguments(motion: str, arguments: list[Line]) -> list[tuple[str, Line]]:
-    """Return name and value of each argument behind the targets of a move.
+class _Setting(NamedTuple):
+    """Argument behind the targets of a move, such as `v=0.1`."""
+
+    name: str
+    value: Line
+
+
+def _name_settings(motion: str, arguments: list[Line]) -> list[_Setting]:
+    """Return the arguments behind the targets of a move, such as `movel`, with their names.
 
     An argument has its name before it, as in `v=0.1`, or the name that belongs to its place.
     """
-    named = list[tuple[str, Line]]()
+    settings = list[_Setting]()
     for argument, name_of_place in zip(arguments, _ARGUMENTS[motion], strict=False):
         stated_name = re.match("(a|v|t|r|mode)=", argument.text)
         name = stated_name[1] if stated_name else name_of_place
-        named.append((name, _remove_name(argument, name)))
-    return named
+        settings.append(_Setting(name, _remove_name(argument, name)))
+    return settings
 
 
-def _read_feed(arguments: Mapping[str, Line]) -> ir.Feed | None:
+def _read_feed(settings: list[_Setting]) -> ir.Feed | None:
     """Return the feed of a move; None if it states none in numbers or by a name.
 
-    `arguments` are the values of the arguments, by their names: `v` is the speed [m/s], `t` the time of the
-    move. URScript manual: a time that is not zero counts in place of the speed.
+    The setting `v` is the speed [m/s], `t` the time of the move. URScript manual: a time that is not zero
+    counts in place of the speed.
     """
-    speed, time = arguments.get("v"), arguments.get("t")
-    if speed is None:
+    value_of_setting = dict(settings)
+    speed, time = value_of_setting.get("v"), value_of_setting.get("t")
+    if speed is None or (time is not None and not time.is_number):
         return None
-    ordinal_of_time = None
-    if time is not None:
-        if not time.is_number:
-            return None
-        (ordinal_of_time,) = time.ordinals
+    ordinal_of_time = time.ordinals[0] if time is not None else None
     if speed.is_number:
         return ir.Feed(Literal(_NUMBER, speed.ordinals), _M_PER_S, time=ordinal_of_time)
     is_name = re.fullmatch(_WORD, speed.text) is not None
@@ -303,27 +362,37 @@ def _find_named_bases(bases: Iterable[ir.Value | ir.Product]) -> tuple[ir.Name, 
 def _read_target(argument: Line) -> _Target:
     """Read the target that an argument of a move states, in numbers or as a variable.
 
-    The target may be an argument of `get_inverse_kin` or `pose_trans`.
+    The target may be an argument of `get_inverse_kin(p1)` or of `pose_trans(frame1, p1)`, here p1.
 
     Raises:
         Misread: the target is not given by numbers or a variable.
     """
     text = argument.text
-    call = re.match(r"(?P<function>get_inverse_kin|pose_trans)\(", text)
-    if call and text.endswith(")"):
-        arguments = argument.cut(call.end(), len(text) - 1).split()
-        if call["function"] == "get_inverse_kin":
-            return _read_inverse_kinematics(arguments)
-        has_inner_call = "(" in text[call.end() :]
-        if len(arguments) == 2 and not has_inner_call:
-            outer, inner = map(_read_target, arguments)
-            base = outer.point if isinstance(outer.point, Literal) else ir.Copy(outer.point)
-            return _Target(inner.point, base, [*outer.uses, *inner.uses])
-    if (literal := _read_literal(argument)) is not None:
+    call = _CALL_WITH_TARGET.fullmatch(text)
+    arguments = argument.cut(*call.span("arguments")).split() if call else []
+    if call and call["function"] == "get_inverse_kin":
+        return _read_inverse_kinematics(arguments)
+    is_call_within_call = call is not None and "(" in call["arguments"]
+    if len(arguments) == 2 and not is_call_within_call:
+        frame, point = arguments
+        return _read_target_in_frame(frame, point)
+    literal = _read_literal(argument)
+    if literal is not None:
         return _Target(literal, _ROBOT_BASE, [])
     if not re.fullmatch(_WORD, text):
         raise Misread("a target is not given by numbers")
     return _Target(text, _ROBOT_BASE, [])
+
+
+def _read_target_in_frame(frame: Line, point: Line) -> _Target:
+    """Read the target of `pose_trans(frame1, p1)`: the point p1, given in the coordinates of frame1.
+
+    Raises:
+        Misread: frame or point is not given by numbers or a variable.
+    """
+    outer, inner = _read_target(frame), _read_target(point)
+    base = outer.point if isinstance(outer.point, Literal) else ir.Copy(outer.point)
+    return _Target(inner.point, base, [*outer.uses, *inner.uses])
 
 
 def _read_inverse_kinematics(arguments: list[Line]) -> _Target:
@@ -343,7 +412,10 @@ def _read_inverse_kinematics(arguments: list[Line]) -> _Target:
     return target._replace(uses=[*uses, *target.uses])
 
 
-_BRACKET_OR_LINE_END: Final = re.compile(r"\"[^\"\r\n]*+\"|#[^\r\n]*+|([(\[{])|([)\]}])|(\r\n?+|\n)")
+_BRACKET_OR_LINE_END: Final = re.compile(
+    r"\"[^\"\r\n]*+\"|#[^\r\n]*+|(?P<opening>[(\[{])|(?P<closing>[)\]}])|(?P<line_end>\r\n?+|\n)"
+)
+"""A bracket or the end of a line; those in texts and comments match without a group."""
 _BEGINS_STATEMENT: Final = re.compile(rf"[ \t]*+(?:{_RESERVED})(?!\w)")
 _MAX_JOINED: Final = 8192
 """Largest number of characters of lines that an open bracket joins."""
@@ -360,38 +432,59 @@ def read_urscript(statements: Statements, sources: tuple[Source, ...]) -> None:
     )
 
 
+class _OpenStatement:
+    """Statement of one or more lines, while its brackets are counted."""
+
+    def __init__(self, start: int) -> None:
+        """Begin a statement with the line whose first character has the index `start`."""
+        self._line_starts = [start]
+        self._depth = 0  # count of open brackets
+
+    def count_bracket(self, *, opens: bool) -> None:
+        """Count a bracket, which opens or closes; one that closes nothing does not count."""
+        self._depth = self._depth + 1 if opens else max(self._depth - 1, 0)
+
+    def continues(self, text: str, end: int) -> bool:
+        """Return whether the line that begins at index `end` of the text continues the statement.
+
+        It does if a bracket is open, unless the line begins a statement or the statement becomes too long.
+        """
+        is_short = end - self._line_starts[0] <= _MAX_JOINED
+        return self._depth > 0 and is_short and not _BEGINS_STATEMENT.match(text, end)
+
+    def add_line(self, start: int) -> None:
+        """Add a line that continues the statement."""
+        self._line_starts.append(start)
+
+    def list_spans(self, end: int) -> list[tuple[int, int]]:
+        """Return the first and the last + 1 character of the statement, which ends at index `end`.
+
+        If a bracket is still open, each line has a span of its own: then only the line with the open bracket
+        is not understood.
+        """
+        is_closed = self._depth == 0
+        if is_closed:
+            return [(self._line_starts[0], end)]
+        return [*pairwise([*self._line_starts, end])]
+
+
 def _group_lines(text: str) -> Iterator[list[tuple[int, int]]]:
     """Yield the spans of statements, each the first and the last + 1 character: one statement at a time.
 
-    A statement has one span, of a line or of several lines within open brackets. Where a word begins a
-    statement before the bracket is closed, or the text is too long, each line has a span of its own: then
-    only the line with the open bracket is not understood.
+    A statement is a line, or several lines within open brackets, such as `movej([0, 1, 2,` and `3, 4, 5])`.
     """
-    line_starts = [0]  # of the lines of the present statement
-    depth = 0  # count of its open brackets
+    statement = _OpenStatement(0)
     for match in _BRACKET_OR_LINE_END.finditer(text):
-        opening, closing, line_end = match[1], match[2], match[3]
-        if opening:
-            depth += 1
-        elif closing:
-            depth = max(depth - 1, 0)
-        elif line_end:
+        if match["opening"] or match["closing"]:
+            statement.count_bracket(opens=match["opening"] is not None)
+        elif match["line_end"]:
             end = match.end()
-            is_short = end - line_starts[0] <= _MAX_JOINED
-            goes_on = depth > 0 and is_short and not _BEGINS_STATEMENT.match(text, end)
-            if goes_on:
-                line_starts.append(end)
+            if statement.continues(text, end):
+                statement.add_line(end)
             else:
-                yield _find_spans(line_starts, end, is_closed=depth == 0)
-                line_starts, depth = [end], 0
-    yield _find_spans(line_starts, len(text), is_closed=depth == 0)
-
-
-def _find_spans(line_starts: list[int], end: int, *, is_closed: bool) -> list[tuple[int, int]]:
-    """Return the span of all lines of a statement; or of each of them if a bracket is not closed."""
-    if is_closed:
-        return [(line_starts[0], end)]
-    return [*pairwise([*line_starts, end])]
+                yield statement.list_spans(end)
+                statement = _OpenStatement(end)
+    yield statement.list_spans(len(text))
 
 
 LANGUAGE: Final = ir.Language(
