@@ -23,13 +23,13 @@ from robotprograms.columns import (
     is_without_axes,
 )
 from robotprograms.control_flow import ControlFlow
-from robotprograms.declarations import UNKNOWN, Content, State
+from robotprograms.declarations import UNKNOWN, Content, Entry, State
 from robotprograms.errors import quote_text
 from robotprograms.frames import FrameFinder
 from robotprograms.language import Name
 from robotprograms.notation import Orientation, iterate_integers
 from robotprograms.places import Place
-from robotprograms.program import At, FrameName, Literal, Motion
+from robotprograms.program import FrameName, Literal, Motion
 from robotprograms.reaching import reach
 from robotprograms.statements import Statements
 
@@ -192,7 +192,8 @@ class MoveRecorder:
             self._columns.add_remark(place.at, text, op.name)
             return
         if state is None:
-            state = {UNKNOWN: (Cause(0, "the program never reaches this line", "omit the move"), At())}
+            cause = Cause(0, "the program never reaches this line", "omit the move")
+            state = {UNKNOWN: Entry.from_content(cause)}
         if op.near_target and self._is_near_target(place, op):
             op = op.near_target
         repetitions = self._list_repetitions(i)
