@@ -23,13 +23,13 @@ from robotprograms.columns import (
     is_without_axes,
 )
 from robotprograms.control_flow import ControlFlow
-from robotprograms.declarations import UNKNOWN, Content, State
+from robotprograms.declarations import UNKNOWN, Content, Entry, State
 from robotprograms.errors import quote_text
 from robotprograms.frames import FrameFinder
 from robotprograms.language import Name
 from robotprograms.notation import Orientation, iterate_integers
 from robotprograms.places import Place
-from robotprograms.program import At, FrameName, Literal, Motion
+from robotprograms.program import FrameName, Literal, Motion
 from robotprograms.reaching import reach
 from robotprograms.statements import Statements
 
@@ -86,7 +86,8 @@ class _Repetitions(NamedTuple):
 
 def _make_state_of_unreached() -> State:
     """Return the contents of all names at a move that the program never reaches: all of them are unknown."""
-    return {UNKNOWN: (Cause(0, "the program never reaches this line", "omit the move"), At())}
+    cause = Cause(0, "the program never reaches this line", "omit the move")
+    return {UNKNOWN: Entry.from_content(cause)}
 
 
 def _complete_place(cause: Cause, place: Place) -> Cause:
