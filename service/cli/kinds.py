@@ -282,12 +282,14 @@ def build_correct_command() -> Callable[..., None]:
         source = file if values["run"] is None else read_or_identify_run(Path(file), values["run"])
         with naming_options(CorrectionOptions), progress_bar(shown=True) as show_progress:
             result = Here().correct(source, poses, on_progress=show_progress, **stated)
-        if values["output"] is not None:
+        has_numbers = bool(result.counts.keys() - WITHOUT_NUMBERS)
+        if values["output"] is not None and has_numbers:
             result.save(values["output"])
             cli.warn(f"wrote {values['output']}")
         typer.echo(name_options_in_text(CorrectionOptions, result.summary()))
-        has_numbers = bool(result.counts.keys() - WITHOUT_NUMBERS)
         if not has_numbers:
+            if values["output"] is not None:
+                cli.warn(f"{values['output']} was not written: no row is corrected")
             raise typer.Exit(1)
 
     sources = {
