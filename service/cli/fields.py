@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.finding import Problem
 
+_ALWAYS_REFUSED: Final = frozenset({"compensates_load"})
+"""Words of options that every request refuses with a reason of their own; no remedy proposes them."""
 Forms = Mapping[str, Terminal]
 """Field of a message → its form on the command line."""
 NO_FORMS: Final[Forms] = MappingProxyType({})
@@ -263,9 +265,9 @@ def name_options_in_problem(
             # An option, such as `--encoders`, is missing on the command line.
             field_type = _unwrap_type(message_class.model_fields[item.where].annotation)
             remedy = f"give `{option_flag(message_class, item.where, form_of_field)}`"
-            remedy += (
-                f": one of {', '.join(get_args(field_type))}" if get_origin(field_type) is Literal else ""
-            )
+            if get_origin(field_type) is Literal:
+                words = [word for word in get_args(field_type) if word not in _ALWAYS_REFUSED]
+                remedy += f": one of {', '.join(words)}"
             if item.where not in fields_with_option:
                 remedy = "state the option in the JSON file of `--options`"
         changes = {

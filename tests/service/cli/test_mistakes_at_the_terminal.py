@@ -102,7 +102,7 @@ PROGRAM = """\
 DEF drill()
 $TOOL={X 0,Y 0,Z 250,A 0,B 0,C 0}
 $BASE={X 0,Y 0,Z 0,A 0,B 0,C 0}
-PTP {A1 0,A2 -60,A3 80,A4 0,A5 40,A6 0}
+PTP {A1 2,A2 40,A3 -48,A4 0,A5 60,A6 0}
 LIN {X 1700,Y 100,Z 900,A 0,B 180,C 0}
 END
 """
@@ -158,3 +158,10 @@ class TestCorrect:
     def test_every_ending_of_a_program_is_known(self):
         endings = {each for language in FORMATS.values() for each in language.suffixes.split()}
         assert PROGRAM_LANGUAGES.keys() == endings - {".csv"}
+
+    def test_the_command_that_is_named_for_a_program_compensates_it(self, folder):
+        (folder / "drill.src").write_text(PROGRAM)
+        call = ("compensate", "pull.json", "drill.src", "--force", "0,0,-800", "--accuracy-option", "off")
+        done = terminal(*call, "-o", "mended.src", width=200)
+        assert done.exit_code == 0, words_of(done)
+        assert (folder / "mended.src").exists()
