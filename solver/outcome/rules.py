@@ -374,7 +374,7 @@ def _list_notes(measurements: Measurements, estimate: Estimate, unloading: Unloa
 def _describe_assumptions(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
     """Yield a sentence for each uncertainty of the loads that was assumed, because none was stated.
 
-    An assumption is told only if it matters: if the error changes a compliance of the estimate.
+    An assumption is named only if the error changes a compliance of the estimate.
     """
     common = estimate.common  # effects of errors that all readings share, such as of the load point
     if common is None:
@@ -871,7 +871,7 @@ def find_reading_problems(
 def _merge_mistakes(findings: Sequence[Finding], labels: tuple[str, ...]) -> Iterator[Finding]:
     """Yield one finding for each kind of mistake that forbids the use, those on the whole set first.
 
-    `labels` are the labels of all observations, some of which an action may leave out.
+    `labels` are the labels of all observations; an action may leave out some observations.
     """
     mistakes = _group_by_code(findings, "do_not_use")
     mistakes.sort(key=lambda group: group[0].observation is not None)
@@ -1160,7 +1160,7 @@ def _report_few_postures(measurements: Measurements) -> Iterator[Finding]:
 
 
 def _count_distinct_postures(joints: FloatArray, *, most: int) -> int:
-    """Return the number of postures (N, n) of which any two differ by `_DISTINCT` in a joint, at most `most`.
+    """Return the number of postures (N, n) such that any two differ by `_DISTINCT` in a joint, at most `most`.
 
     The count ends at `most`, because a set may have thousands of postures.
     """
