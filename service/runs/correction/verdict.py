@@ -102,7 +102,9 @@ def find_reasons(
         reason, remedy = REASONS["capped"]
         message = f"{reason} in {capped} of {count} rows"
         reasons.append(make_reason("corrections_capped", "use_with_care", message, remedy))
-    if not ((rows.status == RowStatus.CORRECTED) | (rows.status == RowStatus.CAPPED)).any():
+    is_corrected = (rows.status == RowStatus.CORRECTED) | (rows.status == RowStatus.CAPPED)
+    # Without any number, the first reason says the same.
+    if has_numbers.any() and not is_corrected.any():
         message, remedy = "no row is corrected", _choose_remedy(rows) or "read the status of the rows"
         reasons.append(make_reason("nothing_corrected", "use_with_care", message, remedy))
     return reasons
