@@ -102,6 +102,9 @@ BENCHMARKS = {
     "meanings": Benchmark(
         "studies.meanings", "columns of 30 layouts by the robot, wrong tables; half an hour", in_parts=True
     ),
+    "mistakes": Benchmark(
+        "studies.mistakes", "29 mistakes of campaigns in arrays, frames and files; 20 minutes", in_parts=True
+    ),
     "process": Benchmark(
         "studies.process",
         "turned and placed paths on five arms; 10 minutes, half an hour with --all",

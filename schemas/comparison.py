@@ -192,26 +192,23 @@ class JointRatio(Message):
     name: Name
     ratio: Dimensionless[float | None] = Field(
         default=None,
-        description="Ratio of the unconstrained stiffnesses, second side divided by first side; null if a "
-        "stiffness is not positive.",
+        description="Ratio of the unconstrained stiffnesses, second side to first; null if one is "
+        "not positive.",
     )
     ratio_interval: Dimensionless[tuple[float | None, float | None] | None] = Field(
         default=None,
-        description="Fieller's interval of the ratio, cut at zero with the constraint. A null end means no "
-        "limit; a null interval means unknown.",
+        description="Fieller's interval of the ratio, cut at zero with the constraint. A null end "
+        "means no limit; null means unknown.",
     )
     ratio_excluded: Dimensionless[Interval | None] = Field(
         default=None,
-        description="Lower and upper end of the excluded ratios, if the readings exclude only ratios "
-        "between two values.",
+        description="Lower and upper end of the excluded ratios, if the readings exclude only a range.",
     )
     p_value: Dimensionless[float | None] = Field(
         default=None,
-        description="Two-sided p-value of the hypothesis that the compliance is unchanged.",
+        description="Two-sided p-value of an unchanged compliance.",
     )
-    reason: str | None = Field(
-        default=None, description="Reason why there is no ratio; null if there is one."
-    )
+    reason: str | None = Field(default=None, description="Reason why there is no ratio.")
 
 
 class ConfigurationShare(Message):

@@ -150,21 +150,19 @@ class DirectionalStiffness(Message):
 
     direction: Dimensionless[Point] = Field(description="Unit vector, axes of R0.")
     lateral_free: LinearStiffness[float | None] = Field(
-        description="Stiffness 1 / (u' C_tt u), if motion across the direction u is free; null if infinite. "
-        "C: compliance."
+        description="Stiffness 1 / (u' C_tt u), if motion across the direction u is free; null if infinite."
     )
     lateral_blocked: LinearStiffness[float | None] = Field(
-        description="Stiffness u' inv(C_tt) u, if motion across the direction u is blocked; null if "
-        "infinite. C: compliance."
+        description="Stiffness u' inv(C_tt) u, if motion across u is blocked; null if infinite. "
+        "C: compliance."
     )
     rotation_blocked: LinearStiffness[float | None] = Field(
-        description="Stiffness u' K_tt u with K = inv(C), if every motion except along the direction u is "
-        "blocked; null if infinite. C: compliance."
+        description="Stiffness u' K_tt u, K = inv(C), if all motion except along u is blocked; "
+        "null if infinite."
     )
     compliance: TranslationalCompliance[float] = Field(description="u' C_tt u.")
     standard_uncertainty: TranslationalCompliance[float | None] = Field(
-        description="Standard uncertainty of the compliance along the direction, from the noise of the "
-        "readings alone."
+        description="Standard uncertainty of that compliance, from the readings alone."
     )
 
 

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import Any, Final, Protocol
 
@@ -25,6 +25,7 @@ from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.width import CancelledWorkError
 from jointstiff.service.kinds.work import (
+    Span,
     Work,
     carry_out,
     compute_outcome,
@@ -218,8 +219,9 @@ class Jobs:
     def carry_out(self, part: Part, queue: PartQueue) -> None:
         """Carry out the steps of a part of a job, and store the result of each step.
 
-        A part may be carried out again: steps with a stored result are skipped. The part after which all
-        steps of the job have results ends the job.
+        A part is a group of `STEPS_OF_A_PART` steps, so that several workers share a job. A part may be
+        carried out again: steps with a stored result are skipped. The part after which all steps of the job
+        have results ends the job.
 
         Args:
             part: the part that a worker claimed.
@@ -229,48 +231,55 @@ class Jobs:
             JointstiffError: a step cannot be computed; the caller lets the job fail.
             NotFoundError: the job was removed.
         """
-        job_id, number = part.job_id, part.number
-        if not self.records.is_active(job_id):
+        if not self.records.is_active(part.job_id):
             return
-        stored_steps = self._inputs.store.steps
-        steps = self.work(job_id).steps()
-        steps_of_parts = [
-            steps[start : start + STEPS_OF_A_PART] for start in range(0, len(steps), STEPS_OF_A_PART)
-        ]
-        part_count = len(steps_of_parts)
-        if number == part.kept == 0:
-            # Only part 0 was put into the queue when the job was created.
-            self.mark_running(job_id)
-            queue.add_following_parts(
-                job_id,
-                [Part(job_id, part_number, 0) for part_number in range(1, min(PARTS_AT_ONCE, part_count))],
-            )
+        steps = self.work(part.job_id).steps()
+        part_count = -(-len(steps) // STEPS_OF_A_PART)  # rounded up
+        is_first_attempt = part.number == part.kept == 0
+        if is_first_attempt:
+            self.mark_running(part.job_id)
+            self._add_first_parts(part.job_id, part_count, queue)
         if not self._settle_version(part, part_count, queue):
             return
-        # A step is a span (first unit, one past the last); its first unit identifies the stored result.
-        stored_starts = stored_steps.done_starts(job_id)
-        steps_of_part = steps_of_parts[number] if steps_of_parts else ()
-        remaining = [span for span in steps_of_part if span[0] not in stored_starts]
-        # Number of steps of this part that have a stored result
-        stored_count = len(steps_of_part) - len(remaining)
+        first = part.number * STEPS_OF_A_PART
+        if not self._compute_steps(part, steps[first : first + STEPS_OF_A_PART], queue):
+            return
+        next_number = part.number + PARTS_AT_ONCE
+        if next_number < part_count:
+            queue.add_following_parts(part.job_id, [Part(part.job_id, next_number, 0)])
+        self._conclude_if_complete(part.job_id, len(steps))
+
+    def _add_first_parts(self, job_id: str, part_count: int, queue: PartQueue) -> None:
+        """Add the parts that may be computed at once to the queue, which has only part 0 of a new job."""
+        numbers = range(1, min(PARTS_AT_ONCE, part_count))
+        queue.add_following_parts(job_id, [Part(job_id, number, 0) for number in numbers])
+
+    def _compute_steps(self, part: Part, steps: Sequence[Span], queue: PartQueue) -> bool:
+        """Compute and store the steps of a part that have no stored result; return whether all have one now.
+
+        A step is a span (first unit, one past the last); its first unit identifies the stored result. The
+        rest of the part is put back into the queue if other jobs have waited long enough.
+
+        If an earlier worker stored results of this part and then died, the rest becomes a new entry of the
+        queue, too: the queue gives up an entry after a number of dead workers, and counts them anew for a new
+        entry.
+        """
+        stored_steps = self._inputs.store.steps
+        stored_starts = stored_steps.done_starts(part.job_id)
+        remaining = [span for span in steps if span[0] not in stored_starts]
+        stored_count = len(steps) - len(remaining)
         deadline = time.monotonic() + PART_SECONDS
         for span in remaining:
-            must_yield = time.monotonic() >= deadline and queue.others_wait(job_id)
-            # If an earlier worker stored results of this part and then died, the rest becomes a new entry of
-            # the queue. The queue gives up an entry after a number of dead workers, and counts them anew for
-            # a new entry. The rest is also put back into the queue if other jobs have waited long enough.
+            must_yield = time.monotonic() >= deadline and queue.others_wait(part.job_id)
             if stored_count > part.kept and (span is remaining[0] or must_yield):
-                queue.add_following_parts(job_id, [Part(job_id, number, stored_count)])
-                return
-            result = pack_arrays(self.work(job_id).compute(span))
-            if not stored_steps.store_result(job_id, span, result):
+                queue.add_following_parts(part.job_id, [Part(part.job_id, part.number, stored_count)])
+                return False
+            result = pack_arrays(self.work(part.job_id).compute(span))
+            if not stored_steps.store_result(part.job_id, span, result):
                 self._leave_to_one_version(part, queue)
-                return
+                return False
             stored_count += 1
-        next_number = number + PARTS_AT_ONCE
-        if next_number < part_count:
-            queue.add_following_parts(job_id, [Part(job_id, next_number, 0)])
-        self._conclude_if_complete(job_id, len(steps))
+        return True
 
     def _settle_version(self, part: Part, part_count: int, queue: PartQueue) -> bool:
         """Let one version compute all steps of a job: the newest of those that work on the job.
@@ -337,15 +346,9 @@ class Jobs:
         """
         work = self.work(job_id)
 
-        def watch(activity: str) -> None:
-            """Note the part of the conclusion that begins, unless the job has ended."""
-            if not self.records.is_active(job_id):
-                raise CancelledWorkError
-            self._note_activity(job_id, activity)
-
         def compute() -> Message:
-            """Compute the result."""
-            with watching(watch):
+            """Compute the result, and note each part of the conclusion that begins."""
+            with watching(partial(self._note_part_of_conclusion, job_id)):
                 concluded: Message = work.conclude([unpack_arrays(content) for content in computed])
             return concluded
 
@@ -356,6 +359,16 @@ class Jobs:
             return  # the job has ended as cancelled
         provenance = {"versions": dict(versions())}
         self._end_job(job_id, final_state(error), {"result": result, "error": error}, provenance)
+
+    def _note_part_of_conclusion(self, job_id: str, activity: str) -> None:
+        """Let the progress of a job state the part of the conclusion that begins.
+
+        Raises:
+            CancelledWorkError: the job has ended.
+        """
+        if not self.records.is_active(job_id):
+            raise CancelledWorkError
+        self._note_activity(job_id, activity)
 
     def fail(self, job_id: str, failure: Exception) -> None:
         """End a job as failed, with the problem details of an exception; do nothing if the job has ended."""

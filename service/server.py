@@ -10,8 +10,9 @@ import signal
 import socket
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -88,8 +89,6 @@ def run_server(settings: Settings, on_listening: Callable[[str], object] | None 
         ServerError: the service cannot listen on the address.
         KeysFileError, SettingsError: a file of keys, or of the laboratory's settings, cannot be used.
     """
-    host, database, workers = settings.host, settings.database, settings.workers
-    quota = settings.quota and settings.quota * 1_000_000  # the setting is in megabytes
     set_log_format(settings.log_format)
     give_memory_back()
     _raise_limit_of_open_files()
@@ -98,53 +97,120 @@ def run_server(settings: Settings, on_listening: Callable[[str], object] | None 
     # The first process of a container ignores SIGTERM by default; later uvicorn handles the signal.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with ExitStack() as stack:
-        listeners = [stack.enter_context(listen(host, settings.port, "--port or --host"))]
-        port = listeners[0].getsockname()[1]
-        if settings.metrics_port is not None:
-            options = "--metrics-port or --metrics-host"
-            metrics_listener = listen(settings.metrics_host, settings.metrics_port, options)
-            listeners.append(stack.enter_context(metrics_listener))
-        refuse_in_memory(database)
-        store = stack.enter_context(Store.open(database, quota, None if settings.no_upgrade else _say))
-        keyring = _open_keyring(store, policy, settings)
-        queue = stack.enter_context(closing(Queue(store, database)))
-        # Names of workers contain a hash of the database: messages distinguish workers of several stores.
-        store_hash = hashlib.sha256(_url_without_password(database).encode()).hexdigest()[:8]
-        prefix = f"{socket.gethostname()}-{port}-{store_hash}"
-        supervisor = stack.enter_context(Supervisor(database, workers, prefix, make_heartbeat_remover(store)))
-        address = f"http://{host}:{port}"
-        console().print(
-            f"Jointstiff {jointstiff_version()} at {address}, API description at {address}/openapi.json\n"
-            f"database {_url_without_password(database)}, {workers} worker{'s' if workers != 1 else ''}",
-            markup=False,
-            soft_wrap=True,
-        )
-        if policy.access == "none":
-            _say(_NO_ACCESS_CONTROL)
-        app = create_app(store, queue.enqueue, policy, keyring, laboratory)
-        template = stack.enter_context(closing(Template()))
-        children = stack.enter_context(closing(LimitedChildren(template, database, quota)))
-        children.prepare_later()
-        app.state.answer_elsewhere = children.answer
-        app.state.archives = ServedArchives(database, store.quota.refuse_full)
-        app.state.failing_workers = lambda: supervisor.failing
-        app.state.solver.start()
-        ports = [listener.getsockname()[1] for listener in listeners]
-        has_metrics_port = len(ports) > 1
-        served_app = app.state.metrics.serve_on_port(app, ports[1]) if has_metrics_port else app
-        proxies = os.environ.get(PROXIES_VARIABLE)
-        limits = ConnectionLimits(per_address=settings.connections_per_address)
-        connections = Connections(limits, count_by_address(proxies))
-        config = configure_uvicorn(served_app, connections, settings.log_format)
-        sys.setswitchinterval(_THREAD_SWITCH_SECONDS)
-        gc.set_threshold(*_GARBAGE_THRESHOLDS)
-        gc.freeze()  # garbage collections need not examine the libraries, which are never freed
-        server = uvicorn.Server(config)
+        listeners = _open_listeners(settings, stack)
+        parts = _start_parts(settings, policy, _port_of(listeners[0]), stack)
+        address = f"http://{settings.host}:{_port_of(listeners[0])}"
+        _announce(settings, policy, address)
+        app = create_app(parts.store, parts.queue.enqueue, policy, parts.keyring, laboratory)
+        _connect_app(app, settings, parts, stack)
+        server = uvicorn.Server(_configure_server(app, settings, listeners))
         app.state.is_closing = lambda: server.should_exit
         app.state.metrics.gauges = lambda: _gauge_values(app, server)
+        _tune_interpreter()
         if on_listening is not None:  # the socket listens already; requests wait for the server
             threading.Thread(target=on_listening, args=(address,), daemon=True).start()
         server.run(sockets=listeners)
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Parts of the process that the application uses, all open until the process ends."""
+
+    store: Store
+    keyring: Keyring  # keys of callers
+    queue: Queue  # in which long jobs wait for workers
+    supervisor: Supervisor  # starts the workers, and starts a worker that ended again
+
+
+def _quota_in_bytes(settings: Settings) -> int | None:
+    """Return the greatest size of the database in bytes, which the settings state in megabytes."""
+    return settings.quota and settings.quota * 1_000_000
+
+
+def _port_of(listener: socket.socket) -> int:
+    """Return the port on which a socket listens."""
+    port: int = listener.getsockname()[1]
+    return port
+
+
+def _open_listeners(settings: Settings, stack: ExitStack) -> list[socket.socket]:
+    """Return the sockets that listen on the address of the service, and on that of the metrics, if any.
+
+    The stack closes the sockets.
+
+    Raises:
+        ServerError: an address cannot be used.
+    """
+    listeners = [stack.enter_context(listen(settings.host, settings.port, "--port or --host"))]
+    if settings.metrics_port is not None:
+        options = "--metrics-port or --metrics-host"
+        metrics_listener = listen(settings.metrics_host, settings.metrics_port, options)
+        listeners.append(stack.enter_context(metrics_listener))
+    return listeners
+
+
+def _start_parts(settings: Settings, policy: AccessPolicy, port: int, stack: ExitStack) -> _Parts:
+    """Open the database, the keys and the queue, and start the workers; the stack closes and ends them.
+
+    Names of workers contain a hash of the database: messages distinguish workers of several stores.
+
+    Raises:
+        StoreError: the database cannot be used.
+        KeysFileError, ServerError: the keys cannot be used, or there is none.
+    """
+    database = settings.database
+    refuse_in_memory(database)
+    on_upgrade = None if settings.no_upgrade else _say
+    store = stack.enter_context(Store.open(database, _quota_in_bytes(settings), on_upgrade))
+    keyring = _open_keyring(store, policy, settings)
+    queue = stack.enter_context(closing(Queue(store, database)))
+    store_hash = hashlib.sha256(_url_without_password(database).encode()).hexdigest()[:8]
+    prefix = f"{socket.gethostname()}-{port}-{store_hash}"
+    remove_heartbeat = make_heartbeat_remover(store)
+    supervisor = stack.enter_context(Supervisor(database, settings.workers, prefix, remove_heartbeat))
+    return _Parts(store, keyring, queue, supervisor)
+
+
+def _announce(settings: Settings, policy: AccessPolicy, address: str) -> None:
+    """Print address, database and number of workers, and a warning if everyone may use the service."""
+    workers = settings.workers
+    console().print(
+        f"Jointstiff {jointstiff_version()} at {address}, API description at {address}/openapi.json\n"
+        f"database {_url_without_password(settings.database)}, {workers} worker{'s' if workers != 1 else ''}",
+        markup=False,
+        soft_wrap=True,
+    )
+    if policy.access == "none":
+        _say(_NO_ACCESS_CONTROL)
+
+
+def _connect_app(app: FastAPI, settings: Settings, parts: _Parts, stack: ExitStack) -> None:
+    """Give the application what only a server has: other processes, archives, and the state of workers."""
+    template = stack.enter_context(closing(Template()))
+    limited = LimitedChildren(template, settings.database, _quota_in_bytes(settings))
+    children = stack.enter_context(closing(limited))
+    children.prepare_later()
+    app.state.answer_elsewhere = children.answer
+    app.state.archives = ServedArchives(settings.database, parts.store.quota.refuse_full)
+    app.state.failing_workers = lambda: parts.supervisor.failing
+    app.state.solver.start()
+
+
+def _configure_server(app: FastAPI, settings: Settings, listeners: Sequence[socket.socket]) -> uvicorn.Config:
+    """Return the configuration of uvicorn; a second listener answers requests for metrics alone."""
+    served_app: ASGIApp = app
+    if len(listeners) > 1:
+        served_app = app.state.metrics.serve_on_port(app, _port_of(listeners[1]))
+    limits = ConnectionLimits(per_address=settings.connections_per_address)
+    connections = Connections(limits, count_by_address(os.environ.get(PROXIES_VARIABLE)))
+    return configure_uvicorn(served_app, connections, settings.log_format)
+
+
+def _tune_interpreter() -> None:
+    """Let threads switch fast, and let garbage collections be rare and omit the imported libraries."""
+    sys.setswitchinterval(_THREAD_SWITCH_SECONDS)
+    gc.set_threshold(*_GARBAGE_THRESHOLDS)
+    gc.freeze()
 
 
 def _say(sentence: str) -> None:

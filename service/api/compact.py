@@ -251,20 +251,11 @@ def _iterate_discriminators(node: Any) -> Iterator[Node]:  # noqa: ANN401 - any 
 
 
 def name_parts(document: Node) -> Node:
-    """Return the document with a named schema, and references to it, for each of `_PARTS` and `_VALUES`."""
-    schemas = document["components"]["schemas"]
-    schema_of_name = {
-        name: schemas[message]["properties"][field] for name, (message, field) in _PARTS.items()
-    }
-    for name, (message, field) in _VALUES.items():
-        described_schema = schemas[message]["properties"][field]
-        schema_of_name[name] = {key: value for key, value in described_schema.items() if key not in _WORDS}
-    (any_job_schema,) = (
-        answer["content"]["application/json"]["schema"]
-        for answer in document["paths"]["/v1/jobs/{job_id}"]["get"]["responses"].values()
-        if "application/json" in answer.get("content", {})
-    )
-    schema_of_name["AnyJob"] = any_job_schema
+    """Return the document with a named schema, and references to it, for each of `_PARTS` and `_VALUES`.
+
+    A schema that is written out in several places becomes {"$ref": "#/components/schemas/NAME"} there.
+    """
+    schema_of_name = _list_schemas_to_name(document)
     names = {json.dumps(part, sort_keys=True): name for name, part in schema_of_name.items()}
 
     def refer(node: Any) -> Any:  # noqa: ANN401 - any part of a JSON document
@@ -275,21 +266,43 @@ def name_parts(document: Node) -> Node:
         name = names.get(json.dumps(node, sort_keys=True))
         return {"$ref": _REFERENCE + name} if name else {key: refer(value) for key, value in node.items()}
 
-    renamed_document: Node = refer(document)
-    renamed_document["components"]["schemas"] |= schema_of_name
-    # Generators of TypeScript have a type `Map` already.
-    renamed_document = json.loads(
-        json.dumps(renamed_document).replace(f'"{_REFERENCE}Map"', f'"{_REFERENCE}MapJob"')
-    )
-    schemas_by_name = renamed_document["components"]["schemas"]
-    schemas_by_name["MapJob"] = schemas_by_name.pop("Map")
-    # openapi-python-client understands a base only if it precedes its heirs.
+    named: Node = refer(document)
+    named["components"]["schemas"] |= schema_of_name
+    named = _rename_map(named)
+    named["components"]["schemas"] = _sort_bases_first(named["components"]["schemas"])
+    return named
+
+
+def _list_schemas_to_name(document: Node) -> dict[str, Node]:
+    """Return name → schema, as a field of a message has it, of each part of messages that gets a name."""
+    schemas = document["components"]["schemas"]
+    schema_of_name = dict[str, Node]()
+    for name, (message, field) in _PARTS.items():
+        schema_of_name[name] = schemas[message]["properties"][field]
+    for name, (message, field) in _VALUES.items():
+        described_schema = schemas[message]["properties"][field]
+        schema_of_name[name] = {key: value for key, value in described_schema.items() if key not in _WORDS}
+    answers = document["paths"]["/v1/jobs/{job_id}"]["get"]["responses"].values()
+    contents = [answer["content"] for answer in answers if "application/json" in answer.get("content", {})]
+    (content,) = contents
+    schema_of_name["AnyJob"] = content["application/json"]["schema"]
+    return schema_of_name
+
+
+def _rename_map(document: Node) -> Node:
+    """Return the document in which the schema `Map` is `MapJob`: TypeScript has a type `Map` already."""
+    text = json.dumps(document).replace(f'"{_REFERENCE}Map"', f'"{_REFERENCE}MapJob"')
+    renamed: Node = json.loads(text)
+    schemas = renamed["components"]["schemas"]
+    schemas["MapJob"] = schemas.pop("Map")
+    return renamed
+
+
+def _sort_bases_first(schemas: dict[str, Node]) -> dict[str, Node]:
+    """Return the schemas by name, shared bases first: openapi-python-client needs a base before its heirs."""
     bases = [base.__name__ for base in _SHARED]
-    rest = sorted(schemas_by_name.keys() - set(bases))
-    renamed_document["components"]["schemas"] = {
-        name: _nest_fields(schemas_by_name[name]) for name in (*bases, *rest)
-    }
-    return renamed_document
+    others = sorted(schemas.keys() - set(bases))
+    return {name: _nest_fields(schemas[name]) for name in (*bases, *others)}
 
 
 def _nest_fields(schema: Node) -> Node:
@@ -344,9 +357,9 @@ def _replace_references(
         return node
     name = str(node.get("$ref", "")).removeprefix(_REFERENCE)
     if name in inlined:
-        message = {
-            key: value for key, value in inlined[name].items() if key != "description" or not described
-        }
+        message = dict(inlined[name])
+        if described:
+            message.pop("description", None)
         others = {key: value for key, value in node.items() if key != "$ref"}
         return _replace_references({**message, **others}, inlined)
     described = described or isinstance(node.get("description"), str)

@@ -136,22 +136,16 @@ async def apply_action(
 def _make_request_after_action(parts: Parts, run: Run, action: AdvisedAction) -> RunRequest:
     """Apply an action to the inputs of a run; store changed inputs, and return the request of the new run.
 
+    An action changes the robot itself (`state_payload`), the options of the run (`leave_out_readings`,
+    `fit_causes`), or a copy of robot and readings (all others).
+
     Raises:
         HTTPException: the run has no result (409).
         RequestError: the run's assessment does not recommend the action, or the action cannot be applied.
     """
-    if run.result is None:
-        raise HTTPException(409, f"the run has no assessment, because its state is {run.state}")
-    is_filled_in = action.kind == "state_payload"
-    advised_action = action.model_copy(update={"payload": None}) if is_filled_in else action
-    if all(reason.action != advised_action for reason in run.result.assessment.reasons):
-        raise RequestError(
-            "the assessment of this run does not recommend this action",
-            where="kind",
-            remedy="send the `action` of one of the reasons of this assessment; only `payload` is filled in",
-        )
+    _refuse_unadvised(run, action)
     request = run.request.model_copy(update={"variant_of": run.id})
-    if is_filled_in:
+    if action.kind == "state_payload":
         robot_id = parts.sets.document(request.measurement_set_id).robot_id
         parts.robots.change(robot_id, RobotChange(payload=fill_in_payload(action, action.payload).payload))
         return request
@@ -159,25 +153,54 @@ def _make_request_after_action(parts: Parts, run: Run, action: AdvisedAction) ->
         left_out = dict.fromkeys([*request.leave_out, *action.observations])
         causes = [*request.causes, *action.causes]
         return request.model_copy(update={"leave_out": list(left_out), "causes": causes})
+    return _store_changed_inputs(parts, request, action)
+
+
+def _refuse_unadvised(run: Run, action: AdvisedAction) -> None:
+    """Refuse an action that no reason of a run's assessment states, apart from a payload that is filled in.
+
+    Raises:
+        HTTPException: the run has no result (409).
+        RequestError: the run's assessment does not recommend the action.
+    """
+    if run.result is None:
+        raise HTTPException(409, f"the run has no assessment, because its state is {run.state}")
+    advised_action = action
+    if action.kind == "state_payload":
+        advised_action = action.model_copy(update={"payload": None})
+    if all(reason.action != advised_action for reason in run.result.assessment.reasons):
+        raise RequestError(
+            "the assessment of this run does not recommend this action",
+            where="kind",
+            remedy="send the `action` of one of the reasons of this assessment; only `payload` is filled in",
+        )
+
+
+def _store_changed_inputs(parts: Parts, request: RunRequest, action: AdvisedAction) -> RunRequest:
+    """Apply an action to copies of the robot and the readings of a request; store what changed.
+
+    Return the request for the stored copies, with the options after the action.
+
+    Raises:
+        RequestError: the action cannot be applied.
+    """
     stored_set = parts.sets.document(request.measurement_set_id)
     robot = robot_from_record(parts.store.robots.get(stored_set.robot_id))
-    campaign_before = Campaign(
+    before = Campaign(
         robot=_copy_fields(RobotDocument, robot),
         measurement_set=_copy_fields(MeasurementSetDocument, stored_set),
         run=_copy_fields(RunOptions, request),
     )
-    campaign_after = apply_action_to_campaign(campaign_before, action)
+    after = apply_action_to_campaign(before, action)
+    has_new_robot = after.robot is not before.robot
     robot_id, set_id = stored_set.robot_id, stored_set.id
     if action.kind == "choose_robot":
         robot_id = action.robot_id or _store_robot_once(parts, _make_catalogue_robot(action.robot or ""))
-    elif campaign_after.robot is not campaign_before.robot:
-        robot_id = _store_robot_once(parts, campaign_after.robot)
-    if (
-        campaign_after.robot is not campaign_before.robot
-        or campaign_after.measurement_set is not campaign_before.measurement_set
-    ):
-        set_id = _store_set_once(parts, campaign_after.measurement_set, robot_id)
-    return request.model_copy(update={**dict(campaign_after.run), "measurement_set_id": set_id})
+    elif has_new_robot:
+        robot_id = _store_robot_once(parts, after.robot)
+    if has_new_robot or after.measurement_set is not before.measurement_set:
+        set_id = _store_set_once(parts, after.measurement_set, robot_id)
+    return request.model_copy(update={**dict(after.run), "measurement_set_id": set_id})
 
 
 def _copy_fields(message_class: type[AMessage], source: Message) -> AMessage:

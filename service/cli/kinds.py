@@ -33,6 +33,7 @@ from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
 
 if TYPE_CHECKING:
+    from jointstiff.schemas.deflection import DeflectionResult
     from jointstiff.schemas.job import Job
 
 _Values = Mapping[str, Any]
@@ -117,69 +118,117 @@ class _FileOptions:
 
 def build_command(name: str) -> Callable[..., None]:
     """Return the function of the command of a kind of work, such as `identify`, with its options."""
-    kind, file_options = import_kind(name), _FILE_OPTIONS.get(name, _FileOptions())
-    sources: dict[str, tuple[Any, Any]] = {
-        name: (annotation, None if name == "second" else ...)  # only the second campaign may be omitted
-        for source in kind.sources
-        for name, annotation in _ARGUMENTS[source].items()
-    }
-    fields = {name: (annotation, None) for name, annotation in field_options(kind.options)}
-    table_endings = [f".{file.suffix}" for file in kind.files]
-    # A kind that has tables gets an option --output for the table, unless it has its own option --output.
-    writes_table = "output" not in file_options.options and ".csv" in table_endings
+    declared = _DeclaredCommand.from_kind(name)
 
     def command(**values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
-        # The files to write are checked first, so that no finished work is lost because of a wrong name.
-        source_values = [values[name] for name in sources if values[name] is not None]
+        kind, file_options = declared.kind, declared.file_options
+        source_values = [values[name] for name in declared.sources if values[name] is not None]
         if file_options.replace_work(values, source_values):
             return
-        output = values.get("output")
-        if values["save"] is not None:
-            cli.check_ending(values["save"], [".json"], option="--save")
-        if output is not None and (writes_table or file_options.endings):
-            allowed = table_endings if writes_table else file_options.endings
-            cli.check_ending(output, allowed, reported=True, saved=True)
-        table_path, result_path = output if writes_table else None, values["save"]
-        paths_to_write = list(
-            filter(None, [table_path, result_path, *file_options.list_paths(values, source_values)])
-        )
-        for path in paths_to_write:
-            cli.refuse_existing(path, overwrite=values.get("overwrite", False))
-        passed_options = {
-            name: values[name] for name in file_options.passed_options if values[name] is not None
-        }
-        done_job = _run_work(
-            kind, source_values, gather_stated_fields(kind.options, values) | passed_options, values
-        )
+        # The files to write are checked first, so that no finished work is lost because of a wrong name.
+        written = declared.check_files(values, source_values)
+        stated_fields = gather_stated_fields(kind.options, values) | declared.find_passed_options(values)
+        done_job = _run_work(kind, source_values, stated_fields, values)
         if done_job.result is not None:
             done_job = file_options.finish(done_job, values, source_values)
-            _write_result(done_job, table_path, result_path)
-            for path in paths_to_write:
-                cli.warn(f"wrote {path}")
+            written.write(done_job)
         _print_job(kind, done_job, values)
 
-    other_options: dict[str, tuple[Any, Any]] = {"options": (_Options, None)}
-    other_options |= {"run": (cli.RunFile, None)} if {"run", "run_or_robot"} & {*kind.sources} else {}
-    other_options |= dict(file_options.options) | (
-        {"output": (_Output, None), "as_csv": (_AsCsv, False)} if writes_table else {}
-    )
-    other_options |= {"save": (_Save, None), "overwrite": (cli.Overwrite, False)}
-    other_options |= {
-        "unit": (cli.Unit, "MNm/rad"),
-        "details": (cli.Details, False),
-        "as_json": (cli.AsJson, False),
-    }
-    cli.set_signature(command, sources | fields | other_options)
+    cli.set_signature(command, declared.list_parameters())
     command.__doc__ = f"{ROOMS[name].summary}\n\ndocs/glossary.md explains the terms."
     return command
 
 
-def _write_result(job: Any, table: Path | None, saved: Path | None) -> None:  # noqa: ANN401 - a job with files
-    """Write the main table of a job, and the whole result as JSON, to the files that are given."""
-    if table is not None:
-        table.write_bytes(job.table(table.suffix[1:]))
-    if saved is not None:
-        job.save(saved)
+_Parameters = dict[str, tuple[Any, Any]]
+"""Name of an argument or option of a command → (annotation for Typer, default)."""
+
+
+@dataclass(frozen=True)
+class _WrittenFiles:
+    """Files that a command writes after its work."""
+
+    table: Path | None  # for the main table of the job
+    result: Path | None  # for the whole result as JSON
+    paths: Sequence[Path]  # of all files, also those that the kind of work writes itself
+
+    def write(self, job: Any) -> None:  # noqa: ANN401 - a job with files
+        """Write the main table of a job and its whole result, and print the paths of all files."""
+        if self.table is not None:
+            self.table.write_bytes(job.table(self.table.suffix[1:]))
+        if self.result is not None:
+            job.save(self.result)
+        for path in self.paths:
+            cli.warn(f"wrote {path}")
+
+
+@dataclass(frozen=True)
+class _DeclaredCommand:
+    """Declaration of the command of a kind of work: what it reads, and which files it writes."""
+
+    kind: AnyKind
+    sources: _Parameters  # arguments, such as the file of a campaign
+    file_options: _FileOptions
+    table_endings: Sequence[str]  # endings of the files that can contain the main table: .csv, …
+
+    @classmethod
+    def from_kind(cls, name: str) -> _DeclaredCommand:
+        """Return the declaration of the command of a kind of work."""
+        kind = import_kind(name)
+        sources: _Parameters = {}
+        for source in kind.sources:
+            for argument, annotation in _ARGUMENTS[source].items():
+                is_required = argument != "second"  # only the second campaign may be omitted
+                sources[argument] = (annotation, ... if is_required else None)
+        endings = [f".{file.suffix}" for file in kind.files]
+        return cls(kind, sources, _FILE_OPTIONS.get(name, _FileOptions()), endings)
+
+    @property
+    def writes_table(self) -> bool:
+        """True if `--output` names a file for the main table: the kind has tables, but no own `--output`."""
+        return "output" not in self.file_options.options and ".csv" in self.table_endings
+
+    def list_parameters(self) -> _Parameters:
+        """Return the arguments and options of the command, in the order of its help."""
+        options: _Parameters = {"options": (_Options, None)}
+        if {"run", "run_or_robot"} & {*self.kind.sources}:
+            options["run"] = (cli.RunFile, None)
+        options |= self.file_options.options
+        if self.writes_table:
+            options |= {"output": (_Output, None), "as_csv": (_AsCsv, False)}
+        options |= {
+            "save": (_Save, None),
+            "overwrite": (cli.Overwrite, False),
+            "unit": (cli.Unit, "MNm/rad"),
+            "details": (cli.Details, False),
+            "as_json": (cli.AsJson, False),
+        }
+        fields = {name: (annotation, None) for name, annotation in field_options(self.kind.options)}
+        return self.sources | fields | options
+
+    def check_files(self, values: _Values, source_values: Sequence[Any]) -> _WrittenFiles:
+        """Return the files that the command will write, by the values of its options.
+
+        Raises:
+            typer.BadParameter: a file has a wrong ending.
+            typer.Exit: a file exists, and is not to be overwritten.
+        """
+        output, save = values.get("output"), values["save"]
+        if save is not None:
+            cli.check_ending(save, [".json"], option="--save")
+        if output is not None and (self.writes_table or self.file_options.endings):
+            allowed = self.table_endings if self.writes_table else self.file_options.endings
+            cli.check_ending(output, allowed, reported=True, saved=True)
+        table = output if self.writes_table else None
+        named_paths = [table, save, *self.file_options.list_paths(values, source_values)]
+        paths = [path for path in named_paths if path]
+        for path in paths:
+            cli.refuse_existing(path, overwrite=values.get("overwrite", False))
+        return _WrittenFiles(table, save, paths)
+
+    def find_passed_options(self, values: _Values) -> dict[str, Any]:
+        """Return the values of options that are passed on to the function of the work, such as `robot`."""
+        names = self.file_options.passed_options
+        return {name: values[name] for name in names if values[name] is not None}
 
 
 _POINT_FORMS: Final[Forms] = MappingProxyType(
@@ -210,27 +259,10 @@ def build_predict_command() -> Callable[..., None]:
     def command(file: Path, postures: Path, **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
         """Predict deflections in given postures under given loads."""
         _refuse_exchanged(file, postures, "FILE POSTURES")
-        from jointstiff.service.cli.models import read_or_identify_run
-        from jointstiff.service.library import here
-        from jointstiff.service.runs.deflection import describe_predictions, prediction_csv
-        from jointstiff.service.tables.terminal import console, lay_out_parts
-
         if values["output"] is not None:
             cli.check_ending(values["output"], [".csv"])
             cli.refuse_existing(values["output"], overwrite=values["overwrite"])
-        stated = gather_stated_fields(DeflectionOptions, values, _POINT_FORMS)
-        stated.setdefault("units", "m, rad, N")  # of the numbers that the options were parsed to
-        run = read_or_identify_run(file, values["run"])
-        with naming_options(DeflectionOptions, _POINT_FORMS):
-            result = here.predict(run, postures, **stated)
-        for remark in result.remarks:
-            typer.echo(remark, err=True)
-        if values["output"] is not None:
-            cli.write_text(values["output"], prediction_csv(result))
-        if values["as_json"]:
-            typer.echo(result.model_dump_json(indent=2))
-        else:
-            console().print(lay_out_parts(describe_predictions(result)))
+        _show_predictions(_predict(file, postures, values), values)
 
     sources = {"file": (cli.CampaignFile, ...), "postures": (_Postures, ...), "run": (cli.RunFile, None)}
     fields = {key: (annotation, None) for key, annotation in field_options(DeflectionOptions, _POINT_FORMS)}
@@ -238,6 +270,42 @@ def build_predict_command() -> Callable[..., None]:
     output_options = {"output": output, "overwrite": (cli.Overwrite, False), "as_json": (cli.AsJson, False)}
     cli.set_signature(command, sources | fields | output_options)
     return command
+
+
+def _predict(file: Path, postures: Path, values: _Values) -> DeflectionResult:
+    """Return the predicted deflections in the postures of a table, by the run of a campaign.
+
+    Args:
+        file: file of the campaign, which is identified unless `--run` names the file of its run.
+        postures: table of postures and loads.
+        values: values of all options.
+
+    Raises:
+        CampaignError: a file or an option cannot be used; the texts name options in place of fields.
+    """
+    from jointstiff.service.cli.models import read_or_identify_run
+    from jointstiff.service.library import here
+
+    stated = gather_stated_fields(DeflectionOptions, values, _POINT_FORMS)
+    stated.setdefault("units", "m, rad, N")  # of the numbers that the options were parsed to
+    run = read_or_identify_run(file, values["run"])
+    with naming_options(DeflectionOptions, _POINT_FORMS):
+        return here.predict(run, postures, **stated)
+
+
+def _show_predictions(result: DeflectionResult, values: _Values) -> None:
+    """Print predictions as a report or JSON; write them as CSV if `--output` names a file."""
+    from jointstiff.service.runs.deflection import describe_predictions, prediction_csv
+    from jointstiff.service.tables.terminal import console, lay_out_parts
+
+    for remark in result.remarks:
+        typer.echo(remark, err=True)
+    if values["output"] is not None:
+        cli.write_text(values["output"], prediction_csv(result))
+    if values["as_json"]:
+        typer.echo(result.model_dump_json(indent=2))
+    else:
+        console().print(lay_out_parts(describe_predictions(result)))
 
 
 _Poses = Annotated[
@@ -269,19 +337,13 @@ def build_correct_command() -> Callable[..., None]:
 
     def command(file: str, poses: Path, **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
         """Correct a table of poses for the deflection under load."""
-        _refuse_exchanged(Path(file), poses, "CAMPAIGN_OR_ROBOT POSES")
-        from jointstiff.service.cli.models import read_or_identify_run
-        from jointstiff.service.library.here import Here
         from jointstiff.service.runs.correction.verdict import WITHOUT_NUMBERS
-        from jointstiff.service.tables.terminal import progress_bar
 
+        _refuse_exchanged(Path(file), poses, "CAMPAIGN_OR_ROBOT POSES")
         if values["output"] is not None:
             cli.check_ending(values["output"], [".csv", ".parquet"])
             cli.refuse_existing(values["output"], overwrite=values["overwrite"])
-        stated = gather_stated_fields(CorrectionOptions, values)
-        source = file if values["run"] is None else read_or_identify_run(Path(file), values["run"])
-        with naming_options(CorrectionOptions), progress_bar(shown=True) as show_progress:
-            result = Here().correct(source, poses, on_progress=show_progress, **stated)
+        result = _correct(file, poses, values)
         has_numbers = bool(result.counts.keys() - WITHOUT_NUMBERS)
         if values["output"] is not None and has_numbers:
             result.save(values["output"])
@@ -303,6 +365,27 @@ def build_correct_command() -> Callable[..., None]:
     return command
 
 
+def _correct(file: str, poses: Path, values: _Values) -> Any:  # noqa: ANN401 - a CorrectedPoses
+    """Return the corrected table of poses, and show the progress meanwhile.
+
+    Args:
+        file: file of a campaign or a robot, or name of an arm of the catalogue.
+        poses: table of poses.
+        values: values of all options; `--run` names the file of the campaign's run.
+
+    Raises:
+        CampaignError: a file or an option cannot be used; the texts name options in place of fields.
+    """
+    from jointstiff.service.cli.models import read_or_identify_run
+    from jointstiff.service.library.here import Here
+    from jointstiff.service.tables.terminal import progress_bar
+
+    stated = gather_stated_fields(CorrectionOptions, values)
+    source = file if values["run"] is None else read_or_identify_run(Path(file), values["run"])
+    with naming_options(CorrectionOptions), progress_bar(shown=True) as show_progress:
+        return Here().correct(source, poses, on_progress=show_progress, **stated)
+
+
 def _run_work(kind: AnyKind, sources: list[Any], stated_fields: dict[str, Any], values: _Values) -> Job:
     """Do the work of a command in this process, and return the job with its result.
 
@@ -318,37 +401,63 @@ def _run_work(kind: AnyKind, sources: list[Any], stated_fields: dict[str, Any], 
     """
     from jointstiff.service.cli.models import read_or_identify_run
     from jointstiff.service.library.here import Here
-    from jointstiff.service.resources.documents import read_object
     from jointstiff.service.tables.terminal import progress_bar
 
     if values["options"] is not None:
-        options = read_object(values["options"])
-        # As a message, whose fields are in SI units whatever the units of the file
-        if "cut" in kind.options.model_fields and isinstance(options.get("cut"), dict):
-            options["cut"] = Cut.model_validate(options["cut"])
-        stated_fields = options | _convert_to_units_of_file(options, kind.options, stated_fields)
+        stated_fields = _add_fields_of_file(values["options"], kind.options, stated_fields)
     if values.get("run") is not None:
         sources = [read_or_identify_run(sources[0], values["run"]), *sources[1:]]
-    # A source may be a list of files: each file is an argument.
-    arguments = [
-        argument for source in sources for argument in (source if isinstance(source, list) else [source])
-    ]
-    # Options were parsed to these units; readings of geometry state their own.
-    if "units" not in kind.options.model_fields:
-        stated_fields = {"units": "m, rad, N, N.m"} | stated_fields
-    elif kind.is_form:
-        stated_fields = {"units": "m, deg, N, N.m"} | stated_fields
+    fields = _state_units(kind, stated_fields)
     do_work = getattr(Here(), ROOMS[kind.name].command)  # the method with the name of the command
     has_progress = kind.stepped or "campaigns" in kind.sources
     with naming_options(kind.options), progress_bar(shown=has_progress) as show_progress:
-        job: Job = do_work(*arguments, on_progress=show_progress if has_progress else None, **stated_fields)
+        on_progress = show_progress if has_progress else None
+        job: Job = do_work(*_flatten(sources), on_progress=on_progress, **fields)
     return job
+
+
+def _add_fields_of_file(
+    file: Path, message_class: type[Message], stated_fields: dict[str, Any]
+) -> dict[str, Any]:
+    """Return the fields of a file of options with those of the command, which take precedence.
+
+    Raises:
+        CampaignError: the file cannot be read.
+        typer.BadParameter: a field of the command cannot be converted to the units of the file.
+    """
+    from jointstiff.service.resources.documents import read_object
+
+    options = read_object(file)
+    # As a message, whose fields are in SI units whatever the units of the file
+    if "cut" in message_class.model_fields and isinstance(options.get("cut"), dict):
+        options["cut"] = Cut.model_validate(options["cut"])
+    return options | _convert_to_units_of_file(options, message_class, stated_fields)
+
+
+def _state_units(kind: AnyKind, fields: dict[str, Any]) -> dict[str, Any]:
+    """Return the fields with the units to which options are parsed, unless a file of options states units.
+
+    Readings of geometry state their own units in their file.
+    """
+    if "units" not in kind.options.model_fields:
+        return {"units": "m, rad, N, N.m"} | fields
+    return {"units": "m, deg, N, N.m"} | fields if kind.is_form else fields
+
+
+def _flatten(sources: Sequence[Any]) -> list[Any]:
+    """Return the values of arguments; of an argument with a list of files, each file."""
+    flat = list[Any]()
+    for source in sources:
+        flat += source if isinstance(source, list) else [source]
+    return flat
 
 
 def _convert_to_units_of_file(
     file_content: dict[str, Any], message_class: type[Message], stated_fields: dict[str, Any]
 ) -> dict[str, Any]:
     """Return the values of a command's options, converted to the units that a file of options states.
+
+    With `{"units": {"length": "mm"}}` in the file: an option parsed to 0.2 m → 200.
 
     Args:
         file_content: content of the file of options; its `units` hold for all fields.
@@ -371,16 +480,17 @@ def _convert_to_units_of_file(
         unit_of_option = find_option_form(message_class.model_fields[name]).unit
         quantity, unit_sizes = quantities.get(unit_of_option, ("", {}))
         file_unit = units.get(quantity)
-        is_posture = quantity == "angle" and isinstance(value, list | tuple)
-        if is_posture and file_unit != "deg" and file_unit in unit_sizes and len(value) > _JOINTS_OF_ARM:
+        if file_unit not in unit_sizes:
+            continue
+        has_linear_axes = isinstance(value, list | tuple) and len(value) > _JOINTS_OF_ARM
+        if quantity == "angle" and file_unit != "deg" and has_linear_axes:
             raise typer.BadParameter(
                 f"the unit of angles in the file of options is {file_unit}, so values of linear axes in "
                 f"deg cannot be converted; remedy: state `{name}` in the file of options, in the units "
                 "of this file",
                 param_hint=option_flag(message_class, name),
             )
-        if file_unit in unit_sizes:
-            converted[name] = scale_numbers(unit_sizes[unit_of_option] / unit_sizes[file_unit], value)
+        converted[name] = scale_numbers(unit_sizes[unit_of_option] / unit_sizes[file_unit], value)
     return converted
 
 
@@ -399,30 +509,33 @@ def _print_job(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN40
     Raises:
         typer.Exit: the job, or the run of one set of a fleet, has failed.
     """
-    from jointstiff.service.reports.job import lay_out_job
-    from jointstiff.service.tables.terminal import console
-
     if values["as_json"]:
         typer.echo(kind.to_answer(job.model_dump_json(indent=2)))
     elif values.get("as_csv") and job.result is not None:
         typer.echo(job.table("csv").decode(), nl=False)
     else:
-        if values.get("second") is not None:
-            typer.echo(f"First: {values['file']}. Second: {values['second']}.")
-        # The report of a run names the actions to use with --apply, unless an action was applied just now.
-        names_actions = kind.name == "run" and _choose_action(values) is None
-        name_options = partial(name_options_in_text, kind.options)
-        shown = lay_out_job(
-            kind,
-            job,
-            details=values["details"],
-            unit=values["unit"],
-            applies=names_actions,
-            change_text=name_options,
-        )
-        console().print(shown)
+        _print_report(kind, job, values)
     if job.state != "succeeded" or job.failed_parts:
         raise typer.Exit(1)
+
+
+def _print_report(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN401 - a job that shows itself
+    """Print the report of a job; that of a run names the actions of --apply, unless one was just applied."""
+    from jointstiff.service.reports.job import lay_out_job
+    from jointstiff.service.tables.terminal import console
+
+    if values.get("second") is not None:
+        typer.echo(f"First: {values['file']}. Second: {values['second']}.")
+    names_actions = kind.name == "run" and _choose_action(values) is None
+    shown = lay_out_job(
+        kind,
+        job,
+        details=values["details"],
+        unit=values["unit"],
+        applies=names_actions,
+        change_text=partial(name_options_in_text, kind.options),
+    )
+    console().print(shown)
 
 
 def _choose_corrected_path(values: _Values) -> Path | None:
@@ -572,35 +685,53 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
         typer.BadParameter: neither --explain nor --output is given.
         CampaignError: the program cannot be read.
     """
-    from jointstiff.schemas.program import ProgramOptions
-    from jointstiff.service.problems import naming_missing_extra
-
     if not values["explain"]:
         if values["output"] is None:
             raise typer.BadParameter("is missing: name the file to write", param_hint="--output")
         return False
+    rows = _list_moves(values, sources[1])
+    if values["as_json"]:
+        typer.echo(json.dumps([row._asdict() for row in rows], indent=2))
+        return True
+    for row in rows:
+        typer.echo(_describe_move(row))
+    count = sum(row.corrected for row in rows)
+    typer.echo(f"{count} of {len(rows)} moves can be corrected, {len(rows) - count} cannot")
+    return True
+
+
+def _list_moves(values: _Values, paths: Sequence[Path]) -> Sequence[Any]:
+    """Return how each move of the program in some files is understood, as `robotprograms.ReadMove`.
+
+    Raises:
+        CampaignError: the program cannot be read.
+    """
+    from jointstiff.schemas.program import ProgramOptions
+    from jointstiff.service.problems import naming_missing_extra
+
     with naming_missing_extra("a program file"):
         from jointstiff.service.kinds.program.text import list_moves
-    files = [(path.name, path.read_bytes()) for path in sources[1]]
+    files = [(path.name, path.read_bytes()) for path in paths]
     with naming_options(ProgramOptions):
-        rows = list_moves(
+        return list_moves(
             files,
             values["format"],
             values["leave_alone"] or (),
             values["external_axes"],
             trust_routines=bool(values["trust_routines"]),
         )
-    if values["as_json"]:
-        typer.echo(json.dumps([row._asdict() for row in rows], indent=2))
-        return True
-    for row in rows:
-        frames = f"base {row.base or 'unknown'}, tool {row.tool or 'unknown'}"
-        remedy = name_options_in_text(ProgramOptions, f"; {row.remedy}") if row.remedy else ""
-        verdict = "corrected" if row.corrected else f"not corrected: {row.reason}{remedy}"
-        typer.echo(f"line {row.line}: {row.target or 'target unknown'}, {frames}: {verdict}")
-    count = sum(row.corrected for row in rows)
-    typer.echo(f"{count} of {len(rows)} moves can be corrected, {len(rows) - count} cannot")
-    return True
+
+
+def _describe_move(move: Any) -> str:  # noqa: ANN401 - a `robotprograms.ReadMove`
+    """Return a line on a move: "line 7: P3, base 2, tool 1: corrected", or why it is not corrected."""
+    from jointstiff.schemas.program import ProgramOptions
+
+    verdict = "corrected"
+    if not move.corrected:
+        remedy = name_options_in_text(ProgramOptions, f"; {move.remedy}") if move.remedy else ""
+        verdict = f"not corrected: {move.reason}{remedy}"
+    frames = f"base {move.base or 'unknown'}, tool {move.tool or 'unknown'}"
+    return f"line {move.line}: {move.target or 'target unknown'}, {frames}: {verdict}"
 
 
 def _write_program_files(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Program

@@ -39,7 +39,7 @@ from jointstiff.service.conversion.robots import build_chain_robot, build_dh_cha
 from jointstiff.service.conversion.units import ANGLE, LENGTH, to_instrument
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError, RobotError
-from jointstiff.solver.integrity import inspect_measurements
+from jointstiff.solver.integrity import inspect_measurements, inspect_unloaded
 from jointstiff.solver.mechanics.chain import KinematicChain
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import KnownRobot, Robot
@@ -359,14 +359,13 @@ def check_set(
     """
     readings, measurements = convert_readings(document, robot, resolved)
     findings = list(frame_findings)
-    if measurements.unloaded_only is None:  # without a load there is no deflection to inspect
+    degrees = document.units.angle == "deg"
+    if measurements.unloaded_only is None:
         findings += inspect_measurements(
-            robot,
-            measurements,
-            degrees=document.units.angle == "deg",
-            others=others,
-            flange_fields=flange_fields,
+            robot, measurements, degrees=degrees, others=others, flange_fields=flange_fields
         )
+    else:
+        findings += inspect_unloaded(robot, measurements, degrees=degrees, others=others)
     content = compute_content_hash(document, readings, resolved)
     return PreparedSet(robot, robot_id, robot_hash, readings, measurements, findings, content)
 

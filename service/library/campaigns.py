@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.conversion.prepared import PreparedSet
     from jointstiff.service.resources.inputs import InMemoryInputs
+    from jointstiff.solver.arrays import FloatArray
+    from jointstiff.solver.mechanics.measurements import Measurements
 
     Numbers = npt.ArrayLike | Mapping[str, Any]
 
@@ -251,6 +253,24 @@ def _refuse_long_deflections(campaign: Campaign, row_count: int) -> None:
     import numpy as np
 
     from jointstiff.service.conversion.arrays import LARGE_DEFLECTION
+
+    measurements = _convert_campaign(campaign)
+    lengths = np.linalg.norm(measurements.deflection, axis=2)  # (rows, targets) [m]
+    if lengths.max() <= LARGE_DEFLECTION:
+        return
+    error = _find_cause_of_long_deflection(campaign)
+    if error is None:
+        error = _describe_longest_deflection(measurements, lengths, row_count, LARGE_DEFLECTION)
+    with as_campaign_error(""):
+        raise error
+
+
+def _convert_campaign(campaign: Campaign) -> Measurements:
+    """Return the readings of a campaign in SI units and R0; errors name the part of the campaign.
+
+    Raises:
+        CampaignError: robot or readings cannot be used.
+    """
     from jointstiff.service.conversion.prepared import convert_readings, resolve_stated_frame
 
     document = campaign.measurement_set
@@ -258,25 +278,40 @@ def _refuse_long_deflections(campaign: Campaign, row_count: int) -> None:
         robot = robots.prepare_once(campaign.robot).robot
     with as_campaign_error("measurement_set"):
         _, measurements = convert_readings(document, robot, resolve_stated_frame(document))
-    lengths = np.linalg.norm(measurements.deflection, axis=2)
-    if lengths.max() <= LARGE_DEFLECTION:
-        return
-    row, target = np.unravel_index(int(lengths.argmax()), lengths.shape)
-    where = f"loaded[{row}]" if len(lengths) == row_count else "loaded"
-    reason = (
-        f"target '{measurements.targets[target]}' moved by {lengths.max():.4g} m under load in "
-        f"'{measurements.labels[row]}'; up to {LARGE_DEFLECTION:g} m is plausible"
-    )
-    remedy = (
-        "check that unloaded and loaded readings are of the same posture and target, in the same frame; a "
-        "campaign file may have greater deflections"
-    )
+    return measurements
+
+
+def _find_cause_of_long_deflection(campaign: Campaign) -> MeasurementError | None:
+    """Return the error that names the mistake in all readings, such as a wrong unit, if a check finds one."""
     for finding in _prepare(campaign).warnings:
         if finding.code in _CAUSES_OF_LONG_DEFLECTIONS and finding.where is None:
-            where, reason, remedy = "loaded", finding.message, finding.remedy
-            break
-    with as_campaign_error(""):
-        raise MeasurementError(reason, where=where, remedy=remedy)
+            return MeasurementError(finding.message, where="loaded", remedy=finding.remedy)
+    return None
+
+
+def _describe_longest_deflection(
+    measurements: Measurements, lengths: FloatArray, row_count: int, plausible: float
+) -> MeasurementError:
+    """Return the error that names target and observation with the longest deflection.
+
+    The row of the arrays is named only if each row has an observation: then both have the same number.
+
+    Args:
+        measurements: readings of the campaign.
+        lengths: (rows, targets) lengths of the deflections [m].
+        row_count: number of rows of the arrays of the caller.
+        plausible: greatest plausible length [m].
+    """
+    import numpy as np
+
+    row, target = np.unravel_index(int(lengths.argmax()), lengths.shape)
+    return MeasurementError(
+        f"target '{measurements.targets[target]}' moved by {lengths.max():.4g} m under load in "
+        f"'{measurements.labels[row]}'; up to {plausible:g} m is plausible",
+        where=f"loaded[{row}]" if len(lengths) == row_count else "loaded",
+        remedy="check that unloaded and loaded readings are of the same posture and target, in the same "
+        "frame; a campaign file may have greater deflections",
+    )
 
 
 def extract_run_options(run: Run) -> RunOptions:

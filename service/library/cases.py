@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Vector
     from jointstiff.service.library.campaigns import Numbers
+    from jointstiff.solver.arrays import FloatArray
 
 AnyPostures = Any
 """CSV file of postures and loads, load cases as in the API, or an array (N, n) of postures."""
@@ -65,7 +66,8 @@ def make_load_cases(
     from jointstiff.service.runs.deflection import read_load_cases
 
     fields = dict(options)
-    if (at := fields.pop("at", None)) is not None:
+    at = fields.pop("at", None)
+    if at is not None:
         point = _read_point(at)
         fields = {"load_point": point, "place": point} | fields
     fields["units"] = units = complete_units(fields.get("units"))
@@ -74,8 +76,9 @@ def make_load_cases(
         with naming_file(Path(postures)):
             return read_load_cases(text, joints, **_convert_points(fields))
     if forces is None and isinstance(postures, Sequence) and isinstance(postures[0], Mapping | Message):
-        return parse_document({**fields, "cases": list(postures)}, DeflectionOptions)
-    cases = _cases_from_arrays(postures, forces, fields.pop("moments", None), joints, units)
+        cases = list(postures)
+    else:
+        cases = _cases_from_arrays(postures, forces, fields.pop("moments", None), joints, units)
     return parse_document({**fields, "cases": cases}, DeflectionOptions)
 
 
@@ -96,23 +99,35 @@ def _cases_from_arrays(
         MeasurementError: names do not match.
     """
     from jointstiff.service.conversion.arrays import to_number_array, to_vectors
-    from jointstiff.service.conversion.units import ANGLE
     from jointstiff.service.library.frames import NameMatcher
 
     matcher = NameMatcher(list(joints), units)
     posture_rows = matcher.read_joints(postures, "postures")
-    load_rows = [
-        matcher.read_vectors(value, name) for name, value in (("forces", forces), ("moments", moments))
-    ]
+    force_rows = matcher.read_vectors(forces, "forces")
+    moment_rows = matcher.read_vectors(moments, "moments")
     matcher.align(None)
-    forces, moments = (None if rows is None else rows.values for rows in load_rows)
     q = to_number_array(posture_rows.values, "postures")
     q = q.reshape(1, -1) if q.ndim == 1 else q
-    if forces is None:
+    if force_rows is None:
         remedy = "give (N, 3) or (3,): predict(run, q, forces=(0, 0, -500), at=(0, 0, 120))"
         raise RequestError(
             "`forces` are missing: without a load, the arm does not deflect", where="forces", remedy=remedy
         )
+    _refuse_large_angles(q, joints, units)
+    columns = {"joints": q.tolist(), "force": to_vectors(force_rows.values, len(q), "forces").tolist()}
+    if moment_rows is not None:
+        columns["moment"] = to_vectors(moment_rows.values, len(q), "moments").tolist()
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _refuse_large_angles(q: FloatArray, joints: Mapping[str, JointKind], units: Mapping[str, str]) -> None:
+    """Refuse postures (N, n) with an angle beyond two turns, because its unit is probably another one.
+
+    Raises:
+        RequestError: the greatest angle exceeds two turns.
+    """
+    from jointstiff.service.conversion.units import ANGLE
+
     revolute = [j for j, kind in enumerate(joints.values()) if kind == "revolute" and j < q.shape[1]]
     greatest_angle = ANGLE[units["angle"]] * max(map(abs, q[:, revolute].ravel().tolist()), default=0.0)
     if greatest_angle > _MAX_ANGLE:
@@ -121,19 +136,6 @@ def _cases_from_arrays(
             where="postures",
             remedy="state the unit of the angles, such as units='mm, rad, N'",
         )
-    force_rows, moment_rows = (
-        None if vectors is None else to_vectors(vectors, len(q), name).tolist()
-        for vectors, name in ((forces, "forces"), (moments, "moments"))
-    )
-    # Forces were checked above, so `force_rows` is a list; `or []` is only for type checkers.
-    return [
-        {
-            "joints": row,
-            "force": (force_rows or [])[i],
-            **({} if moment_rows is None else {"moment": moment_rows[i]}),
-        }
-        for i, row in enumerate(q.tolist())
-    ]
 
 
 def _read_point(at: object) -> list[float]:

@@ -132,6 +132,39 @@ class Correction:
         target.write_bytes(write_sheet(sheet, target.suffix[1:]))
 
 
+def _read_places(stated: Mapping[str, Any], units: Units) -> dict[str, Any]:
+    """Return the stated frames, points, joints and force, of any array type, as lists of numbers.
+
+    Raises:
+        RequestError: an array has another shape, or elements that are not numbers.
+    """
+    places = dict[str, Any]()
+    for name in stated.keys() & {"tool", "base"}:
+        places[name] = read_frame(stated[name], name, units.angle).tolist()
+    for name in stated.keys() & {"start", "load_point", "force"}:
+        places[name] = read_numbers(stated[name], name, _NUMBERS).tolist()
+    return places
+
+
+def _read_columns(
+    poses: AnyPoses, units: Units, robot: Robot
+) -> tuple[dict[str, FloatArray], list[str] | None]:
+    """Return the columns of a table of poses by name, and the texts of its column `label`, if it has one.
+
+    `poses` is a CSV or Parquet file with units in its headers, or an array (N, 4, 4) or (N, 6).
+
+    Raises:
+        RequestError: the file is not understood, or the array has another shape.
+    """
+    if isinstance(poses, str | PathLike):
+        path = Path(poses)
+        _refuse_program(path)
+        with naming_file(path):
+            file = read_number_table(path.read_bytes())
+            return convert_headers(file.columns, units, robot), file.labels
+    return name_poses(poses, "poses", units.angle), None
+
+
 @dataclass(frozen=True, eq=False)
 class CorrectionCall:
     """A call of `correct`, with numbers in the units of the call."""
@@ -157,19 +190,8 @@ class CorrectionCall:
         stated = {name: value for name, value in fields.items() if value is not None}
         stated["units"] = complete_units(stated.get("units"))
         units = parse_document(stated["units"], Units)
-        for name in stated.keys() & {"tool", "base"}:
-            stated[name] = read_frame(stated[name], name, units.angle).tolist()
-        for name in stated.keys() & {"start", "load_point", "force"}:
-            stated[name] = read_numbers(stated[name], name, _NUMBERS).tolist()
-        labels = None
-        if isinstance(poses, str | PathLike):
-            path = Path(poses)
-            _refuse_program(path)
-            with naming_file(path):
-                file = read_number_table(path.read_bytes())
-                columns, labels = convert_headers(file.columns, units, robot), file.labels
-        else:
-            columns = name_poses(poses, "poses", units.angle)
+        stated |= _read_places(stated, units)
+        columns, labels = _read_columns(poses, units, robot)
         if joints is not None and "j1" in columns:
             raise RequestError(
                 "the joints are stated twice: by `joints` and by the column j1 of the file",

@@ -33,10 +33,10 @@ from jointstiff.schemas.run import Residual, RunResult
 from jointstiff.service.conversion.prepared import PreparedSet, check_set
 from jointstiff.service.conversion.readings import refuse_informed_controller
 from jointstiff.service.conversion.units import LENGTH
-from jointstiff.service.kinds.plan.work import to_design_request
+from jointstiff.service.kinds.plan.work import CampaignSoFar, to_design_request
 from jointstiff.service.problems import LabelTakenError
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.live.ahead import CandidateReadings
+from jointstiff.solver.live.ahead import CandidateReadings, UncertaintyShare
 from jointstiff.solver.live.innovation import HeldOut, Innovation
 from jointstiff.solver.live.priors import Standing
 from jointstiff.solver.live.progress import Progress, ReadingsSoFar
@@ -49,6 +49,7 @@ _PRIOR_PHRASES: Final[Mapping[Standing, str]] = {
     "counts": "The prior knowledge is used for",
     "deviates": "The prior knowledge is not used, as the readings disagree with it, for",
 }
+ReadingState = Literal["counts", "doubtful", "withdrawn"]
 Change = Literal["observation", "withdrawn", "kept", "skipped", "closed"]
 
 
@@ -89,9 +90,43 @@ class Declaration:
             RequestError: work area, load point, targets or loads are missing; a prior names an unknown joint
                 or cannot be used; or no reading is feasible.
         """
-        options, header = self.options, self.header
-        if not isinstance(options.load, OwnWeight):
-            refuse_informed_controller(header.noise)
+        goal, noise = self.options.goal, self.header.noise
+        if not self.is_by_own_weight:
+            refuse_informed_controller(noise)
+        self._refuse_missing_work_area()
+        self._refuse_unusable_priors()
+        sigma = None
+        if noise is not None and noise.sigma is not None:
+            sigma = LENGTH[self.header.units.length] * noise.sigma
+        nothing_read = CampaignSoFar.without_readings(self.robot.n, sigma)
+        request = to_design_request(self._make_plan_request(), self.robot, nothing_read)
+        self._refuse_missing_load_point()
+        force = None if isinstance(goal, JointsGoal) else goal.force
+        return CandidateReadings.from_request(self.robot, request, None if force is None else np.array(force))
+
+    @property
+    def is_by_own_weight(self) -> bool:
+        """True if the robot's own weight is the only load."""
+        return isinstance(self.options.load, OwnWeight)
+
+    def _make_plan_request(self) -> PlanRequest:
+        """Return the request of a plan with the equipment of this campaign.
+
+        A prior is only an expected stiffness here: its uncertainty is used only after readings confirm it.
+        """
+        options = self.options
+        fields = options.model_dump(include=set(ReadingOptions.model_fields) - {"priors"})
+        prior_stiffness = {name: prior.stiffness for name, prior in options.priors.items()}
+        fields["stiffness"] = prior_stiffness | options.stiffness
+        return PlanRequest.model_validate({**fields, "robot_id": self.header.robot_id})
+
+    def _refuse_missing_work_area(self) -> None:
+        """Refuse a goal about deflections without the box in which they matter.
+
+        Raises:
+            RequestError: the work area is missing.
+        """
+        options = self.options
         if isinstance(options.goal, DeflectionGoal | DecisionGoal) and options.work_area is None:
             raise RequestError(
                 "the goal concerns deflections in a work area, but the request has no work area",
@@ -99,43 +134,42 @@ class Declaration:
                 remedy="give `work_area`, two corners of the box in which deflections matter (frame R0), or "
                 "a goal for the joints",
             )
-        plan_fields = options.model_dump(include=set(ReadingOptions.model_fields) - {"priors"})
-        for name in options.priors:
+
+    def _refuse_unusable_priors(self) -> None:
+        """Refuse prior knowledge of stiffness of unknown joints, or of a campaign under own weight.
+
+        Raises:
+            RequestError: names the prior.
+        """
+        for name in self.options.priors:
             self.robot.joint_index(name, f"open.priors.{name}")
-        if isinstance(options.load, OwnWeight) and options.priors:
+        if self.is_by_own_weight and self.options.priors:
             raise RequestError(
                 "a campaign under the robot's own weight cannot use prior knowledge of stiffness (`priors`)",
                 where="open.priors",
                 remedy="omit `priors`, or measure with a load",
             )
-        prior_stiffness = {name: prior.stiffness for name, prior in options.priors.items()}
-        # Here a prior is only an expected stiffness: its uncertainty is used only after readings confirm it.
-        plan_fields["stiffness"] = prior_stiffness | options.stiffness
-        noise = header.noise.sigma if header.noise is not None else None
-        request = to_design_request(
-            PlanRequest.model_validate({**plan_fields, "robot_id": header.robot_id}),
-            self.robot,
-            nominal=np.full(self.robot.n, np.nan),
-            sigma=None if noise is None else LENGTH[header.units.length] * noise,
-            unexplained=None,
-            campaign_readings=None,
-        )
-        if header.load_point_target is not None:
+
+    def _refuse_missing_load_point(self) -> None:
+        """Refuse a campaign whose load point is not known before the first reading, unless none is needed.
+
+        Raises:
+            RequestError: the load point is missing, or is to be read from a target.
+        """
+        if self.header.load_point_target is not None:
             raise RequestError(
                 "a live campaign needs the load point before the first reading",
                 where="load_point_target",
                 remedy="omit `load_point_target`, and give `load_point`; after the campaign, post its "
                 "readings with that of the hook as a set",
             )
-        if options.load_point is None and not isinstance(options.load, OwnWeight):
+        if self.options.load_point is None and not self.is_by_own_weight:
             raise RequestError(
                 "the load point is missing",
                 where="open.load_point",
                 remedy="give `open.load_point` in the flange frame in metres, or `load_point` of the set in "
                 "its unit",
             )
-        force = None if isinstance(options.goal, JointsGoal) else options.goal.force
-        return CandidateReadings.from_request(self.robot, request, None if force is None else np.array(force))
 
     def build_document(self, observations: Sequence[Observation]) -> MeasurementSetDocument:
         """Return a measurement set with these observations; it is not validated.
@@ -234,21 +268,28 @@ class LiveCampaign:
         Raises:
             RequestError: the declaration is incomplete, or no reading is feasible.
         """
-        options, observations, prepared = self.declaration.options, self.observations, self._prepared
-        readings_so_far = ReadingsSoFar(
+        options = self.declaration.options
+        weight = options.load if isinstance(options.load, OwnWeight) else None
+        return Progress(
+            self.declaration.candidate_readings, options.goal, self._readings_so_far, options.priors, weight
+        )
+
+    @property
+    def _readings_so_far(self) -> ReadingsSoFar:
+        """Readings and decisions of the user so far, in the form that the solver uses."""
+        observations, prepared = self.observations, self._prepared
+        comparisons = {
+            label: entry.innovation or Innovation() for label, entry in self.entry_by_label.items()
+        }
+        last_entry = self.entry_by_label[observations[-1].label] if observations else None
+        return ReadingsSoFar(
             measurements=None if prepared is None else prepared.measurements,
             noticed=() if prepared is None else tuple(prepared.warnings),
-            comparisons={
-                label: entry.innovation or Innovation() for label, entry in self.entry_by_label.items()
-            },
+            comparisons=comparisons,
             withdrawn=frozenset(self._entries_by_label("withdrawn")),
             kept=frozenset(self._entries_by_label("kept")),
             skipped=tuple(entry.joints for entry in self.entries if entry.change == "skipped"),
-            check=self.entry_by_label[observations[-1].label].held_out if observations else None,
-        )
-        weight = options.load if isinstance(options.load, OwnWeight) else None
-        return Progress(
-            self.declaration.candidate_readings, options.goal, readings_so_far, options.priors, weight
+            check=None if last_entry is None else last_entry.held_out,
         )
 
     @property
@@ -266,10 +307,7 @@ class LiveCampaign:
         result = progress.result
         state, message = self._state_and_message()
         needs_no_reading = state in {"reached", "closed"}
-        share = progress.share if self.observations else None
-        # The share is infinite while the readings do not determine the quantity of the goal.
-        if share is not None and not np.isfinite(share.greatest_share):
-            share = None
+        share = self._finite_share()
         return live.LiveState(
             revision=len(self.entries),
             state=state,
@@ -289,6 +327,13 @@ class LiveCampaign:
             measurement_set_id=measurement_set_id,
             run_id=run_id,
         )
+
+    def _finite_share(self) -> UncertaintyShare | None:
+        """Return the uncertainty as a share of the goal; None while the readings do not determine it."""
+        if not self.observations:
+            return None
+        share = self.progress.share
+        return share if np.isfinite(share.greatest_share) else None
 
     def _residuals_of_last_reading(self) -> list[Residual]:
         """Return the residuals of the last reading that counts; an empty list without an identification."""
@@ -347,30 +392,46 @@ class LiveCampaign:
         Raises:
             RequestError: the campaign has no such observation, or the posture to skip is not the next one.
         """
-        labels = [*change.withdrawn, *change.kept]
-        unknown_label = next((label for label in labels if label not in self.entry_by_label), None)
-        if unknown_label is not None:
-            raise RequestError(
-                f"the set has no observation '{unknown_label}'",
-                where="withdrawn" if unknown_label in change.withdrawn else "kept",
-                remedy="give labels of readings of this set",
-            )
+        self._refuse_unknown_labels(change)
         entries = [Entry("withdrawn", label, reason=reason) for label, reason in change.withdrawn.items()]
         entries += [Entry("kept", label) for label in change.kept]
         if change.skipped:
-            next_reading = self.plan_next_reading()
-            if next_reading is None or next_reading.label != change.skipped:
-                raise RequestError(
-                    f"'{change.skipped}' is not the next reading",
-                    where="skipped",
-                    remedy="get the state of the set, and send the next reading that the state names",
-                )
-            # The store keeps one entry of a kind and label. The posture planned in place of a skipped posture
-            # has the same label and may be skipped, too: the number of skipped postures makes labels unique.
-            number = sum(entry.change == "skipped" for entry in self.entries)
-            label = f"{next_reading.label}/{number}"
-            entries.append(Entry("skipped", label, joints=tuple(next_reading.joints)))
+            entries.append(self._skip_next_reading(change.skipped))
         return entries
+
+    def _refuse_unknown_labels(self, change: SetChange) -> None:
+        """Refuse a change of observations that the campaign does not have.
+
+        Raises:
+            RequestError: names the first of them.
+        """
+        for field_name, labels in (("withdrawn", change.withdrawn), ("kept", change.kept)):
+            for label in labels:
+                if label not in self.entry_by_label:
+                    raise RequestError(
+                        f"the set has no observation '{label}'",
+                        where=field_name,
+                        remedy="give labels of readings of this set",
+                    )
+
+    def _skip_next_reading(self, label: str) -> Entry:
+        """Return the entry that skips the posture of the next reading, given its label.
+
+        The store keeps one entry of a kind and label. The posture planned in place of a skipped posture has
+        the same label and may be skipped, too: the number of skipped postures makes labels unique, as m03/0.
+
+        Raises:
+            RequestError: the next reading has another label.
+        """
+        next_reading = self.plan_next_reading()
+        if next_reading is None or next_reading.label != label:
+            raise RequestError(
+                f"'{label}' is not the next reading",
+                where="skipped",
+                remedy="get the state of the set, and send the next reading that the state names",
+            )
+        number = sum(entry.change == "skipped" for entry in self.entries)
+        return Entry("skipped", f"{label}/{number}", joints=tuple(next_reading.joints))
 
     def fields_when_closed(self) -> dict[str, object]:
         """Return the fields of the ordinary measurement set that closing this campaign creates.
@@ -392,42 +453,62 @@ class LiveCampaign:
     def _list_readings(self) -> list[live.LiveReading]:
         """Return all readings with their states: `counts` (in use), `doubtful` or `withdrawn`."""
         withdrawn, doubtful = self._entries_by_label("withdrawn"), self.progress.doubtful
-        return [
-            live.LiveReading(
-                label=label,
-                state="withdrawn" if label in withdrawn else "doubtful" if label in doubtful else "counts",
-                reason=withdrawn[label].reason if label in withdrawn else None,
-                **vars(self.progress.find_comparison(label)),
-                ball_ratio=None if entry.held_out is None else entry.held_out.ball_ratio,
+        readings = list[live.LiveReading]()
+        for label, entry in self.entry_by_label.items():
+            state: ReadingState = "doubtful" if label in doubtful else "counts"
+            reason = None
+            if label in withdrawn:
+                state, reason = "withdrawn", withdrawn[label].reason
+            readings.append(
+                live.LiveReading(
+                    label=label,
+                    state=state,
+                    reason=reason,
+                    **vars(self.progress.find_comparison(label)),
+                    ball_ratio=None if entry.held_out is None else entry.held_out.ball_ratio,
+                )
             )
-            for label, entry in self.entry_by_label.items()
-        ]
+        return readings
 
     def describe_course(self) -> str:
         """Return lines for the report on how the campaign went.
 
         The lines state goal, outcome, held-out reading, use of priors, and readings withdrawn or kept.
         """
-        readings = self._list_readings()
-        lines = [f"Measured live. Declared goal: {describe_goal(self.declaration.options)}."]
-        # The state before the campaign was closed shows whether the goal was reached.
+        goal = describe_goal(self.declaration.options)
+        withdrawn = [each for each in self._list_readings() if each.state == "withdrawn"]
+        lines = [
+            f"Measured live. Declared goal: {goal}.",
+            self._describe_outcome(),
+            *self._describe_check(),
+            *self._describe_use_of_priors(),
+            *[f"Withdrawn {each.label}: {each.reason}." for each in withdrawn],
+            *[f"Kept although doubtful: {label}." for label in self._entries_by_label("kept")],
+        ]
+        return "\n".join(lines)
+
+    def _describe_outcome(self) -> str:
+        """Return a sentence on whether the goal was reached, by the state before the campaign was closed."""
         earlier_entries = tuple(entry for entry in self.entries if entry.change != "closed")
         state, message = replace(self, entries=earlier_entries)._state_and_message()
         outcome = message if message.startswith(state) else f"{state}: {message}"
-        lines.append(f"{outcome[0].upper()}{outcome[1:]}.")
+        return f"{outcome[0].upper()}{outcome[1:]}."
+
+    def _describe_check(self) -> Iterator[str]:
+        """Yield a sentence on the held-out reading that checked the model, if there is one."""
         check = self.progress.so_far.check
         if check is not None:
-            lines.append(
+            yield (
                 f"Held-out reading {check.label}: {length_text(check.distance)} from its "
                 f"prediction, {check.ball_ratio:.2f} of the distance within which 90 % of good readings lie."
             )
+
+    def _describe_use_of_priors(self) -> Iterator[str]:
+        """Yield a sentence on the joints whose prior stiffness was used, and on those where it was not."""
         for standing, phrase in _PRIOR_PHRASES.items():
             joints = [name for name, each in self.progress.prior_standings.items() if each == standing]
             if joints:
-                lines.append(f"{phrase}: {', '.join(joints)}.")
-        lines += [f"Withdrawn {each.label}: {each.reason}." for each in readings if each.state == "withdrawn"]
-        lines += [f"Kept although doubtful: {label}." for label in self._entries_by_label("kept")]
-        return "\n".join(lines)
+                yield f"{phrase}: {', '.join(joints)}."
 
 
 def describe_goal(options: live.LiveOptions) -> str:

@@ -22,7 +22,7 @@ from jointstiff.schemas.plan import (
 )
 from jointstiff.service.conversion.prepared import PreparedRobot, prepare_set
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, parse_goal_text
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import BoolArray
 from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.measurements import ASSUMED_LIVE_DRIFT, Measurements
 from jointstiff.solver.mechanics.postures import Postures
@@ -102,14 +102,8 @@ def declare_set(
         measurements = prepare_set(campaign, robot, "robot").measurements
         option_fields = _derive_live_options(robot.robot, measurements, goal, weight) | option_fields
     sigma = option_fields.get("sigma")
-    noise: Noise | None = header.get("noise")
     if sigma is not None:
-        # The stated sigma replaces sigma and instrument of the earlier campaign; its other noise remains.
-        unit = LENGTH[header["units"].length]
-        other_noise = (
-            {} if noise is None else noise.model_dump(exclude={"sigma", "instrument"}, exclude_unset=True)
-        )
-        header["noise"] = {**other_noise, "sigma": sigma / unit}
+        header["noise"] = _replace_sigma(header.get("noise"), sigma / LENGTH[header["units"].length])
     if not isinstance(option_fields.get("load"), OwnWeight):
         option_fields.setdefault("load_point", (0.0, 0.0, 0.0))
         header.pop("load_point", None)  # the load point of the options replaces that of the campaign
@@ -119,10 +113,18 @@ def declare_set(
     return complete_declaration(post, live_options)
 
 
+def _replace_sigma(noise: Noise | None, sigma: float) -> dict[str, Any]:
+    """Return the fields of a noise with another sigma, in the same unit of length.
+
+    The sigma also replaces the instrument, from whose data sheet sigma would follow; other fields remain.
+    """
+    if noise is None:
+        return {"sigma": sigma}
+    return {**noise.model_dump(exclude={"sigma", "instrument"}, exclude_unset=True), "sigma": sigma}
+
+
 def complete_declaration(post: OpenPost, options: LiveOptions) -> OpenPost:
     """Return the declaration of a live campaign, with missing targets, load points and drift filled in.
-
-    The readings of a live campaign come in the order of time: a drift is assumed if none is stated.
 
     Args:
         post: declaration. Its `flange_targets` and `load_point`, in its own unit of length, are copied to
@@ -131,23 +133,37 @@ def complete_declaration(post: OpenPost, options: LiveOptions) -> OpenPost:
             none.
     """
     length = LENGTH[post.units.length]
+    point, noise = post.load_point, post.noise
     added_options = dict[str, Any]()
     if not options.targets:
-        added_options["targets"] = {
-            name: (length * x, length * y, length * z) for name, (x, y, z) in post.flange_targets.items()
-        }
-    point = post.load_point
+        places = {name: _scale(place, length) for name, place in post.flange_targets.items()}
+        added_options["targets"] = places
     if options.load_point is None and point is not None:
-        added_options["load_point"] = (length * point[0], length * point[1], length * point[2])
+        added_options["load_point"] = _scale(point, length)
     elif options.load_point is not None and point is None:
         x, y, z = options.load_point
         point = (x / length, y / length, z / length)
-    noise = post.noise
-    if not isinstance(options.load, OwnWeight) and (noise is None or noise.drift is None):
-        drift = ASSUMED_LIVE_DRIFT / length
-        noise = Noise(drift=drift) if noise is None else noise.model_copy(update={"drift": drift})
+    if not isinstance(options.load, OwnWeight):
+        noise = _state_drift(noise, length)
     completed_options = options.model_copy(update=added_options)
     return post.model_copy(update={"load_point": point, "noise": noise, "open": completed_options})
+
+
+def _scale(place: Vector3, factor: float) -> Vector3:
+    """Return a place with its coordinates multiplied by a factor."""
+    x, y, z = place
+    return factor * x, factor * y, factor * z
+
+
+def _state_drift(noise: Noise | None, length: float) -> Noise:
+    """Return a noise with the usual drift of a live campaign, if it states none; `length` is its unit [m].
+
+    The readings of a live campaign come in the order of time, so that a drift moves each a little more.
+    """
+    if noise is not None and noise.drift is not None:
+        return noise
+    drift = ASSUMED_LIVE_DRIFT / length
+    return Noise(drift=drift) if noise is None else noise.model_copy(update={"drift": drift})
 
 
 def _derive_live_options(
@@ -155,28 +171,39 @@ def _derive_live_options(
 ) -> dict[str, Any]:
     """Derive live options from an earlier campaign: targets, load, load point and work area.
 
-    The load is a dead weight if all forces point down, and the own weight if all forces are zero. Targets
-    whose positions agree to 1 µm become one target. A `JointsGoal` needs no work area.
+    The load is a dead weight if all forces point down, and the own weight if all forces are zero. A
+    `JointsGoal` needs no work area.
     """
-    m = measurements
-    force_size = np.linalg.norm(m.force, axis=1)  # (N,) [N]
-    places = targets_in_flange(robot, m)
-    # Indices of the targets at different positions
-    distinct = np.sort(np.unique(np.round(places, 6), axis=0, return_index=True)[1])
-    options: dict[str, Any] = {"targets": {m.targets[t]: tuple(places[t].tolist()) for t in distinct}}
-    greatest_force = float(force_size.max())
-    if greatest_force == 0.0:
+    options: dict[str, Any] = {"targets": _find_distinct_targets(robot, measurements)}
+    sizes = np.linalg.norm(measurements.force, axis=1)  # (N,) [N]
+    greatest = float(sizes.max())
+    if greatest == 0.0:
         return options | {"load": weight or OwnWeight()}
-    load: PlannedLoad = AnyDirection(kind="any_direction", force=greatest_force)
-    if bool((m.force[:, 2] <= _DOWN * force_size).all()):
-        load = DeadWeight(kind="dead_weight", force=greatest_force)
-    options |= {"load": load, "load_point": tuple(m.load_point[int(np.argmax(force_size))].tolist())}
+    points_down = bool((measurements.force[:, 2] <= _DOWN * sizes).all())
+    load: PlannedLoad = AnyDirection(kind="any_direction", force=greatest)
+    if points_down:
+        load = DeadWeight(kind="dead_weight", force=greatest)
+    options["load"] = load
+    options["load_point"] = tuple(measurements.load_point[int(np.argmax(sizes))].tolist())
     if not isinstance(goal, JointsGoal):
-        is_loaded = force_size > 0.0
-        loaded_postures = Postures(robot, robot.joint_map.model_angles(m.joints[is_loaded]))
-        load_places: FloatArray = loaded_postures.to_base(m.load_point[is_loaded][:, None])[:, 0]  # in R0 [m]
-        options["work_area"] = (
-            tuple(load_places.min(axis=0).tolist()),
-            tuple(load_places.max(axis=0).tolist()),
-        )
+        options["work_area"] = _find_box_of_loads(robot, measurements, sizes > 0.0)
     return options
+
+
+def _find_distinct_targets(robot: Robot, measurements: Measurements) -> dict[str, Vector3]:
+    """Return target → place in the flange frame [m]; of targets that agree to 1 µm, the first one."""
+    places = targets_in_flange(robot, measurements)
+    _, first = np.unique(np.round(places, 6), axis=0, return_index=True)
+    return {measurements.targets[t]: tuple(places[t].tolist()) for t in np.sort(first)}
+
+
+def _find_box_of_loads(
+    robot: Robot, measurements: Measurements, is_loaded: BoolArray
+) -> tuple[Vector3, Vector3]:
+    """Return the corners with least and greatest coordinates of a box around all load points, in R0 [m].
+
+    `is_loaded` (N,) marks the observations with a load.
+    """
+    postures = Postures(robot, robot.joint_map.model_angles(measurements.joints[is_loaded]))
+    places = postures.to_base(measurements.load_point[is_loaded][:, None])[:, 0]
+    return tuple(places.min(axis=0).tolist()), tuple(places.max(axis=0).tolist())

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from dataclasses import dataclass
+from itertools import cycle
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
+from jointstiff.schemas.fields import Vector3
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
 from jointstiff.schemas.plan import PlannedReading, PlanResult
 from jointstiff.schemas.rehearsal import RehearsalResult, RehearsedJoint
@@ -66,19 +69,7 @@ def rehearse_campaign(
             stiffness is wrong.
         JointstiffError: the simulated readings cannot be identified.
     """
-    is_unloaded = not any(map(_has_load, campaign.measurement_set.observations))
-    if campaign.run.weight is not None or (is_unloaded and robot.robot.bodies):
-        raise RequestError(
-            "a run by the robot's own weight cannot be rehearsed",
-            where="run.weight",
-            remedy="rehearse a campaign with loads",
-        )
-    if is_unloaded:
-        raise RequestError(
-            "no observation has a force or a moment",
-            where="measurement_set.observations",
-            remedy="state the load of each observation in `force` or `moment`",
-        )
+    _refuse_without_loads(campaign, robot)
     generator, remarks = np.random.default_rng(seed), list[str]()
     planted, planted_by = _choose_stiffness(robot.robot, measured, stated_stiffness, generator)
     simulation = _Simulation(campaign.measurement_set, robot.robot, planted, measured, generator, remarks)
@@ -106,6 +97,27 @@ def rehearse_campaign(
     )
 
 
+def _refuse_without_loads(campaign: Campaign, robot: PreparedRobot) -> None:
+    """Refuse a campaign whose readings show no deflection by a load.
+
+    Raises:
+        RequestError: the only load is the own weight, or no load is stated.
+    """
+    is_unloaded = not any(map(_has_load, campaign.measurement_set.observations))
+    if campaign.run.weight is not None or (is_unloaded and robot.robot.bodies):
+        raise RequestError(
+            "a run by the robot's own weight cannot be rehearsed",
+            where="run.weight",
+            remedy="rehearse a campaign with loads",
+        )
+    if is_unloaded:
+        raise RequestError(
+            "no observation has a force or a moment",
+            where="measurement_set.observations",
+            remedy="state the load of each observation in `force` or `moment`",
+        )
+
+
 def refuse_long_identification(work: RunWork) -> None:
     """Refuse an identification in steps, which cross-validates elastic links and may last minutes.
 
@@ -122,33 +134,38 @@ def refuse_long_identification(work: RunWork) -> None:
 
 def describe_verdict(rehearsal: RehearsalResult) -> Iterator[str]:
     """Yield the verdict on the campaign in sentences: which joints it determines, and how well."""
-    total = len(rehearsal.joints)
     yield (
-        f"This campaign determines {rehearsal.determined} of {total} joints "
+        f"This campaign determines {rehearsal.determined} of {len(rehearsal.joints)} joints "
         f"({rehearsal.postures} postures, noise {figure(1e6 * rehearsal.sigma, '.3g')} µm)"
     )
-    if undetermined := [joint.name for joint in rehearsal.joints if _has_no_upper_limit(joint)]:
+    undetermined = [joint.name for joint in rehearsal.joints if _has_no_upper_limit(joint)]
+    if undetermined:
         yield (
             f"these joints have no stiffness or no upper limit: {', '.join(undetermined)}; add loads "
             "that twist these joints"
         )
-    wide_joints = [
-        joint
-        for joint in rehearsal.joints
-        if (joint.half_width or 0.0) > _WIDE and not _has_no_upper_limit(joint)
-    ]
-    if wide_joints:
-        names = ", ".join(f"{joint.name} ± {100 * (joint.half_width or 0.0):.0f} %" for joint in wide_joints)
+    wide = [f"{joint.name} ± {100 * (joint.half_width or 0.0):.0f} %" for joint in _list_wide(rehearsal)]
+    if wide:
         yield (
-            f"the intervals of these joints are wider than ± {100 * _WIDE:.0f} %: {names}; read more "
-            "postures or use a larger load"
+            f"the intervals of these joints are wider than ± {100 * _WIDE:.0f} %: {', '.join(wide)}; read "
+            "more postures or use a larger load"
         )
-    if not_contained := [joint.name for joint in rehearsal.joints if joint.contained is False]:
+    not_contained = [joint.name for joint in rehearsal.joints if joint.contained is False]
+    if not_contained:
         chance = 100 * (1 - rehearsal.confidence)
         yield (
             f"the planted stiffness is outside the interval: {', '.join(not_contained)}; this happens "
             f"by chance for {chance:.0f} % of joints: rehearse with another seed"
         )
+
+
+def _list_wide(rehearsal: RehearsalResult) -> list[RehearsedJoint]:
+    """Return the joints whose interval has two ends that are far from each other."""
+    return [
+        joint
+        for joint in rehearsal.joints
+        if (joint.half_width or 0.0) > _WIDE and not _has_no_upper_limit(joint)
+    ]
 
 
 def make_joints_table(rehearsal: RehearsalResult, unit: StiffnessUnit) -> Table:
@@ -191,37 +208,32 @@ def add_planned_readings(campaign: Campaign, plan: PlanResult, robot: Robot) -> 
         robot: robot of the campaign, with n joints.
     """
     readings = campaign.measurement_set
-    length, force = LENGTH[readings.units.length], FORCE[readings.units.force]
-    angle = np.where(robot.prismatic, length, ANGLE[readings.units.angle])
-    to_tracker = np.eye(3)
-    if readings.frame is not None:
-        to_tracker = read_stated_transform(readings.frame, length).rotation.T
-    has_turned_forces = readings.frame is not None and readings.frame.forces == "tracker"
-    force_axes = to_tracker if has_turned_forces else np.eye(3)
+    frame = _SetFrame.from_set(readings, robot)
+    planned = [_make_planned_observation(each, plan, frame) for each in plan.readings]
+    places = {name: tuple((np.array(place) / frame.length).tolist()) for name, place in plan.targets.items()}
+    changed_set = readings.model_copy(
+        update={
+            "observations": [*readings.observations, *planned],
+            "flange_targets": places | readings.flange_targets,
+        }
+    )
+    return campaign.model_copy(update={"measurement_set": changed_set})
 
-    def read_as_planned(planned: PlannedReading) -> list[Reading]:
-        """Return a reading of each target with zeros in place of numbers."""
-        if planned.direction is None:
-            return [Reading(target=name, unloaded=(0, 0, 0), loaded=(0, 0, 0)) for name in plan.targets]
-        along = tuple((to_tracker @ np.array(planned.direction)).tolist())
-        return [Reading(target=name, displacement=0.0, direction=along) for name in plan.targets]
 
-    planned_observations = [
-        Observation(
-            label=f"{planned.label} (planned)",
-            joints=(np.array(planned.joints) / angle).tolist(),
-            force=tuple((force_axes @ np.array(planned.force) / force).tolist()),
-            load_point=tuple((np.array(plan.load_point) / length).tolist()),
-            readings=read_as_planned(planned),
-        )
-        for planned in plan.readings
-    ]
-    places = {name: tuple((np.array(place) / length).tolist()) for name, place in plan.targets.items()}
-    update = {
-        "observations": [*readings.observations, *planned_observations],
-        "flange_targets": places | readings.flange_targets,
-    }
-    return campaign.model_copy(update={"measurement_set": readings.model_copy(update=update)})
+def _make_planned_observation(planned: PlannedReading, plan: PlanResult, frame: _SetFrame) -> Observation:
+    """Return an observation of all targets of a plan, with zeros in place of numbers, in units of the set."""
+    if planned.direction is None:
+        readings = [Reading(target=name, unloaded=(0, 0, 0), loaded=(0, 0, 0)) for name in plan.targets]
+    else:
+        along = tuple((frame.rotation.T @ np.array(planned.direction)).tolist())
+        readings = [Reading(target=name, displacement=0.0, direction=along) for name in plan.targets]
+    return Observation(
+        label=f"{planned.label} (planned)",
+        joints=(np.array(planned.joints) / frame.joints).tolist(),
+        force=tuple((frame.load_axes.T @ np.array(planned.force) / frame.force).tolist()),
+        load_point=tuple((np.array(plan.load_point) / frame.length).tolist()),
+        readings=readings,
+    )
 
 
 def fill_missing_readings(document: Mapping[str, Any]) -> tuple[dict[str, Any], bool]:
@@ -297,16 +309,85 @@ def _choose_stiffness(
         is_known = found > 0.0
         stiffness = np.where(is_known, found, stiffness)
         source = "the run of these readings" + ("" if is_known.all() else ", and plausible values")
-    for name, value in (stated_stiffness or {}).items():
-        index = robot.joint_index(name, f"stiffness.{name}")
-        if not value > 0.0:
-            raise RequestError(
-                f"the stiffness of {name} is not positive", where="stiffness", remedy="give N·m/rad"
-            )
-        stiffness[index] = value
-    if stated_stiffness:
-        source = "the caller" if len(stated_stiffness) == robot.n else f"the caller, and {source}"
-    return stiffness, source
+    if not stated_stiffness:
+        return stiffness, source
+    for name, value in stated_stiffness.items():
+        _refuse_negative_stiffness(robot, name, value)
+        stiffness[robot.joint_names.index(name)] = value
+    states_all = len(stated_stiffness) == robot.n
+    return stiffness, "the caller" if states_all else f"the caller, and {source}"
+
+
+def _refuse_negative_stiffness(robot: Robot, name: str, value: float) -> None:
+    """Refuse a stated stiffness of a joint that does not exist, or that is not positive.
+
+    Raises:
+        RequestError: names the joint.
+    """
+    robot.joint_index(name, f"stiffness.{name}")
+    if not value > 0.0:
+        raise RequestError(
+            f"the stiffness of {name} is not positive", where="stiffness", remedy="give N·m/rad"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _SetFrame:
+    """Units and axes in which a measurement set states its numbers, to convert them to SI units in R0."""
+
+    length: float  # size of the unit of length [m]
+    force: float  # size of the unit of force [N]
+    moment: float  # size of the unit of moment [N·m]
+    joints: FloatArray  # (n,) size of the unit of each joint's positions [rad or m]
+    rotation: FloatArray  # (3, 3) from the axes of the readings to those of R0
+    translation: FloatArray  # (3,) origin of the readings in R0 [m]
+    has_turned_loads: bool  # whether forces and moments are along the axes of the readings, not of R0
+
+    @classmethod
+    def from_set(cls, readings: MeasurementSetDocument, robot: Robot) -> _SetFrame:
+        """Return the units and axes of a set, whose frame is R0 or stated in numbers."""
+        units, frame = readings.units, readings.frame
+        length, force = LENGTH[units.length], FORCE[units.force]
+        rotation, translation = np.eye(3), np.zeros(3)
+        if frame is not None:
+            transform = read_stated_transform(frame, length)
+            rotation, translation = transform.rotation, np.asarray(transform.translation)
+        return cls(
+            length=length,
+            force=force,
+            moment=MOMENT[units.moment] if units.moment else force,
+            joints=np.where(robot.prismatic, length, ANGLE[units.angle]),
+            rotation=rotation,
+            translation=translation,
+            has_turned_loads=frame is not None and frame.forces == "tracker",
+        )
+
+    @property
+    def load_axes(self) -> FloatArray:
+        """(3, 3) rotation from the axes of the stated loads to those of R0."""
+        return self.rotation if self.has_turned_loads else np.eye(3)
+
+    def to_base(self, place: Vector3) -> FloatArray:
+        """Return a place of the set in R0 (3,) [m]."""
+        return np.asarray(self.rotation @ (self.length * np.array(place)) + self.translation)
+
+    def from_base(self, place: FloatArray) -> Vector3:
+        """Return a place in R0 (3,) [m] in the frame and the unit of the set."""
+        x, y, z = (self.rotation.T @ (place - self.translation) / self.length).tolist()
+        return x, y, z
+
+    def turn_from_base(self, displacement: FloatArray) -> Vector3:
+        """Return a displacement along axes of R0 (3,) [m] along the axes and in the unit of the set."""
+        x, y, z = (self.rotation.T @ displacement / self.length).tolist()
+        return x, y, z
+
+
+class _SimulatedLoad(NamedTuple):
+    """Load of an observation."""
+
+    force: FloatArray  # (3,) axes of R0 [N]
+    moment: FloatArray  # (3,) axes of R0 [N·m]
+    point: FloatArray  # (3,) flange frame [m]
 
 
 class _Simulation:
@@ -326,27 +407,17 @@ class _Simulation:
         Raises:
             RequestError: the frame of the set is that of a stored geometry.
         """
-        units = readings.units
-        self._set, self._robot, self._random, self._remarks = readings, robot, random, remarks
-        self._length_unit, self._force_unit = LENGTH[units.length], FORCE[units.force]
-        self._moment_unit = MOMENT[units.moment] if units.moment else self._force_unit
-        self._angle_units = np.where(robot.prismatic, self._length_unit, ANGLE[units.angle])
-        self._rotation_from_tracker, self._translation_from_tracker = np.eye(3), np.zeros(3)
-        if readings.frame is not None:
-            if readings.frame.rotation is None:
-                raise RequestError(
-                    "this process does not know the frame of a stored geometry",
-                    where="measurement_set.frame",
-                    remedy="give `rotation` and `translation`",
-                )
-            transform = read_stated_transform(readings.frame, self._length_unit)
-            self._rotation_from_tracker, self._translation_from_tracker = (
-                transform.rotation,
-                np.asarray(transform.translation),
+        if readings.frame is not None and readings.frame.rotation is None:
+            raise RequestError(
+                "this process does not know the frame of a stored geometry",
+                where="measurement_set.frame",
+                remedy="give `rotation` and `translation`",
             )
+        self._set, self._robot, self._random, self._remarks = readings, robot, random, remarks
+        self._frame = _SetFrame.from_set(readings, robot)
         self._model = JointModel(robot, 1.0 / stiffness, None, Constraints(Bounds.positive(robot.n)))
         self.sigma = self._choose_sigma(run)
-        self._joints = self._angle_units * np.array([each.joints for each in readings.observations])
+        self._joints = self._frame.joints * np.array([each.joints for each in readings.observations])
         self._unloaded = Postures(robot, robot.joint_map.model_angles(self._joints))
         self._places = self._find_places()
 
@@ -354,12 +425,12 @@ class _Simulation:
         """Return the noise of a coordinate [m]: as the campaign states, else of the run, else usual noise."""
         noise = self._set.noise
         if noise is not None and noise.sigma is not None:
-            return self._length_unit * noise.sigma
+            return self._frame.length * noise.sigma
         stated = [
             reading.sigma for each in self._set.observations for reading in each.readings if reading.sigma
         ]
         if stated:
-            return self._length_unit * float(np.median(stated))
+            return self._frame.length * float(np.median(stated))
         if run is not None and run.sigma:
             return run.sigma
         self._remarks.append(f"no noise of the readings is stated: {1e6 * _USUAL_SIGMA:.0f} µm is assumed")
@@ -367,30 +438,29 @@ class _Simulation:
 
     def _find_places(self) -> dict[str, FloatArray]:
         """Return target → place in the flange frame [m]: as stated, else as read, else a usual place."""
-        places = {
-            name: self._length_unit * np.array(place) for name, place in self._set.flange_targets.items()
+        stated = {
+            name: self._frame.length * np.array(place) for name, place in self._set.flange_targets.items()
         }
-        places_as_read: dict[str, list[FloatArray]] = {}
-        for index, observation in enumerate(self._set.observations):
-            for reading in observation.readings:
-                if reading.unloaded is not None and any(reading.unloaded):
-                    position = (
-                        self._rotation_from_tracker @ (self._length_unit * np.array(reading.unloaded))
-                        + self._translation_from_tracker
-                    )
-                    offset = position - self._unloaded.flange_translation[index]
-                    places_as_read.setdefault(reading.target, []).append(
-                        self._unloaded.flange_rotation[index].T @ offset
-                    )
-        places |= {name: np.mean(each, axis=0) for name, each in places_as_read.items() if name not in places}
+        as_read = {name: np.mean(each, axis=0) for name, each in self._list_places_as_read().items()}
+        places = as_read | stated
         targets = [reading.target for each in self._set.observations for reading in each.readings]
         missing = [name for name in dict.fromkeys(targets) if name not in places]
         if missing:
-            usual_places = (np.array(place) for place in _USUAL_TARGETS * len(missing))
-            places |= dict(zip(missing, usual_places, strict=False))
             self._remarks.append(
                 f"the places of {', '.join(missing)} on the flange are not stated: usual places are assumed"
             )
+        usual_places = [np.array(place) for place in _USUAL_TARGETS]
+        return places | dict(zip(missing, cycle(usual_places), strict=False))
+
+    def _list_places_as_read(self) -> dict[str, list[FloatArray]]:
+        """Return target → its places in the flange frame [m], one for each reading of it without load."""
+        places: dict[str, list[FloatArray]] = {}
+        flanges = zip(self._unloaded.flange_rotation, self._unloaded.flange_translation, strict=True)
+        for observation, (rotation, translation) in zip(self._set.observations, flanges, strict=True):
+            for reading in observation.readings:
+                if reading.unloaded is not None and any(reading.unloaded):
+                    offset = self._frame.to_base(reading.unloaded) - translation
+                    places.setdefault(reading.target, []).append(rotation.T @ offset)
         return places
 
     def measure(self) -> MeasurementSetDocument:
@@ -399,66 +469,71 @@ class _Simulation:
         Raises:
             RequestError: a load has no balance with the springs.
         """
-        observations = list(self._set.observations)
+        observations = self._set.observations
         pairs = [(i, reading) for i, each in enumerate(observations) for reading in each.readings]
-        loads = [self._load(observations[i]) for i, _ in pairs]
-        cases = LoadCases(
-            joints=self._joints[[i for i, _ in pairs]],
-            force=np.array([force for force, _, _ in loads]),
-            moment=np.array([moment for _, moment, _ in loads]),
-            load_point=np.array([point for _, _, point in loads]),
-            place=np.array([self._places[reading.target] for _, reading in pairs]),
-        )
+        cases = self._list_cases(pairs)
         loaded = self._model.deflect(cases).place  # (B, 3), in R0 [m]
-        rotation = self._unloaded.flange_rotation
-        translation = self._unloaded.flange_translation
-        simulated: dict[int, list[Reading]] = {}
+        simulated: list[list[Reading]] = [[] for _ in observations]
         for (i, reading), place, after in zip(pairs, cases.place, loaded, strict=True):
-            before = rotation[i] @ place + translation[i]
-            simulated.setdefault(i, []).append(self._read(reading, before, after, rotation[i]))
+            rotation = self._unloaded.flange_rotation[i]
+            before = rotation @ place + self._unloaded.flange_translation[i]
+            simulated[i].append(self._read(reading, before, after, rotation))
         updated = [
-            each.model_copy(update={"readings": simulated.get(i, []), "encoder_readings": []})
-            for i, each in enumerate(observations)
+            observation.model_copy(update={"readings": readings, "encoder_readings": []})
+            for observation, readings in zip(observations, simulated, strict=True)
         ]
         return self._set.model_copy(update={"observations": updated})
 
-    def _load(self, observation: Observation) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return force [N] and moment [N·m] in axes of R0, and the load point [m] in the flange frame."""
-        frame = self._set.frame
-        axes = self._rotation_from_tracker if frame is not None and frame.forces == "tracker" else np.eye(3)
-        zero = (0.0, 0.0, 0.0)
-        force = self._force_unit * (axes @ np.array(observation.force or zero))
-        moment = self._moment_unit * (axes @ np.array(observation.moment or zero))
+    def _list_cases(self, pairs: Sequence[tuple[int, Reading]]) -> LoadCases:
+        """Return a load case for each (index of the observation, reading of a target)."""
+        loads = [self._read_load(self._set.observations[i]) for i, _ in pairs]
+        return LoadCases(
+            joints=self._joints[[i for i, _ in pairs]],
+            force=np.array([load.force for load in loads]),
+            moment=np.array([load.moment for load in loads]),
+            load_point=np.array([load.point for load in loads]),
+            place=np.array([self._places[reading.target] for _, reading in pairs]),
+        )
+
+    def _read_load(self, observation: Observation) -> _SimulatedLoad:
+        """Return the load of an observation; its point is stated, or that of the target on the hook."""
+        frame, zero = self._frame, (0.0, 0.0, 0.0)
         if self._set.load_point_target is not None:  # the reading of the hook shows the load point
-            return force, moment, self._places.get(self._set.load_point_target, np.zeros(3))
-        point = observation.load_point or self._set.load_point or zero
-        return force, moment, self._length_unit * np.array(point)
+            point = self._places.get(self._set.load_point_target, np.zeros(3))
+        else:
+            point = frame.length * np.array(observation.load_point or self._set.load_point or zero)
+        return _SimulatedLoad(
+            force=frame.force * (frame.load_axes @ np.array(observation.force or zero)),
+            moment=frame.moment * (frame.load_axes @ np.array(observation.moment or zero)),
+            point=point,
+        )
 
     def _read(self, reading: Reading, before: FloatArray, after: FloatArray, flange: FloatArray) -> Reading:
-        """Return a reading of the same kind with simulated numbers, in the units and the frame of the set."""
-        noise = self.sigma * self._random.standard_normal((2, 3))
-        moved = after - before
+        """Return a reading of the same kind with simulated numbers, in the units and the frame of the set.
+
+        Args:
+            reading: reading whose numbers are replaced: a displacement, a deflection, or two places.
+            before: (3,) place of the target without load, in R0 [m].
+            after: (3,) place of the target under load, in R0 [m].
+            flange: (3, 3) rotation from the flange frame to R0.
+        """
+        noise_before, noise_after = self.sigma * self._random.standard_normal((2, 3))
         if reading.displacement is not None:
-            along = (
-                flange @ np.array(reading.flange_direction)
-                if reading.direction is None
-                else self._rotation_from_tracker @ np.array(reading.direction)
-            )
-            length = moved @ along / np.linalg.norm(along) + noise[1, 0] - noise[0, 0]
-            return reading.model_copy(update={"displacement": float(length / self._length_unit)})
+            along = self._find_gauge_direction(reading, flange)
+            # A gauge reads one number, so it has one number of the noise.
+            moved = (after - before) @ along / np.linalg.norm(along) + noise_after[0] - noise_before[0]
+            return reading.model_copy(update={"displacement": float(moved / self._frame.length)})
         if reading.deflection is not None:
-            deflection = self._rotation_from_tracker.T @ (moved + noise[1] - noise[0]) / self._length_unit
-            return reading.model_copy(update={"deflection": tuple(deflection.tolist())})
-        unloaded, loaded = (
-            tuple(
-                (
-                    self._rotation_from_tracker.T
-                    @ (each - self._translation_from_tracker)
-                    / self._length_unit
-                ).tolist()
-            )
-            for each in (before + noise[0], after + noise[1])
-        )
+            deflection = self._frame.turn_from_base(after - before + noise_after - noise_before)
+            return reading.model_copy(update={"deflection": deflection})
+        unloaded = self._frame.from_base(before + noise_before)
         if reading.loaded is None and self._set.load_point_target is not None:  # the hook needs no load
             return reading.model_copy(update={"unloaded": unloaded})
+        loaded = self._frame.from_base(after + noise_after)
         return reading.model_copy(update={"unloaded": unloaded, "loaded": loaded})
+
+    def _find_gauge_direction(self, reading: Reading, flange: FloatArray) -> FloatArray:
+        """Return the direction (3,) in R0 along which a gauge reads; it may be stated in the flange frame."""
+        if reading.direction is None:
+            return np.asarray(flange @ np.array(reading.flange_direction))
+        return np.asarray(self._frame.rotation @ np.array(reading.direction))

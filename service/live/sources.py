@@ -16,7 +16,7 @@ import os
 import re
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
@@ -139,28 +139,72 @@ def make_source(text: str, options: Mapping[str, Any]) -> Source:
         RequestError: no source has this name, or the source does not take an option.
     """
     name, _, address = text.partition(":")
-    known = {"simulated": Simulated, "lines": Lines, "robodk": RoboDk}
-    source_class: Any = known.get(name)
-    if source_class is None:
-        from_packages = {entry.name: entry for entry in entry_points(group=GROUP)}
-        if name not in from_packages:
-            raise RequestError(
-                f"no source of readings has the name '{name}'",
-                where="source",
-                remedy=f"give one of {', '.join(sorted({*known, *from_packages}))}, such as simulated:1",
-            )
-        source_class = from_packages[name].load()
+    source_class = _find_source_class(name)
     stated_options = {key: value for key, value in options.items() if value is not None}
-    parameters = inspect.signature(source_class).parameters
-    takes_any_option = any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters.values())
-    if not takes_any_option:
-        for key in stated_options:
-            if key not in parameters:
-                raise RequestError(
-                    f"the source '{name}' has no option `{key}`", where="source", remedy=f"omit `{key}`"
-                )
+    _refuse_unknown_options(name, source_class, stated_options)
     source: Source = source_class(address, **stated_options)
     return source
+
+
+def _find_source_class(name: str) -> Any:  # noqa: ANN401 - a class of this program or of an installed package
+    """Return the class of the source with a name; installed packages may add sources as entry points.
+
+    Raises:
+        RequestError: no source has this name.
+    """
+    known = {"simulated": Simulated, "lines": Lines, "robodk": RoboDk}
+    if name in known:
+        return known[name]
+    from_packages = {entry.name: entry for entry in entry_points(group=GROUP)}
+    if name not in from_packages:
+        raise RequestError(
+            f"no source of readings has the name '{name}'",
+            where="source",
+            remedy=f"give one of {', '.join(sorted({*known, *from_packages}))}, such as simulated:1",
+        )
+    return from_packages[name].load()
+
+
+def _refuse_unknown_options(name: str, source_class: Any, options: Iterable[str]) -> None:  # noqa: ANN401
+    """Refuse options that the class of a source does not take; a class with `**options` takes any.
+
+    Raises:
+        RequestError: names the first of these options.
+    """
+    parameters = inspect.signature(source_class).parameters
+    if any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters.values()):
+        return
+    for key in options:
+        if key not in parameters:
+            raise RequestError(
+                f"the source '{name}' has no option `{key}`", where="source", remedy=f"omit `{key}`"
+            )
+
+
+@dataclass(frozen=True)
+class _StandReading:
+    """Points of the targets that were read in a posture, with or without load."""
+
+    stand: Stand | None = None  # None before the first reading
+    points: Mapping[str, Point] = field(default_factory=dict)  # target → position and uncertainty [m]
+
+    @property
+    def positions(self) -> set[Place]:
+        """Positions of all targets [m]."""
+        return {place for place, _ in self.points.values()}
+
+    def find_position(self, name: str, joints: tuple[float, ...]) -> FloatArray | None:
+        """Return the position (3,) [m] of a target, if it was read at these joint values; else None."""
+        if self.stand is None or self.stand.joints != joints or name not in self.points:
+            return None
+        place, _ = self.points[name]
+        return np.array(place)
+
+
+def _is_plausible(place: Place, sigma: float | None) -> bool:
+    """Return whether numbers can be a position and its standard uncertainty [m]; False also for NaN."""
+    is_near = all(abs(part) <= _FARTHEST for part in place)
+    return is_near and (sigma is None or 0.0 < sigma < 1.0)
 
 
 class CheckedSource:
@@ -175,13 +219,10 @@ class CheckedSource:
             patience: longest time to wait for each answer of the source [s]; None waits for ever.
         """
         self._source, self._setting, self._patience = source, setting, patience
-        self._earlier_positions: set[Place] = set()  # all positions read in earlier postures and loads
-        self._last_positions: set[Place] = set()  # positions of the last reading
-        self._last_stand: Stand | None = None  # stand of the last reading
-        self._last_points: dict[str, Point] = {}  # target → position and uncertainty [m] of the last reading
         self._announced_stand: Stand | None = None  # posture announced to the source and not read yet
-        self._unloaded: dict[str, FloatArray] = {}  # target → last position without load (3,) [m]
-        self._unloaded_joints: tuple[float, ...] = ()  # joint values of `_unloaded` [rad or m]
+        self._last = _StandReading()  # last reading; without points while its targets are read
+        self._last_unloaded = _StandReading()  # last reading without load
+        self._earlier_positions: set[Place] = set()  # positions read in earlier postures
 
     @property
     def unknown(self) -> dict[str, Place]:
@@ -233,25 +274,32 @@ class CheckedSource:
         Raises:
             SourceError: the source has stopped, or sent a position that cannot be right.
         """
-        if stand != self._last_stand:
-            self._earlier_positions |= self._last_positions
-            self._last_positions, self._last_stand, self._last_points = set(), stand, {}
-        if not goes_on and self._announced_stand != stand:
-            await self._call_if_defined("stand", stand)
+        if stand != self._last.stand:
+            self._earlier_positions |= self._last.positions
+            self._last = _StandReading(stand)
+        if not goes_on:
+            await self._announce_once(stand)
         self._announced_stand = None  # a second reading in this posture is announced to the source again
-        points: dict[str, Point] = {}
         # Targets that are read again have to keep their distances to the others of the last round.
-        last_points = self._last_points if goes_on else {}
+        points_before = self._last.points if goes_on else {}
+        points = dict[str, Point]()
         for name in self._setting.targets:
             points[name] = point = await self._read_target(name)
-            self._refuse_implausible(stand, name, np.array(point[0]), last_points | points)
+            self._refuse_implausible(stand, name, np.array(point[0]), {**points_before, **points})
             on_point(name, point[0])
-        self._last_points = points
-        self._last_positions = {place for place, _ in points.values()}
+        self._last = _StandReading(stand, points)
         if not stand.loaded:
-            self._unloaded = {name: np.array(place) for name, (place, _) in points.items()}
-            self._unloaded_joints = stand.joints
+            self._last_unloaded = self._last
         return points
+
+    async def _announce_once(self, stand: Stand) -> None:
+        """Announce a posture to the source, unless `profile` announced it just before.
+
+        Raises:
+            SourceError: the source does not answer in time, or cannot be reached.
+        """
+        if self._announced_stand != stand:
+            await self._call_if_defined("stand", stand)
 
     async def _call_if_defined(self, method_name: str, *arguments: object) -> Any:  # noqa: ANN401 - whatever a source answers
         """Call a method of the source and return its answer; None if the source lacks the method.
@@ -298,16 +346,15 @@ class CheckedSource:
         """
         answer = await self._call_if_defined("point", name)
         try:
-            place, sigma = answer
+            place, stated_sigma = answer
             x, y, z = (float(part) for part in place)
-            sigma = None if sigma is None else float(sigma)
+            sigma = None if stated_sigma is None else float(stated_sigma)
         except (TypeError, ValueError):
             raise SourceError(
                 f"{name}: {str(answer)[:80]!r} is not a position and its uncertainty",
                 remedy="let `point` return three numbers in metres, and a number or None",
             ) from None
-        is_plausible = all(abs(part) <= _FARTHEST for part in (x, y, z))  # False also for NaN
-        if not is_plausible or (sigma is not None and not 0.0 < sigma < 1.0):
+        if not _is_plausible((x, y, z), sigma):
             raise SourceError(
                 f"{name}: ({x:g}, {y:g}, {z:g}) m cannot be the position of a target: up to {_FARTHEST:g} m, "
                 "and a standard uncertainty below 1 m, is plausible",
@@ -371,7 +418,7 @@ class CheckedSource:
         Raises:
             SourceError: the deflection is too large.
         """
-        unloaded_position = self._unloaded.get(name) if stand.joints == self._unloaded_joints else None
+        unloaded_position = self._last_unloaded.find_position(name, stand.joints)
         if unloaded_position is None:
             return
         deflection = float(np.linalg.norm(position - unloaded_position))

@@ -6,13 +6,12 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import hypot
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from jointstiff.schemas.deflection import MAX_CASES, CaseResult, DeflectionOptions, DeflectionResult
-from jointstiff.schemas.fields import Vector3
+from jointstiff.schemas.deflection import MAX_CASES, CaseResult, DeflectionOptions, DeflectionResult, LoadCase
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import Units
@@ -95,8 +94,14 @@ _CSV_COLUMNS: Final = {
 }
 
 AnyMessage = TypeVar("AnyMessage", bound=BaseModel)
-_Column = tuple[str, int, float]
-"""Column of a table: field of a load case, index of the component in the field, and factor to its unit."""
+
+
+class TableColumn(NamedTuple):
+    """Column of a table of load cases: `Fy [kN]` has field "force", component 1 and factor 1000, to N."""
+
+    field: str  # field of a load case
+    component: int  # index in the field: 0 to 2 for x to z, or of a joint
+    factor: float  # converts the column's numbers to the unit that the table is read in
 
 
 def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> DeflectionResult:
@@ -107,24 +112,29 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     """
     length = LENGTH[request.units.length]
     run_model = RunModel.from_run(robot, run, absolute=request.absolute, masses=request.masses, length=length)
-    cases, confidence = convert_load_cases(request, robot), request.confidence
+    cases = convert_load_cases(request, robot)
+    answers = _answer_cases(run_model, cases, request)
+    reasons = _find_reasons(robot, answers, cases, run_model.result)
+    return DeflectionResult(
+        joint_kinds=joint_kinds_by_name(robot),
+        assessment=assess_with_run("prediction", reasons, run_model.result.assessment),
+        confidence=request.confidence,
+        model_error_postures=run_model.postures,
+        remarks=run_model.remarks(request.confidence),
+        cases=answers,
+    )
+
+
+def _answer_cases(run_model: RunModel, cases: LoadCases, request: DeflectionOptions) -> list[CaseResult]:
+    """Return the deflection of each load case, with its intervals and, if known, its model error."""
     deflections = run_model.model.deflect(cases)
     bound = None
     if run_model.error is not None:
-        bound = run_model.error.bound(cases, deflections.leverage, confidence)
+        bound = run_model.error.bound(cases, deflections.leverage, request.confidence)
     directions = _choose_directions(request, cases)
     labels = [case.label or str(number) for number, case in enumerate(request.cases, 1)]
-    run_result = run_model.result
-    answers = build_case_results(deflections, bound, directions, confidence, labels, run_result.budget)
-    reasons = _find_reasons(robot, answers, cases, run_result)
-    return DeflectionResult(
-        joint_kinds=joint_kinds_by_name(robot),
-        assessment=assess_with_run("prediction", reasons, run_result.assessment),
-        confidence=confidence,
-        model_error_postures=run_model.postures,
-        remarks=run_model.remarks(confidence),
-        cases=answers,
-    )
+    budget = run_model.result.budget
+    return build_case_results(deflections, bound, directions, request.confidence, labels, budget)
 
 
 def _choose_directions(request: DeflectionOptions, cases: LoadCases) -> FloatArray:
@@ -167,43 +177,61 @@ def convert_load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
         RequestError: the cases are too many for the joints, a case has not one position for each joint, a
             load point is missing, a point is farther than any tool reaches, or a moment has no unit.
     """
-    max_cases = MAX_CASE_WORK // robot.n**2
-    if len(request.cases) > max_cases:
+    _refuse_too_many_cases(len(request.cases), robot.n)
+    units, length = request.units, LENGTH[request.units.length]
+    refuse_far_point(request.load_point, "load_point", length=length)
+    refuse_far_point(request.place, "place", length=length)
+    cases = [_complete_case(request, index, robot) for index in range(len(request.cases))]
+    moments = np.array([case.moment for case in cases], dtype=np.float64)
+    return LoadCases(
+        joints=joint_factors(robot, units) * np.array([case.joints for case in cases], dtype=np.float64),
+        force=FORCE[units.force] * np.array([case.force for case in cases], dtype=np.float64),
+        moment=moment_factor(units, moments) * moments,
+        load_point=length * np.array([case.load_point for case in cases], dtype=np.float64),
+        place=length * np.array([case.place for case in cases], dtype=np.float64),
+    )
+
+
+def _refuse_too_many_cases(count: int, joints: int) -> None:
+    """Refuse more load cases than the memory for a request allows: each takes matrices of joints × joints.
+
+    Raises:
+        RequestError: there are too many cases for the number of joints.
+    """
+    max_cases = MAX_CASE_WORK // joints**2
+    if count > max_cases:
         raise RequestError(
-            f"{len(request.cases)} cases for {robot.n} joints are too many: cases × joints² may be at "
+            f"{count} cases for {joints} joints are too many: cases × joints² may be at "
             f"most {MAX_CASE_WORK:,}",
             where="cases",
             remedy=f"send at most {max_cases} cases in a request",
         )
-    units, length = request.units, LENGTH[request.units.length]
-    refuse_far_point(request.load_point, "load_point", length=length)
-    refuse_far_point(request.place, "place", length=length)
-    joints, forces, moments = list[list[float]](), list[Vector3](), list[Vector3]()
-    points, places = list[Vector3](), list[Vector3]()
-    for index, case in enumerate(request.cases):
-        refuse_wrong_joint_count(robot, case.joints, f"cases[{index}].joints")
-        refuse_far_point(case.load_point, f"cases[{index}].load_point", length=length)
-        refuse_far_point(case.place, f"cases[{index}].place", length=length)
-        point = case.load_point or request.load_point
-        if point is None:
-            raise RequestError(
-                "the load point is missing",
-                where=f"cases[{index}].load_point",
-                remedy="give `load_point`, in the flange frame, for all cases together or for each case",
-            )
-        joints.append(case.joints)
-        forces.append(case.force)
-        moments.append(case.moment or (0.0, 0.0, 0.0))
-        points.append(point)
-        places.append(case.place or request.place or point)
-    moment_rows = np.array(moments, dtype=np.float64)
-    return LoadCases(
-        joints=joint_factors(robot, units) * np.array(joints, dtype=np.float64),
-        force=FORCE[units.force] * np.array(forces, dtype=np.float64),
-        moment=moment_factor(units, moment_rows) * moment_rows,
-        load_point=length * np.array(points, dtype=np.float64),
-        place=length * np.array(places, dtype=np.float64),
-    )
+
+
+def _complete_case(request: DeflectionOptions, index: int, robot: Robot) -> LoadCase:
+    """Return a load case of a request, with all fields that it does not state itself, in the request's units.
+
+    The load point is that of the request; the place, whose deflection is predicted, is that of the request or
+    else the load point; the moment is zero.
+
+    Raises:
+        RequestError: the case has not one position for each joint, a point is too far from the flange, or
+            neither the case nor the request states the load point.
+    """
+    case, where, length = request.cases[index], f"cases[{index}]", LENGTH[request.units.length]
+    refuse_wrong_joint_count(robot, case.joints, f"{where}.joints")
+    refuse_far_point(case.load_point, f"{where}.load_point", length=length)
+    refuse_far_point(case.place, f"{where}.place", length=length)
+    load_point = case.load_point or request.load_point
+    if load_point is None:
+        raise RequestError(
+            "the load point is missing",
+            where=f"{where}.load_point",
+            remedy="give `load_point`, in the flange frame, for all cases together or for each case",
+        )
+    place = case.place or request.place or load_point
+    moment = case.moment or (0.0, 0.0, 0.0)
+    return case.model_copy(update={"load_point": load_point, "place": place, "moment": moment})
 
 
 def read_load_cases(text: str, joints: Mapping[str, JointKind], **options: Any) -> DeflectionOptions:  # noqa: ANN401
@@ -227,12 +255,7 @@ def read_load_cases(text: str, joints: Mapping[str, JointKind], **options: Any) 
         raise RequestError(
             "the table has no load cases", where="line 1", remedy="give a header and one row per case"
         )
-    stated_units = options.get("units", {})
-    if isinstance(stated_units, Units):
-        stated_units = stated_units.model_dump()
-    if isinstance(stated_units, Mapping):  # units that are not stated are SI units
-        stated_units = _SI_UNITS | {name: unit for name, unit in stated_units.items() if unit is not None}
-    units = _validate_message(Units, stated_units, "units")
+    units = _complete_units(options.get("units", {}))
     columns = [_parse_header(header, joints, units) for header in rows[0]]
     _refuse_missing_columns(columns, len(joints))
     cases = [
@@ -249,6 +272,19 @@ def read_load_cases(text: str, joints: Mapping[str, JointKind], **options: Any) 
     return _validate_message(DeflectionOptions, {**options, "units": units, "cases": cases})
 
 
+def _complete_units(stated: object) -> Units:
+    """Return stated units, or SI units where none is stated: {"length": "mm"} → mm, rad, N, N.m.
+
+    Raises:
+        RequestError: a unit is not known.
+    """
+    if isinstance(stated, Units):
+        stated = stated.model_dump()
+    if isinstance(stated, Mapping):
+        stated = _SI_UNITS | {name: unit for name, unit in stated.items() if unit is not None}
+    return _validate_message(Units, stated, "units")
+
+
 def _validate_message(message_class: type[AnyMessage], fields: object, *path: str) -> AnyMessage:
     """Return a message of a class, built from fields.
 
@@ -263,24 +299,19 @@ def _validate_message(message_class: type[AnyMessage], fields: object, *path: st
         raise RequestError(str(fault["msg"]), where=place, remedy="correct the value") from None
 
 
-def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) -> _Column:
-    """Parse a header of a column such as `J1 [deg]`; return (field, index of the component, factor).
-
-    The factor converts the numbers of the column to the units of the request.
+def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) -> TableColumn:
+    """Parse a header such as `J1 [deg]`; the factor of the column converts to the units of the request.
 
     Raises:
         RequestError: the name is unknown, or the unit is missing or does not belong to the field.
     """
-    name, joint_names = header.partition("[")[0].strip(), list(joints)
+    name = header.partition("[")[0].strip()
     if is_label(name):
-        return "label", 0, 1.0
-    match = re.fullmatch(r"J(\d+)", name)
-    if name in joint_names or (match and 1 <= int(match[1]) <= len(joints)):
-        # The last `else` cannot happen: either the name or the pattern matches.
-        index = joint_names.index(name) if name in joint_names else int(match[1]) - 1 if match else 0
-        if joints[joint_names[index]] == "prismatic":
-            return "joints", index, parse_unit_factor(header, LENGTH) / LENGTH[units.length]
-        return "joints", index, parse_unit_factor(header, ANGLE) / ANGLE[units.angle]
+        return TableColumn("label", 0, 1.0)
+    joint = _find_joint(name, list(joints))
+    if joint is not None:
+        kind = list(joints.values())[joint]
+        return TableColumn("joints", joint, _find_joint_factor(header, kind, units))
     column = parse_vector_header(header, _VECTORS)
     if column is None:
         raise RequestError(
@@ -288,13 +319,30 @@ def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) ->
             where="line 1",
             remedy="use label, J1 [deg], Fx [N], Mx [N.m], load point x [mm], place x [mm], direction x, …",
         )
-    field, index, factor = column
-    _, factors, quantity = _VECTORS[field]
-    return field, index, factor / factors[getattr(units, quantity, "")]
+    _, factors, quantity = _VECTORS[column.field]
+    return column._replace(factor=column.factor / factors[getattr(units, quantity, "")])
 
 
-def parse_vector_header(header: str, fields: Sequence[str] | Mapping[str, Any]) -> _Column | None:
-    """Parse a header such as `Fx [N]`; return field, index of the component (0 to 2), and factor to SI units.
+def _find_joint(name: str, joint_names: Sequence[str]) -> int | None:
+    """Return the index of the joint that a name means, its own or J1, J2, …; None for no joint."""
+    if name in joint_names:
+        return joint_names.index(name)
+    match = re.fullmatch(r"J(\d+)", name)
+    if match is None:
+        return None
+    number = int(match[1])
+    return number - 1 if 1 <= number <= len(joint_names) else None
+
+
+def _find_joint_factor(header: str, kind: JointKind, units: Units) -> float:
+    """Return the factor from the unit in the header of a joint's column to the unit of the request."""
+    if kind == "prismatic":
+        return parse_unit_factor(header, LENGTH) / LENGTH[units.length]
+    return parse_unit_factor(header, ANGLE) / ANGLE[units.angle]
+
+
+def parse_vector_header(header: str, fields: Sequence[str] | Mapping[str, Any]) -> TableColumn | None:
+    """Parse the header of a vector's component, such as `Fx [N]`; the column's factor converts to SI units.
 
     None if the name is no component of a vector in `fields`, which are keys of `_VECTORS`.
 
@@ -306,7 +354,7 @@ def parse_vector_header(header: str, fields: Sequence[str] | Mapping[str, Any]) 
         prefix, factors, _ = _VECTORS[field]
         for component, axis in enumerate("xyz"):
             if name == f"{prefix}{axis}".lower():
-                return field, component, parse_unit_factor(header, factors)
+                return TableColumn(field, component, parse_unit_factor(header, factors))
     return None
 
 
@@ -330,22 +378,16 @@ def parse_unit_factor(header: str, units: Mapping[str, float]) -> float:
     return units[unit]
 
 
-def _refuse_missing_columns(columns: Sequence[_Column], joints: int) -> None:
+def _refuse_missing_columns(columns: Sequence[TableColumn], joints: int) -> None:
     """Refuse a table in which the column of a joint or of a vector's component is missing or repeated.
 
     Args:
         columns: columns of the table.
         joints: number of joints.
     """
-    present = [(field, index) for field, index, _ in columns]
-    present_fields = {field for field, _ in present}
-    # The force is needed; other vectors may be left out, but only as a whole.
-    needed = [("joints", index) for index in range(joints)]
-    for field in _VECTORS:
-        if field == "force" or field in present_fields:
-            needed += [(field, index) for index in range(3)]
-    repeated = [column for column in present if present.count(column) > 1]
-    missing = [column for column in needed if column not in present]
+    present = [(column.field, column.component) for column in columns]
+    repeated = [each for each in present if present.count(each) > 1]
+    missing = [each for each in _list_needed_columns(present, joints) if each not in present]
     if not repeated and not missing:
         return
     first_fault = repeated[0] if repeated else missing[0]
@@ -357,6 +399,19 @@ def _refuse_missing_columns(columns: Sequence[_Column], joints: int) -> None:
     )
 
 
+def _list_needed_columns(present: Sequence[tuple[str, int]], joints: int) -> list[tuple[str, int]]:
+    """Return (field, component) of each column that a table needs, if it has the columns `present`.
+
+    The joints and the force are needed; other vectors may be left out, but only with all three components.
+    """
+    needed = [("joints", joint) for joint in range(joints)]
+    present_fields = {field for field, _ in present}
+    for field in _VECTORS:
+        if field == "force" or field in present_fields:
+            needed += [(field, component) for component in range(3)]
+    return needed
+
+
 def _name_column(field: str, index: int) -> str:
     """Return the name of the column of a component: `J2` of a joint, `Fx` of the force, `label`."""
     if field == "joints":
@@ -366,12 +421,14 @@ def _name_column(field: str, index: int) -> str:
     return field
 
 
-def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_comma: bool) -> dict[str, Any]:
+def _read_case(
+    row: Sequence[str], columns: Sequence[TableColumn], line: int, *, decimal_comma: bool
+) -> dict[str, Any]:
     """Parse a row of the table; return field → value of a load case, vectors as lists in the request's units.
 
     Args:
         row: cells of the row.
-        columns: field, index of the component, and factor to the request's units of each column.
+        columns: columns of the table; their factors convert to the request's units.
         line: line of the row, for errors.
         decimal_comma: whether a comma is the decimal mark.
 
@@ -384,44 +441,56 @@ def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_com
             where=f"line {line}",
             remedy="give a cell for each header",
         )
-    case: dict[str, Any] = {}
-    for number, (text, (field, index, factor)) in enumerate(zip(row, columns, strict=True), 1):
-        if field == "label":
-            case["label"] = text or None
+    label: dict[str, Any] = {}
+    components = dict[str, dict[int, float]]()  # field → component → number
+    for number, (text, column) in enumerate(zip(row, columns, strict=True), 1):
+        if column.field == "label":
+            label = {"label": text or None}
             continue
-        try:
-            value = factor * float(text.replace(",", ".") if decimal_comma else text)
-        except ValueError:
-            raise RequestError(
-                f"'{text[:40]}' is not a number",
-                where=f"line {line}, column {number}",
-                remedy="write a number",
-            ) from None
-        case.setdefault(field, {})[index] = value
-    return {
-        field: [values[index] for index in sorted(values)] if isinstance(values, dict) else values
-        for field, values in case.items()
-    }
+        decimal = text.replace(",", ".") if decimal_comma else text
+        value = column.factor * _parse_number(decimal, text, f"line {line}, column {number}")
+        components.setdefault(column.field, {})[column.component] = value
+    vectors = {field: [numbers[i] for i in sorted(numbers)] for field, numbers in components.items()}
+    return label | vectors
+
+
+def _parse_number(decimal: str, text: str, where: str) -> float:
+    """Return the number in a cell, given with a decimal point, and as the user wrote it for the error.
+
+    Raises:
+        RequestError: the cell is not a number.
+    """
+    try:
+        return float(decimal)
+    except ValueError:
+        raise RequestError(f"'{text[:40]}' is not a number", where=where, remedy="write a number") from None
 
 
 def describe_predictions(result: DeflectionResult) -> list[Part]:
     """Lay out predictions for people: verdict, table with a row for each case (mm, N/mm), and remarks."""
-    cases, style = result.cases, style_for(result.assessment.verdict)
-    columns = [Column("case", [case.label for case in cases], text=True)]
-    for i, axis in enumerate("xyz"):
-        components = [replace(show_component(case, i), style=style) for case in cases]
-        columns.append(Column(axis, components, show_cell, "mm"))
-    included = [_describe_model_error(case) for case in cases]
-    is_same = len(set(included)) == 1
-    source = f"model error {included[0]}" if is_same else "with the model error where it is known"
-    if not is_same:
-        columns.append(Column("model error", included))
-    stiffnesses = [replace(_show_stiffness(case, result.confidence), style=style) for case in cases]
-    columns.append(Column("stiffness", stiffnesses, show_cell, "N/mm"))
+    cases = result.cases
+    extents = [_describe_model_error(case) for case in cases]
+    is_same_extent = len(set(extents)) == 1
+    columns = [Column("case", [case.label for case in cases], text=True), *_list_shown_numbers(result)]
+    if not is_same_extent:
+        columns.insert(-1, Column("model error", extents))  # before the stiffness
+    source = f"model error {extents[0]}" if is_same_extent else "with the model error where it is known"
     caption = f"in brackets: {100 * result.confidence:g} % interval, {source}; stiffness along the force"
     table = Table(columns, title="Deflections in R0", caption=caption, plain=True)
     remarks = [Line(f"{case.label}: {'; '.join(case.remarks)}") for case in cases if case.remarks]
     return [*verdict_lines(result.assessment, details=True), table, *remarks]
+
+
+def _list_shown_numbers(result: DeflectionResult) -> list[Column]:
+    """Return the columns x, y, z [mm] and stiffness [N/mm] of predictions, in the style of the verdict."""
+    columns = list[Column]()
+    style = style_for(result.assessment.verdict)
+    for i, axis in enumerate("xyz"):
+        components = [replace(show_component(case, i), style=style) for case in result.cases]
+        columns.append(Column(axis, components, show_cell, "mm"))
+    stiffnesses = [replace(_show_stiffness(case, result.confidence), style=style) for case in result.cases]
+    columns.append(Column("stiffness", stiffnesses, show_cell, "N/mm"))
+    return columns
 
 
 def _describe_model_error(case: CaseResult) -> str:

@@ -47,24 +47,26 @@ def find_advised_action(assessment: Assessment, kind: str, payload: float | None
     """
     actions = [reason.action for reason in assessment.reasons if reason.action is not None]
     # `show_posture` only shows something: it cannot be applied to a campaign.
-    kinds = list(dict.fromkeys(action.kind for action in actions if action.kind != "show_posture"))
-    advised_action = next((action for action in actions if action.kind == kind and kind in kinds), None)
-    if advised_action is None:
-        remedy = (
-            f"give one of: {', '.join(kinds)}" if kinds else "no reason offers an action: follow the remedies"
-        )
-        is_recommended = any(action.kind == kind for action in actions)
-        reason = (
-            f"'{kind}' names readings to look at, and changes no campaign"
-            if is_recommended
-            else f"the assessment does not recommend '{kind}'"
-        )
-        raise RequestError(reason, where="apply", remedy=remedy)
+    applicable = {action.kind: action for action in reversed(actions) if action.kind != "show_posture"}
+    if kind not in applicable:
+        raise _explain_unadvised(kind, actions)
     if kind == "state_payload":
-        return fill_in_payload(advised_action, payload)
+        return fill_in_payload(applicable[kind], payload)
     if payload is not None:
         raise RequestError(f"the action '{kind}' needs no payload", where="payload", remedy="omit `payload`")
-    return advised_action
+    return applicable[kind]
+
+
+def _explain_unadvised(kind: str, actions: Sequence[AdvisedAction]) -> RequestError:
+    """Return the error for an action that cannot be applied; `actions` are those of the reasons."""
+    reason = f"the assessment does not recommend '{kind}'"
+    if any(action.kind == kind for action in actions):
+        reason = f"'{kind}' names readings to look at, and changes no campaign"
+    others = list(dict.fromkeys(action.kind for action in actions if action.kind != "show_posture"))
+    remedy = "no reason offers an action: follow the remedies"
+    if others:
+        remedy = f"give one of: {', '.join(others)}"
+    return RequestError(reason, where="apply", remedy=remedy)
 
 
 def fill_in_payload(action: AdvisedAction, payload: float | None) -> AdvisedAction:
@@ -87,54 +89,75 @@ def fill_in_payload(action: AdvisedAction, payload: float | None) -> AdvisedActi
 def apply_action_to_campaign(campaign: Campaign, action: AdvisedAction) -> Campaign:
     """Return a campaign after an action; the name of the changed robot or set states the action.
 
-    With a payload the robot keeps its name. For `choose_robot` with a robot's id the campaign keeps its own
-    robot: the caller reads the chosen robot from the store.
+    An action changes the options of the run, the robot, or the measurement set: `exchange_columns` exchanges
+    two joints in all observations, and the set "arm 7" becomes "arm 7 (exchange columns)".
 
     Raises:
         RequestError: actions of this kind change no campaign, or the set lacks data that the action changes.
     """
-    measurement_set = campaign.measurement_set
-    if action.kind in _OPTION_CHANGES:
-        return campaign.model_copy(
-            update={"run": campaign.run.model_copy(update=_OPTION_CHANGES[action.kind])}
-        )
-    if action.kind == "fit_causes":
-        causes = [*campaign.run.causes, *action.causes]
-        if action.observations:  # postures whose readings are wrong
-            measurement_set = _SET_CHANGES["leave_out_readings"](measurement_set, action)
-            measurement_set = measurement_set.model_copy(
-                update={"name": _append_label(measurement_set.name, "leave out readings")}
-            )
-        run = campaign.run.model_copy(update={"causes": causes})
-        return campaign.model_copy(update={"run": run, "measurement_set": measurement_set})
-    if action.kind in _ROBOT_CHANGES:
-        robot = _ROBOT_CHANGES[action.kind](campaign.robot, action)
+    kind = action.kind
+    if kind in _OPTION_CHANGES:
+        run = campaign.run.model_copy(update=_OPTION_CHANGES[kind])
+        return campaign.model_copy(update={"run": run})
+    if kind == "fit_causes":
+        return _fit_causes(campaign, action)
+    if kind in _ROBOT_CHANGES:
+        robot = _ROBOT_CHANGES[kind](campaign.robot, action)
         return campaign.model_copy(update={"robot": robot})
-    if action.kind == "choose_robot":
-        name = action.robot or ""
-        robot = campaign.robot if action.robot_id is not None else nominal_robot(find_arm(name, "apply"))
-        measurement_set = measurement_set.model_copy(
-            update={"name": _append_label(measurement_set.name, name)}
-        )
-        return campaign.model_copy(update={"robot": robot, "measurement_set": measurement_set})
+    if kind == "choose_robot":
+        return _choose_robot(campaign, action)
+    changed_set = _change_set(campaign, action)
+    label = f"in {action.unit}" if action.unit else kind.replace("_", " ")
+    return campaign.model_copy(update={"measurement_set": _label_set(changed_set, label)})
+
+
+def _fit_causes(campaign: Campaign, action: AdvisedAction) -> Campaign:
+    """Return a campaign whose run fits the causes of the action, too, such as a turn of the tracker.
+
+    Readings of the postures that the action names are wrong, and are left out of the set.
+    """
+    causes = [*campaign.run.causes, *action.causes]
+    run = campaign.run.model_copy(update={"causes": causes})
+    measurement_set = campaign.measurement_set
+    if action.observations:
+        remaining = _SET_CHANGES["leave_out_readings"](measurement_set, action)
+        measurement_set = _label_set(remaining, "leave out readings")
+    return campaign.model_copy(update={"run": run, "measurement_set": measurement_set})
+
+
+def _choose_robot(campaign: Campaign, action: AdvisedAction) -> Campaign:
+    """Return a campaign with the arm of the catalogue that the action names.
+
+    With the id of a stored robot the campaign keeps its own: the caller reads the chosen one from the store.
+    """
+    name = action.robot or ""
+    robot = campaign.robot if action.robot_id is not None else nominal_robot(find_arm(name, "apply"))
+    measurement_set = _label_set(campaign.measurement_set, name)
+    return campaign.model_copy(update={"robot": robot, "measurement_set": measurement_set})
+
+
+def _change_set(campaign: Campaign, action: AdvisedAction) -> _Set:
+    """Return the measurement set of a campaign after an action that changes its readings or its loads.
+
+    Raises:
+        RequestError: actions of this kind do not change sets, or the set lacks data that the action changes.
+    """
     if action.kind == "exchange_columns":
         names = prepare_robot(campaign.robot).robot.joint_names
-        measurement_set = _exchange_joint_columns(
-            measurement_set, [names.index(name) for name in action.joints]
-        )
-    elif action.kind in _SET_CHANGES:
-        measurement_set = _SET_CHANGES[action.kind](measurement_set, action)
-    else:
+        columns = [names.index(name) for name in action.joints]
+        return _exchange_joint_columns(campaign.measurement_set, columns)
+    if action.kind not in _SET_CHANGES:
         raise RequestError(
             f"the action '{action.kind}' cannot be applied to a campaign",
             where="apply",
             remedy="follow the remedy of the reason",
         )
-    change_text = f"in {action.unit}" if action.unit else action.kind.replace("_", " ")
-    measurement_set = measurement_set.model_copy(
-        update={"name": _append_label(measurement_set.name, change_text)}
-    )
-    return campaign.model_copy(update={"measurement_set": measurement_set})
+    return _SET_CHANGES[action.kind](campaign.measurement_set, action)
+
+
+def _label_set(measured: _Set, label: str) -> _Set:
+    """Return the set with a label behind its name."""
+    return measured.model_copy(update={"name": _append_label(measured.name, label)})
 
 
 def _correct_joint_map(robot: RobotDocument, action: AdvisedAction) -> RobotDocument:
@@ -182,7 +205,11 @@ def _exchange_joint_columns(measured: _Set, columns: Sequence[int]) -> _Set:
 
 
 def _exchange_load_point_and_target(measurement_set: _Set, action: AdvisedAction) -> _Set:
-    """Return the set with its load point and the place of the action's target exchanged."""
+    """Return the set with its load point and the place of the action's target exchanged.
+
+    Raises:
+        RequestError: the set does not state both points, or states several load points.
+    """
     target, target_places = action.target or "", measurement_set.flange_targets
     if target not in target_places:
         raise RequestError(
@@ -190,6 +217,22 @@ def _exchange_load_point_and_target(measurement_set: _Set, action: AdvisedAction
             where="measurement_set.flange_targets",
             remedy="check and correct the load point in the set",
         )
+    load_point = _require_one_load_point(measurement_set)
+    return measurement_set.model_copy(
+        update={
+            "load_point": target_places[target],
+            "flange_targets": {**target_places, target: load_point},
+            "observations": _change_observations(measurement_set, lambda _: {"load_point": None}),
+        }
+    )
+
+
+def _require_one_load_point(measurement_set: _Set) -> Vector3:
+    """Return the load point that a set states for all observations, in the flange frame.
+
+    Raises:
+        RequestError: readings of a target give the load point, or observations have different points.
+    """
     if measurement_set.load_point_target is not None:
         raise RequestError(
             "the load point cannot be exchanged with a target, because the reading of target "
@@ -209,13 +252,7 @@ def _exchange_load_point_and_target(measurement_set: _Set, action: AdvisedAction
             where="measurement_set.observations",
             remedy="check and correct the load points in the set",
         )
-    return measurement_set.model_copy(
-        update={
-            "load_point": target_places[target],
-            "flange_targets": {**target_places, target: load_point},
-            "observations": _change_observations(measurement_set, lambda _: {"load_point": None}),
-        }
-    )
+    return load_point
 
 
 def _omit_load_point(measured: _Set, _action: AdvisedAction) -> _Set:
@@ -231,28 +268,30 @@ def _exchange_unloaded_and_loaded(measurement_set: _Set, action: AdvisedAction) 
     """
 
     def exchange_states(observation: Observation) -> dict[str, object]:
-        return {
-            "readings": [
-                reading.model_copy(
-                    update={
-                        "unloaded": reading.loaded,
-                        "loaded": reading.unloaded,
-                        "unloaded_after": None,  # it belongs to the order of readings before the exchange
-                        "unloaded_covariance": reading.loaded_covariance,
-                        "loaded_covariance": reading.unloaded_covariance,
-                        "deflection": reading.deflection
-                        and tuple(-component for component in reading.deflection),
-                        "displacement": None if reading.displacement is None else -reading.displacement,
-                    }
-                )
-                if not action.targets or reading.target in action.targets
-                else reading
-                for reading in observation.readings
-            ]
-        }
+        readings = list[Reading]()
+        for reading in observation.readings:
+            is_meant = not action.targets or reading.target in action.targets
+            readings.append(_exchange_reading(reading) if is_meant else reading)
+        return {"readings": readings}
 
     return measurement_set.model_copy(
         update={"observations": _change_observations(measurement_set, exchange_states)}
+    )
+
+
+def _exchange_reading(reading: Reading) -> Reading:
+    """Return a reading of a target with its unloaded and its loaded place exchanged."""
+    deflection, displacement = reading.deflection, reading.displacement
+    return reading.model_copy(
+        update={
+            "unloaded": reading.loaded,
+            "loaded": reading.unloaded,
+            "unloaded_after": None,  # it belongs to the order of readings before the exchange
+            "unloaded_covariance": reading.loaded_covariance,
+            "loaded_covariance": reading.unloaded_covariance,
+            "deflection": deflection and tuple(-component for component in deflection),
+            "displacement": None if displacement is None else -displacement,
+        }
     )
 
 

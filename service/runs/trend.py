@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property, lru_cache
 from math import hypot, inf
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict
@@ -239,24 +239,39 @@ def _drop_before_reference(campaigns: Sequence[Campaign], references: Sequence[s
 def _estimate_change(campaigns: Sequence[Campaign], name: str, shared: SharedErrors) -> Change | None:
     """Return the change of a joint's stiffness from the first to the latest campaign that determines it.
 
-    None if fewer than two campaigns determine the stiffness. Of one error of the load point, only the
-    difference between the responses of both campaigns to this error counts.
+    None if fewer than two campaigns determine the stiffness. An error that both campaigns share, such as of
+    the load cell, shifts both stiffnesses alike, so it is left out of their uncertainties. A shared error of
+    the load point shifts them by different amounts: the difference of these amounts counts.
     """
-    first_and_last = _find_compared(campaigns, name)
-    if first_and_last is None:
+    compared = _find_compared(campaigns, name)
+    if compared is None:
         return None
-    responses = [campaign.relative_responses_to_load_point(name) for campaign in first_and_last]
+    first, last = compared
     by_load_point, left_out = 0.0, list[str]()
-    if shared.load and responses[0] is not None and responses[1] is not None:
-        by_load_point = float(np.linalg.norm(responses[0] - responses[1]))
+    difference = _compare_responses_to_load_point(first, last, name) if shared.load else None
+    if difference is not None:
+        by_load_point = difference
         left_out.append("load_point")
     if shared.cell:
         left_out.append("force_scale")
-    first, last = (_compute_log_stiffness(campaign, name, left_out) for campaign in first_and_last)
-    if first is None or last is None:
+    first_stiffness = _compute_log_stiffness(first, name, left_out)
+    last_stiffness = _compute_log_stiffness(last, name, left_out)
+    if first_stiffness is None or last_stiffness is None:
         return None
-    freedom = min(map(_find_fewest_degrees_of_freedom, first_and_last))
-    return Change.between(first, last, freedom, by_load_point)
+    freedom = min(_find_fewest_degrees_of_freedom(first), _find_fewest_degrees_of_freedom(last))
+    return Change.between(first_stiffness, last_stiffness, freedom, by_load_point)
+
+
+def _compare_responses_to_load_point(first: Campaign, last: Campaign, name: str) -> float | None:
+    """Return by how much an error of the load point that both campaigns share changes their ratio.
+
+    None if a campaign does not state how such an error changes the joint's stiffness.
+    """
+    response_of_first = first.relative_responses_to_load_point(name)
+    response_of_last = last.relative_responses_to_load_point(name)
+    if response_of_first is None or response_of_last is None:
+        return None
+    return float(np.linalg.norm(response_of_first - response_of_last))
 
 
 def _find_compared(campaigns: Sequence[Campaign], name: str) -> tuple[Campaign, Campaign] | None:
@@ -367,27 +382,43 @@ def _write_note(
         return "no campaign: identify measurement sets of this robot by the same method"
     if len(campaigns) == 1:
         return "only one campaign: a second one is needed to compare"
+    note = _note_joints_that_agree(joints)
+    if note is None and shared.load:
+        note = _note_unknown_load_points(campaigns, joints)
+    return note
+
+
+def _note_joints_that_agree(joints: Sequence[messages.TrendJoint]) -> str | None:
+    """Return a remark if most joints, and three at least, changed in one direction; else None.
+
+    Joints seldom soften together: a wrong force is more probable, which scales all stiffnesses alike.
+    """
     signs = [joint.change.value > 0.0 for joint in joints if joint.changed and joint.change is not None]
-    # Joints seldom soften together: if most of them changed in one direction, the load is probably wrong.
     agreeing = max(signs.count(True), signs.count(False))
-    if agreeing > 2 and 2 * agreeing > len(joints):
-        return (
-            f"{agreeing} of {len(joints)} joints changed in one direction; this suggests an error of "
-            "the force: check the load of the first and of the latest campaign"
-        )
-    if shared.load:
-        without = [
-            campaign.measured.name
-            for campaign in campaigns
-            if all(campaign.relative_responses_to_load_point(joint.name) is None for joint in joints)
-        ]
-        if without:
-            return (
-                f"the runs of {', '.join(map(repr, without))} do not state how an error of the load point "
-                "changes their stiffnesses, so each of these campaigns has its own error: identify these "
-                "sets again with an uncertainty of the load point"
-            )
-    return None
+    if agreeing <= 2 or 2 * agreeing <= len(joints):
+        return None
+    return (
+        f"{agreeing} of {len(joints)} joints changed in one direction; this suggests an error of "
+        "the force: check the load of the first and of the latest campaign"
+    )
+
+
+def _note_unknown_load_points(
+    campaigns: Sequence[Campaign], joints: Sequence[messages.TrendJoint]
+) -> str | None:
+    """Return a remark on campaigns that do not state how an error of the load point changes a stiffness."""
+    without = list[str]()
+    for campaign in campaigns:
+        responses = [campaign.relative_responses_to_load_point(joint.name) for joint in joints]
+        if all(response is None for response in responses):
+            without.append(campaign.measured.name)
+    if not without:
+        return None
+    return (
+        f"the runs of {', '.join(map(repr, without))} do not state how an error of the load point "
+        "changes their stiffnesses, so each of these campaigns has its own error: identify these "
+        "sets again with an uncertainty of the load point"
+    )
 
 
 def group_by_selection(
@@ -418,18 +449,28 @@ def choose_selection(
     Return the selection; None if no selection matches the query. Counting campaigns keeps a single run with
     other options from ending a trend.
     """
-    filters = query.model_dump(exclude_none=True, exclude={"same_load", "same_cell", "campaigns"})
-    matching = {
-        selection: campaigns
-        for selection, campaigns in group_by_selection(runs).items()
-        if filters.items() <= selection.model_dump().items()
-    }
-    newest_time = {selection: max(map(_sorting_time, campaigns)) for selection, campaigns in matching.items()}
+    matching = _find_matching(group_by_selection(runs), query)
     if not matching:
         return None
-    serial_number = max(matching, key=lambda selection: newest_time[selection]).serial_number
+
+    def newest_time(selection: messages.TrendSelection) -> tuple[datetime, datetime]:
+        return max(map(_sorting_time, matching[selection]))
+
+    serial_number = max(matching, key=newest_time).serial_number
     same_serial = [selection for selection in matching if selection.serial_number == serial_number]
-    return max(same_serial, key=lambda selection: (len(matching[selection]), newest_time[selection]))
+    return max(same_serial, key=lambda selection: (len(matching[selection]), newest_time(selection)))
+
+
+def _find_matching(
+    groups: Mapping[messages.TrendSelection, list[Campaign]], query: messages.TrendQuery
+) -> dict[messages.TrendSelection, list[Campaign]]:
+    """Return the groups of campaigns whose serial number and options are those that the query states."""
+    filters = query.model_dump(exclude_none=True, exclude={"same_load", "same_cell", "campaigns"})
+    return {
+        selection: campaigns
+        for selection, campaigns in groups.items()
+        if filters.items() <= selection.model_dump().items()
+    }
 
 
 def _sorting_time(campaign: Campaign) -> tuple[datetime, datetime]:
@@ -440,22 +481,30 @@ def _sorting_time(campaign: Campaign) -> tuple[datetime, datetime]:
 def _explain_unfit_for_any_trend(campaign: Campaign) -> str | None:
     """Return in words why a run cannot be part of any trend; None if the run can be part of a trend."""
     request, result = campaign.run.request, campaign.run.result
-    assessment = result.assessment
-    if assessment.verdict == "do_not_use":
-        first_reason = f" ({assessment.reasons[0].message})" if assessment.reasons else ""
+    if result.assessment.verdict == "do_not_use":
+        reasons = result.assessment.reasons
+        first_reason = f" ({reasons[0].message})" if reasons else ""
         return f"the verdict on its run is: do not use{first_reason}"
     if result.links:
         return "its run has elastic links or coupling, so the joint stiffnesses include the bending of links"
     if request.weight:
         return "its run uses the own weight, so an error of the masses shifts all stiffnesses"
-    for name, is_used in (
-        ("priors", request.priors),
-        ("bounds of the stiffness", request.stiffness_bounds),
-        ("an order of the joints", request.stiffness_order),
-    ):
-        if is_used:
+    shifting_options = {
+        "priors": request.priors,
+        "bounds of the stiffness": request.stiffness_bounds,
+        "an order of the joints": request.stiffness_order,
+    }
+    for name, value in shifting_options.items():
+        if value:
             return f"its run uses {name}, which shift the stiffnesses"
     return None
+
+
+def _sort_by_count_of_campaigns(
+    campaigns: Mapping[messages.TrendSelection, Sequence[Campaign]],
+) -> list[messages.TrendSelection]:
+    """Return the selections of trends, the one with most campaigns first."""
+    return sorted(campaigns, key=lambda selection: len(campaigns[selection]), reverse=True)
 
 
 def split_by_comparability(
@@ -470,27 +519,20 @@ def split_by_comparability(
         runs: set's id → campaigns made of this set, newest first.
         selection: serial number and options of the trend; None if no run matches the query.
     """
-    campaigns_of_trend, left_out = [], []
+    campaigns_of_trend, left_out = list[Campaign](), list[messages.LeftOut]()
     for measured_set in sets:
         candidates = runs.get(measured_set.id, ())
-        comparable = [
-            candidate
-            for candidate in candidates
-            if _explain_unfit_for_selection(candidate, selection) is None
-        ]
-        if comparable:
-            campaigns_of_trend.append(comparable[0])
-        else:
-            reason = (
-                _explain_unfit_for_selection(candidates[0], selection)
-                if candidates
-                else "the campaign has no run with stiffnesses"
+        reasons = [_explain_unfit_for_selection(candidate, selection) for candidate in candidates]
+        if None in reasons:
+            newest_comparable = candidates[reasons.index(None)]
+            campaigns_of_trend.append(newest_comparable)
+            continue
+        reason_of_newest = reasons[0] if reasons else "the campaign has no run with stiffnesses"
+        left_out.append(
+            messages.LeftOut(
+                measurement_set_id=measured_set.id, name=measured_set.name, reason=reason_of_newest or ""
             )
-            left_out.append(
-                messages.LeftOut(
-                    measurement_set_id=measured_set.id, name=measured_set.name, reason=reason or ""
-                )
-            )
+        )
     campaigns_of_trend.sort(key=lambda campaign: (campaign.at, campaign.measured.created_at))
     return campaigns_of_trend, left_out
 
@@ -547,6 +589,50 @@ class CampaignSummary:
         return cls(last, [MeasuredArm.model_validate(arm) for arm in arms or ()])
 
 
+class _JointOfArm(NamedTuple):
+    """A joint of one of the arms of a robot's model."""
+
+    serial_number: str | None  # of the arm; None if its measurement sets state none
+    name: str  # of the joint
+
+
+class _TestedJoints(NamedTuple):
+    """Joints that the trends of a robot test, in the order of the joints, each once for each arm."""
+
+    tested: list[_JointOfArm]
+    changed: list[ChangedJoint]  # those whose stiffness changed
+
+
+def _describe_last_campaign(newest: Campaign, changed: Iterable[ChangedJoint]) -> LastCampaign:
+    """Return the message of a robot's newest run with the changed joints, those of its own arm first."""
+    own_number = newest.measured.serial_number
+
+    def order_of_arm(joint: ChangedJoint) -> tuple[bool, str]:
+        """Return the key that sorts joints of the newest measured arm first."""
+        return joint.serial_number != own_number, joint.serial_number or ""
+
+    return LastCampaign(
+        run_id=newest.run_id,
+        at=newest.at,
+        serial_number=own_number,
+        verdict=newest.run.result.assessment.verdict,
+        changed=sorted(changed, key=order_of_arm),
+    )
+
+
+def _describe_arms(campaigns: Sequence[Campaign], joints: _TestedJoints) -> list[MeasuredArm]:
+    """Return a message for each serial number in the campaigns, the arm with the greatest change first."""
+    arms = list[MeasuredArm]()
+    for serial_number in {campaign.measured.serial_number for campaign in campaigns}:
+        times = [each.at for each in campaigns if each.measured.serial_number == serial_number]
+        changes = [each.change for each in joints.changed if each.serial_number == serial_number]
+        tested = [each.name for each in joints.tested if each.serial_number == serial_number]
+        rank = rank_changes(changes)
+        arms.append(MeasuredArm(serial_number=serial_number, at=max(times), tested=tested, rank=rank))
+    arms.sort(key=lambda arm: (arm.rank, arm.at), reverse=True)
+    return arms
+
+
 class Trends:
     """The trends of a store's robots."""
 
@@ -566,18 +652,20 @@ class Trends:
         runs = self._group_runs_by_set(robot_id, sets)
         selection = choose_selection(runs.values(), query)
         campaigns_of_trend, left_out = split_by_comparability(sets, runs, selection)
+        fields_of_comparison = compare_campaigns(
+            [joint.name for joint in robot.joints],
+            campaigns_of_trend,
+            shared=SharedErrors(load=query.same_load, cell=query.same_cell),
+            most=query.campaigns,
+            references=robot.reference_set_ids,
+        )
+        serial_numbers = {entry.serial_number for entry in sets if entry.serial_number is not None}
         return messages.Trend(
             robot_id=robot_id,
             selection=selection,
-            serial_numbers=sorted({entry.serial_number for entry in sets if entry.serial_number is not None}),
+            serial_numbers=sorted(serial_numbers),
             left_out=left_out,
-            **compare_campaigns(
-                [joint.name for joint in robot.joints],
-                campaigns_of_trend,
-                shared=SharedErrors(load=query.same_load, cell=query.same_cell),
-                most=query.campaigns,
-                references=robot.reference_set_ids,
-            ),
+            **fields_of_comparison,
         )
 
     def summarise(self, entry: RobotEntry) -> CampaignSummary:
@@ -613,70 +701,45 @@ class Trends:
             return CampaignSummary(None, [])
         campaigns = [campaign for candidates in runs.values() for campaign in candidates]
         newest = max(campaigns, key=_sorting_time)
-        tested, changed = self._test_joints(robot_id, sets, runs)
-        arms = list[MeasuredArm]()
-        for serial_number in {campaign.measured.serial_number for campaign in campaigns}:
-            times = [each.at for each in campaigns if each.measured.serial_number == serial_number]
-            changes = [each.change for each in changed if each.serial_number == serial_number]
-            tested_joints = [joint for serial, joint in tested if serial == serial_number]
-            arm = MeasuredArm(
-                serial_number=serial_number,
-                at=max(times),
-                tested=tested_joints,
-                rank=rank_changes(changes),
-            )
-            arms.append(arm)
-        arms.sort(key=lambda arm: (arm.rank, arm.at), reverse=True)
-        newest_number = newest.measured.serial_number
-
-        def order_of_arm(joint: ChangedJoint) -> tuple[bool, str]:
-            """Return the key that sorts joints of the newest measured arm first."""
-            return joint.serial_number != newest_number, joint.serial_number or ""
-
-        last = LastCampaign(
-            run_id=newest.run_id,
-            at=newest.at,
-            serial_number=newest_number,
-            verdict=newest.run.result.assessment.verdict,
-            changed=sorted(changed, key=order_of_arm),
-        )
-        return CampaignSummary(last, arms)
+        joints = self._test_joints(robot_id, sets, runs)
+        last = _describe_last_campaign(newest, joints.changed)
+        return CampaignSummary(last, _describe_arms(campaigns, joints))
 
     def _test_joints(
         self,
         robot_id: str,
         sets: Sequence[MeasurementSetEntry],
         runs: Mapping[str, Sequence[Campaign]],
-    ) -> tuple[list[tuple[str | None, str]], list[ChangedJoint]]:
+    ) -> _TestedJoints:
         """Return the joints that any trend of the robot tests, and those that changed.
 
-        A tested joint is (serial number, name of the joint). Both lists have a joint at most once for each
-        serial number, in the order of the joints. If a joint changed in several trends, the change in the
-        trend with most campaigns is returned.
+        If a joint changed in several trends, the change in the trend with most campaigns is returned.
+
+        Args:
+            robot_id: id of the robot.
+            sets: measurement sets of the robot.
+            runs: set's id → campaigns made of this set, newest first.
         """
         robot = robot_from_record(self._store.robots.get(robot_id))
         names = [joint.name for joint in robot.joints]
-        tested = set[tuple[str | None, str]]()
-        # Trends with most campaigns come first, so that `setdefault` keeps the change of these.
-        changed_joints: dict[tuple[str | None, str], ChangedJoint] = {}
-        by_options = group_by_selection(runs.values())
-        for selection in sorted(by_options, key=lambda each: len(by_options[each]), reverse=True):
+        tested = set[_JointOfArm]()
+        changed = dict[_JointOfArm, ChangedJoint]()
+        for selection in _sort_by_count_of_campaigns(group_by_selection(runs.values())):
             campaigns_of_trend, _ = split_by_comparability(sets, runs, selection)
             fields = compare_campaigns(names, campaigns_of_trend, most=2, references=robot.reference_set_ids)
-            serial_number = selection.serial_number
             for joint in fields["joints"]:
-                if joint.change is None:
-                    continue
-                tested.add((serial_number, joint.name))
-                if joint.changed:
-                    changed_joint = ChangedJoint(
-                        joint=joint.name, serial_number=serial_number, change=joint.change
+                key = _JointOfArm(selection.serial_number, joint.name)
+                if joint.change is not None:
+                    tested.add(key)
+                if joint.change is not None and joint.changed:
+                    # An earlier trend has more campaigns, so its change is kept.
+                    message = ChangedJoint(
+                        joint=key.name, serial_number=key.serial_number, change=joint.change
                     )
-                    changed_joints.setdefault((serial_number, joint.name), changed_joint)
-        order = {name: index for index, name in enumerate(names)}
-        return (
-            sorted(tested, key=lambda each: order[each[1]]),
-            sorted(changed_joints.values(), key=lambda each: order[each.joint]),
+                    changed.setdefault(key, message)
+        return _TestedJoints(
+            sorted(tested, key=lambda each: names.index(each.name)),
+            sorted(changed.values(), key=lambda each: names.index(each.joint)),
         )
 
     def _group_runs_by_set(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import hypot, isfinite
 from typing import Final
@@ -87,6 +87,12 @@ def require_result(run: Run) -> RunResult:
     return run.result
 
 
+_FIRST_ORDER_REMARK: Final = (
+    "the predictions are to first order in the load: links and joints bend linearly, own "
+    "weight and complementary stiffness are left out"
+)
+
+
 @dataclass(frozen=True, eq=False)
 class RunModel:
     """The model of a run, which predicts the deflection of the loaded robot."""
@@ -155,38 +161,46 @@ class RunModel:
         Args:
             confidence: confidence level of the bound, such as 0.95.
         """
-        remarks = []
-        if not isinstance(self.model, JointModel):
-            remarks.append(
-                "the predictions are to first order in the load: links and joints bend linearly, own "
-                "weight and complementary stiffness are left out"
-            )
+        if isinstance(self.model, JointModel):
+            effects = list(self._remark_effects_on_joints(self.model))
         else:
-            if self.model.weight is None:
-                run_used_loads = self.run.request.weight is None
-                explanation = "no masses are given" if run_used_loads else "`absolute` is not requested"
-                remarks.append(f"own weight is not included, because {explanation}")
-            elif self.model.weight.absolute:
-                remarks.append(
-                    "the predictions are absolute (relative to an arm that does not bend), and include "
-                    "the sag under own weight"
-                )
-            if self.run.request.complementary_stiffness == "neglected" and self.run.request.weight is None:
-                remarks.append(
-                    "the run neglects the complementary stiffness K_c, but the prediction includes K_c: "
-                    "identify with complementary_stiffness included"
-                )
-        prefix = f"no bound of the model error at {100 * confidence:g} %"
+            effects = [_FIRST_ORDER_REMARK]
+        missing_bound = self._explain_missing_bound(confidence)
+        return effects if missing_bound is None else [*effects, missing_bound]
+
+    def _remark_effects_on_joints(self, model: JointModel) -> Iterator[str]:
+        """Yield whether predictions with elastic joints include own weight, and if K_c was neglected."""
+        is_by_loads = self.run.request.weight is None  # not identified by own weight
+        if model.weight is None:
+            explanation = "no masses are given" if is_by_loads else "`absolute` is not requested"
+            yield f"own weight is not included, because {explanation}"
+        elif model.weight.absolute:
+            yield (
+                "the predictions are absolute (relative to an arm that does not bend), and include "
+                "the sag under own weight"
+            )
+        if is_by_loads and self.run.request.complementary_stiffness == "neglected":
+            yield (
+                "the run neglects the complementary stiffness K_c, but the prediction includes K_c: "
+                "identify with complementary_stiffness included"
+            )
+
+    def _explain_missing_bound(self, confidence: float) -> str | None:
+        """Return why the model error has no finite bound at a level; None if it has one.
+
+        The bound is a quantile of errors at postures that the fit left out, so that a high level needs many
+        postures: 95 % needs 19 at least.
+        """
         if self.error is None:
             reason = self.result.model.no_error if self.result.model else None
-            remarks.append(f"no bound of the model error: {reason or 'no posture could be omitted'}")
-        elif self.error.postures < (needed := self.error.count_needed_postures(confidence)):
-            remarks.append(
-                f"{prefix}: {needed} postures are needed, but the campaign has only {self.error.postures}"
-            )
-        elif np.isinf(self.error.quantile(confidence)):
-            remarks.append(f"{prefix}: too many postures are needed to determine a joint")
-        return remarks
+            return f"no bound of the model error: {reason or 'no posture could be omitted'}"
+        prefix = f"no bound of the model error at {100 * confidence:g} %"
+        needed = self.error.count_needed_postures(confidence)
+        if self.error.postures < needed:
+            return f"{prefix}: {needed} postures are needed, but the campaign has only {self.error.postures}"
+        if np.isinf(self.error.quantile(confidence)):
+            return f"{prefix}: too many postures are needed to determine a joint"
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,31 +254,57 @@ def _choose_own_weight(
         RequestError: the run identified no own weight, or the masses are in conflict.
     """
     if absolute:
-        model = None if run.result is None else run.result.model
-        if model is None or model.weight is None or masses:
-            raise RequestError(
-                f"`absolute` needs a run with own weight and a request without `masses`, but run '{run.id}' "
-                "has no own weight, or the request has `masses`",
-                where="absolute",
-                remedy="choose a run with `weight` and without balancers, and leave `masses` out",
-            )
-        identified = model.weight
-        mass, centre, gravity, root = map(
-            np.array, (identified.mass, identified.centre, identified.gravity, identified.covariance_root)
-        )
-        return IdentifiedWeight(mass, centre, gravity, root=root)
+        return _read_identified_weight(run, masses)
     if not masses:
         return None
+    return _build_stated_weight(robot, masses, length)
+
+
+def _read_identified_weight(run: Run, masses: Sequence[LinkMass]) -> IdentifiedWeight:
+    """Return the own weight that a run identified, for predictions that include the sag under it.
+
+    Raises:
+        RequestError: the run identified no own weight, or a request states masses, too.
+    """
+    model = None if run.result is None else run.result.model
+    if model is None or model.weight is None or masses:
+        raise RequestError(
+            f"`absolute` needs a run with own weight and a request without `masses`, but run '{run.id}' "
+            "has no own weight, or the request has `masses`",
+            where="absolute",
+            remedy="choose a run with `weight` and without balancers, and leave `masses` out",
+        )
+    weight = model.weight
+    return IdentifiedWeight(
+        np.array(weight.mass),
+        np.array(weight.centre),
+        np.array(weight.gravity),
+        root=np.array(weight.covariance_root),
+    )
+
+
+def _build_stated_weight(robot: Robot, masses: Sequence[LinkMass], length: float) -> OwnWeight:
+    """Return the own weight of links whose masses a request states; links without a mass weigh nothing.
+
+    `length` is the size in metres of the unit of the masses' centres.
+
+    Raises:
+        RequestError: a joint does not exist, or has two masses.
+    """
     mass, centre = np.zeros(robot.n), np.zeros((robot.n, 3))
+    known_joints = set[str]()
     for index, link in enumerate(masses):
-        joint_index = robot.joint_index(link.joint, f"masses[{index}].joint")
-        if link.joint in (other.joint for other in masses[:index]):
+        where = f"masses[{index}].joint"
+        joint_index = robot.joint_index(link.joint, where)
+        if link.joint in known_joints:
             raise RequestError(
                 f"joint '{link.joint}' has two masses in the request",
-                where=f"masses[{index}].joint",
+                where=where,
                 remedy="give each joint one mass: the sum of its masses, at their common centre",
             )
-        mass[joint_index], centre[joint_index] = link.mass, length * np.array(link.centre)
+        known_joints.add(link.joint)
+        mass[joint_index] = link.mass
+        centre[joint_index] = length * np.array(link.centre)
     return OwnWeight(mass, centre)
 
 

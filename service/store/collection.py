@@ -64,6 +64,19 @@ _PORTION: Final = 500  # greatest number of ids in one statement
 _MAX_NAMED: Final = 5  # greatest number of resources that a refusal to delete names
 
 
+def _list_references(table: sa.Table) -> list[tuple[sa.Column[Any], sa.Table]]:
+    """Return (column of the table, table to which the column refers) for each reference of a table."""
+    return [(column, reference.column.table) for column in table.c for reference in column.foreign_keys]
+
+
+def _list_referring_columns(table: sa.Table) -> list[sa.Column[Any]]:
+    """Return the columns of other tables that refer to the ids of a table."""
+    columns = list[sa.Column[Any]]()
+    for other in (measurement_sets, open_sets, jobs):
+        columns += [column for column in other.c if column.references(table.c.id)]
+    return columns
+
+
 class Collection(Generic[Record, Entry]):
     """The records of one kind. Safe to use from several threads."""
 
@@ -100,38 +113,23 @@ class Collection(Generic[Record, Entry]):
         self._database, self._table = database, table
         self._record: type[Record] = record
         self._entry: type[Entry] = entry
-        columns_of_table, key_columns = table.c, idempotency_keys.c
         self._insert = sa.insert(table)
         self._own_conditions = conditions
-        # References: (column of this table, table to which it refers)
-        self._references: list[tuple[sa.Column[Any], sa.Table]] = [
-            (column, reference.column.table)
-            for column in columns_of_table
-            for reference in column.foreign_keys
-        ]
-        # Columns of other tables that refer to this table
-        self._children: list[sa.Column[Any]] = [
-            column
-            for child_table in (measurement_sets, open_sets, jobs)
-            for column in child_table.c
-            if column.references(columns_of_table.id)
-        ]
-        columns = select_fields_of(table, record).selected_columns
+        self._references = _list_references(table)
+        self._children = _list_referring_columns(table)
         self._entry_query = self._listing_query()
-        self._is_visible = columns_of_table.deleted_at.is_(None)
-        self._is_deleted = columns_of_table.deleted_at.is_not(None)
-        self._id_query = sa.select(columns_of_table.id).where(
-            columns_of_table.id == sa.bindparam("id"), *self._own_conditions
-        )
+        self._is_visible = table.c.deleted_at.is_(None)
+        self._is_deleted = table.c.deleted_at.is_not(None)
+        columns = select_fields_of(table, record).selected_columns
+        has_id = table.c.id == sa.bindparam("id")
+        self._id_query = sa.select(table.c.id).where(has_id, *conditions)
         self._by_id_with_deleted = self._id_query.with_only_columns(*columns)
         self._by_id = self._by_id_with_deleted.where(self._is_visible)
+        keys = idempotency_keys.c
         self._record_by_key: sa.Select[Any] = (
-            sa.select(key_columns.body_hash, *columns)
-            .join_from(idempotency_keys, table, key_columns.resource_id == columns_of_table.id)
-            .where(
-                key_columns.resource == resource.collection,
-                key_columns.key_hash == sa.bindparam("key_hash"),
-            )
+            sa.select(keys.body_hash, *columns)
+            .join_from(idempotency_keys, table, keys.resource_id == table.c.id)
+            .where(keys.resource == resource.collection, keys.key_hash == sa.bindparam("key_hash"))
         )
 
     def add(
@@ -157,32 +155,40 @@ class Collection(Generic[Record, Entry]):
             QuotaError: the database has reached its quota.
         """
         self._quota.refuse_full()
-        for _, table, identifier in self._list_parents(record):
-            # The database cannot store an id that is not indexable, so no record has this id.
-            if not is_indexable(identifier):
-                raise problems.NotFoundError(PARENTS[table], identifier)
+        self._refuse_unindexable_parents(record)
         try:
             with self._database.writing() as connection:
-                # The key is inserted first: the second of two simultaneous posts with one key waits here.
-                if key is not None:
-                    key_row = {
-                        "resource": self.resource.collection,
-                        "key_hash": _hash_key(key.key),
-                        "body_hash": key.body_hash,
-                        "resource_id": record.id,
-                        "created_at": record.created_at,
-                    }
-                    connection.execute(_INSERT_KEY, key_row)
+                if key is not None:  # first, so that the second of two simultaneous posts with one key waits
+                    connection.execute(_INSERT_KEY, self._make_key_row(record, key))
                 parent_rows = self._lock_parents(connection, record)
-                connection.execute(
-                    self._insert, asdict(record) | self._collect_name_copies(record, parent_rows)
-                )
+                row = asdict(record) | self._collect_name_copies(record, parent_rows)
+                connection.execute(self._insert, row)
                 if write_more is not None:
                     write_more(connection)
                 self._mark_campaign_outdated(connection, record.id)
         except IntegrityError as error:
             return self._return_earlier_record_or_raise(record, key, error)
         return record
+
+    def _refuse_unindexable_parents(self, record: Record) -> None:
+        """Refuse a record that names a robot or measurement set by an id that the database cannot store.
+
+        Raises:
+            NotFoundError: no record can have this id.
+        """
+        for _, table, identifier in self._list_parents(record):
+            if not is_indexable(identifier):
+                raise problems.NotFoundError(PARENTS[table], identifier)
+
+    def _make_key_row(self, record: Record, key: IdempotencyKey) -> dict[str, object]:
+        """Return the row that connects an idempotency key with the record that it creates."""
+        return {
+            "resource": self.resource.collection,
+            "key_hash": _hash_key(key.key),
+            "body_hash": key.body_hash,
+            "resource_id": record.id,
+            "created_at": record.created_at,
+        }
 
     def find(self, key: IdempotencyKey) -> Record | None:
         """Return the record that an idempotency key created, even if it was deleted; None for a new key.

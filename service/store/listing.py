@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import sqlalchemy as sa
 
@@ -74,44 +74,89 @@ def read_page(
     Raises:
         CursorError: no page gave this cursor.
     """
-    sequence, conditions = table.c.sequence, [*where]
-    if order.q is not None:
-        conditions += _search_conditions(database, table.c.words, order.q)
-    sorted_by = order.columns_of(table)
-    page_query = sa.select(sequence).where(*conditions)
-    if order.cursor is not None:
-        page_query = page_query.where(
-            _after_record(order, sorted_by, _values_at_cursor(database, table, order))
-        )
-    sorting = [column.desc() if order.is_descending else column for column in sorted_by]
+    listing = _Listing(database, table, order, where)
     is_counted = order.counted and order.cursor is None
-    # One row more than the limit shows whether another page follows.
-    page_query = page_query.order_by(*sorting).limit(sa.bindparam("limit", order.limit + 1, type_=sa.Integer))
-    on_page = sequence.in_(page_query)
     total = None
+    on_page = table.c.sequence.in_(listing.page_query)
     if is_counted and order.q is not None:
-        # A search reads the whole index: this query serves the page and the count at once.
-        found = database.rows(page_query, {"limit": MOST_COUNTED + 1})
+        # A search reads the whole index: one query serves the page and the count at once.
+        found = listing.find_sequences(MOST_COUNTED + 1)
         total = len(found)
-        on_page = sequence.in_([row.sequence for row in found[: order.limit + 1]])
-    # The columns of the order are read with each row, to count the rows after the page and to make the next
-    # cursor.
-    order_columns = [column.label(f"place_{number}") for number, column in enumerate(sorted_by)]
-    query = rows.add_columns(*order_columns).where(on_page).order_by(*sorting)
-    rows_read = [dict(row._mapping) for row in database.rows(query)]
-    order_values = [tuple(row.pop(place.name) for place in order_columns) for row in rows_read]
-    is_last = len(rows_read) <= order.limit
+        on_page = table.c.sequence.in_(found[: order.limit + 1])
+    read = listing.read_rows(rows, on_page)
+    is_last = len(read) <= order.limit
     if is_counted and total is None:
-        total = len(rows_read)
+        total = len(read)
         if not is_last:  # only the rows after those read must be counted
-            # With `sequence` itself SQLite would read whole rows; with a sum it uses the index.
-            index_columns = [*sorted_by[:-1], sequence + 0]
-            is_after = _after_record(order, index_columns, order_values[-1])
-            rows_after = sa.select(sa.literal(1)).select_from(table).where(*conditions, is_after)
-            counted_rows = rows_after.limit(max(0, MOST_COUNTED + 1 - total)).subquery()
-            total += int(database.rows(sa.select(sa.func.count()).select_from(counted_rows))[0][0])
-    records = tuple(record(**row) for row in rows_read[: order.limit])
-    return RecordPage(records, None if is_last else str(order_values[order.limit - 1][-1]), total)
+            total += listing.count_after(read[-1].place, max(0, MOST_COUNTED + 1 - total))
+    records = tuple(record(**row.values) for row in read[: order.limit])
+    next_cursor = None if is_last else str(read[order.limit - 1].place[-1])
+    return RecordPage(records, next_cursor, total)
+
+
+class _ReadRow(NamedTuple):
+    """A row of a page."""
+
+    values: dict[str, Any]  # column → value
+    place: tuple[Any, ...]  # values of the columns of the order; the last one is `sequence`
+
+
+class _Listing:
+    """Queries of one listing: of the rows of a table that meet conditions, in an order."""
+
+    def __init__(
+        self,
+        database: Database,
+        table: sa.Table,
+        order: Order,
+        where: Iterable[sa.ColumnElement[bool]],
+    ) -> None:
+        """Build the query of the page, which finds the sequence numbers of its rows.
+
+        Raises:
+            CursorError: no page gave the cursor of the order.
+        """
+        self._database, self._table, self._order = database, table, order
+        self._conditions = [*where]
+        if order.q is not None:
+            self._conditions += _search_conditions(database, table.c.words, order.q)
+        self._sorted_by = order.columns_of(table)
+        self._sorting = [column.desc() if order.is_descending else column for column in self._sorted_by]
+        query = sa.select(table.c.sequence).where(*self._conditions)
+        if order.cursor is not None:
+            last_of_page_before = _values_at_cursor(database, table, order)
+            query = query.where(_after_record(order, self._sorted_by, last_of_page_before))
+        # One row more than the limit shows whether another page follows.
+        limit = sa.bindparam("limit", order.limit + 1, type_=sa.Integer)
+        self.page_query = query.order_by(*self._sorting).limit(limit)
+
+    def find_sequences(self, limit: int) -> list[int]:
+        """Return the sequence numbers of at most `limit` rows, in the order of the listing."""
+        return [row.sequence for row in self._database.rows(self.page_query, {"limit": limit})]
+
+    def read_rows(self, rows: sa.Select[Any], on_page: sa.ColumnElement[bool]) -> list[_ReadRow]:
+        """Return the rows of a query that meet the condition of the page, each with its place in the order.
+
+        The columns of the order are read with each row, to count the rows after the page and to make the
+        next cursor.
+        """
+        order_columns = [column.label(f"place_{number}") for number, column in enumerate(self._sorted_by)]
+        query = rows.add_columns(*order_columns).where(on_page).order_by(*self._sorting)
+        read = list[_ReadRow]()
+        for row in self._database.rows(query):
+            values = dict(row._mapping)
+            place = tuple(values.pop(column.name) for column in order_columns)
+            read.append(_ReadRow(values, place))
+        return read
+
+    def count_after(self, place: tuple[Any, ...], most: int) -> int:
+        """Return the number of rows after a place in the order; counting stops at `most`."""
+        # With `sequence` itself SQLite would read whole rows; with a sum it uses the index.
+        index_columns = [*self._sorted_by[:-1], self._table.c.sequence + 0]
+        is_after = _after_record(self._order, index_columns, place)
+        rows_after = sa.select(sa.literal(1)).select_from(self._table).where(*self._conditions, is_after)
+        counted_rows = rows_after.limit(most).subquery()
+        return int(self._database.rows(sa.select(sa.func.count()).select_from(counted_rows))[0][0])
 
 
 def _search_conditions(database: Database, words: sa.Column[Any], q: str) -> list[sa.ColumnElement[bool]]:

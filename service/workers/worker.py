@@ -49,6 +49,21 @@ class FrozenError(Exception):
     """Error: the thread that carries out a part of a job neither computes nor ends."""
 
 
+def _find_outage(act: Callable[[], object]) -> StoreUnavailableError | None:
+    """Call a function; return the error of a database that does not answer, or None if the call succeeded.
+
+    A process that lacks memory kills itself, as the system would: the job must not fail, because another
+    worker may have more memory. That worker continues the part, and DBOS counts a failed attempt.
+    """
+    try:
+        act()
+    except MemoryError:
+        os.kill(os.getpid(), signal.SIGKILL)
+    except StoreUnavailableError as error:
+        return error
+    return None
+
+
 class Retries:
     """Retries of the part that a worker carries out. One thread retries, another one looks."""
 
@@ -63,30 +78,24 @@ class Retries:
     def retry(self, act: Callable[[], object], hand_back: Callable[[], object] | None = None) -> None:
         """Call a function again and again until the database answers, as an outage must not fail a job.
 
-        A process that lacks memory kills itself, as the system would: another worker continues its part, and
-        DBOS counts a failed attempt.
+        The pauses between the calls double, to a longest pause.
 
         Args:
             act: the function.
             hand_back: function that is called instead, once a lock was not available for `_MOST_REFUSALS`
                 times, so that this worker can carry out other parts; None to wait without end.
         """
-        pause, refusals = _FIRST_PAUSE, 0
+        pause, refused_locks = _FIRST_PAUSE, 0
         while True:
-            try:
-                if hand_back is not None and refusals >= _MOST_REFUSALS:
-                    hand_back()
-                else:
-                    act()
+            gives_up = hand_back is not None and refused_locks >= _MOST_REFUSALS
+            outage = _find_outage(hand_back if gives_up and hand_back is not None else act)
+            if outage is None:
                 break
-            except MemoryError:  # must not fail the job: another worker may have more memory
-                os.kill(os.getpid(), signal.SIGKILL)
-            except StoreUnavailableError as error:
-                refusals += isinstance(error, LockedError)
-                if self._waits_since is None:
-                    self._waits_since = time.monotonic()
-                time.sleep(pause)
-                pause = min(2 * pause, _LONGEST_PAUSE)
+            refused_locks += isinstance(outage, LockedError)
+            if self._waits_since is None:
+                self._waits_since = time.monotonic()
+            time.sleep(pause)
+            pause = min(2 * pause, _LONGEST_PAUSE)
         self._waits_since = None
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import chain, product
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -34,6 +34,7 @@ from jointstiff.solver.fit.part import (
 from jointstiff.solver.fit.reduced import LOSSES, Candidate, Reduced, fit_loss, reduce_part
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.statements import Statements
+from jointstiff.solver.mechanics.block import BlockRows
 from jointstiff.solver.mechanics.measurements import find_first_equal
 from jointstiff.solver.models import MODELS, Columns
 
@@ -97,9 +98,8 @@ def draw_folds(validation: CrossValidation, joints: FloatArray) -> tuple[IndexAr
     Raises:
         UnsupportedMethodError: the set has a single posture.
     """
-    first_with_same_posture = find_first_equal(joints)  # (N,) index of an observation
-    postures, posture_of_observation = np.unique(first_with_same_posture, return_inverse=True)
-    posture_count = len(postures)
+    posture_of_observation = _number_postures(joints)
+    posture_count = int(posture_of_observation.max()) + 1
     if posture_count < 2:
         raise UnsupportedMethodError(
             "the set has one posture, and cross-validation needs at least two",
@@ -110,12 +110,28 @@ def draw_folds(validation: CrossValidation, joints: FloatArray) -> tuple[IndexAr
     fold_count = min(validation.folds, posture_count)
     folds = []
     for _ in range(validation.draws):
-        fold_of_posture = np.empty(posture_count, dtype=np.intp)
-        shuffled_postures = generator.permutation(posture_count)
-        fold_of_posture[shuffled_postures] = np.arange(posture_count) % fold_count
+        fold_of_posture = _deal_postures(posture_count, fold_count, generator)
         fold_of_observation = fold_of_posture[posture_of_observation]
         folds += [np.flatnonzero(fold_of_observation == number) for number in range(fold_count)]
     return tuple(folds)
+
+
+def _number_postures(joints: FloatArray) -> IndexArray:
+    """Return the number (N,) of the posture of each observation, from 0, by its joint angles (N, n).
+
+    Postures are numbered in the order of their first observations: angles a, b, a, c give 0, 1, 0, 2.
+    """
+    first_with_same_posture = find_first_equal(joints)  # (N,) index of an observation
+    _, posture_of_observation = np.unique(first_with_same_posture, return_inverse=True)
+    return np.asarray(posture_of_observation)
+
+
+def _deal_postures(posture_count: int, fold_count: int, generator: np.random.Generator) -> IndexArray:
+    """Return the fold (P,) of each posture: shuffled postures are dealt to the folds in turn, like cards."""
+    fold_of_posture = np.empty(posture_count, dtype=np.intp)
+    shuffled_postures = generator.permutation(posture_count)
+    fold_of_posture[shuffled_postures] = np.arange(posture_count) % fold_count
+    return fold_of_posture
 
 
 @dataclass(frozen=True, eq=False)
@@ -503,29 +519,55 @@ def select_model(
     Raises:
         UnsupportedMethodError: the requested model has no weight with a certified fit in every fold.
     """
-    compared = _list_paths_to_compare(paths, requested)
-    validation = folds.validation
-    weight_indices, chosen_unknowns = [], []
-    for path in compared.values():
-        index = choose_weight_index(path.errors, validation.rule, validation.draws)
-        weight_indices.append(index)
-        chosen_unknowns.append(path.unknowns[:, index])
-    scores = _score_held_out(folds, np.array(chosen_unknowns))
+    chosen_fits = []
+    for (name, loss), path in _list_paths_to_compare(paths, requested).items():
+        index = choose_weight_index(path.errors, folds.validation.rule, folds.validation.draws)
+        chosen_fits.append(_ChosenFit(name, loss, path, index))
+    models = _score_models(folds, chosen_fits)
+    return Selection.choose_among(models, screened=screened, links_may_be_base=links_may_be_base)
+
+
+class _ChosenFit(NamedTuple):
+    """Fits of one model and loss to the folds, with the chosen weight of the penalty."""
+
+    model: ModelName
+    loss: Loss
+    path: PenaltyPath  # fits with all weights
+    weight_index: int  # of the chosen weight
+
+    @property
+    def penalty(self) -> float | None:
+        """Chosen weight; None for joints alone, which have no penalty."""
+        return None if self.model == "joints" else self.path.weights[self.weight_index]
+
+    @property
+    def unknowns(self) -> FloatArray:
+        """(K, P + E) unknowns of the fit without each of K folds."""
+        return self.path.unknowns[:, self.weight_index]
+
+    @property
+    def error(self) -> float:
+        """Mean over the folds of the held-out error [m]."""
+        return float(self.path.errors[:, self.weight_index].mean())
+
+
+def _score_models(folds: Folds, chosen_fits: Sequence[_ChosenFit]) -> list[HeldOut]:
+    """Return the accuracy with which each fit predicts the readings of the folds that it did not use."""
+    scores = _score_held_out(folds, np.array([fit.unknowns for fit in chosen_fits]))
     by_posture = _average_by_posture(folds, scores.residual_norms)
     models = []
-    for number, ((name, loss), path) in enumerate(compared.items()):
-        index = weight_indices[number]
+    for number, fit in enumerate(chosen_fits):
         held_out = HeldOut(
-            model=name,
-            loss=loss,
-            error=float(path.errors[:, index].mean()),
-            penalty=None if name == "joints" else path.weights[index],
+            model=fit.model,
+            loss=fit.loss,
+            error=fit.error,
+            penalty=fit.penalty,
             by_fold=scores.compensation[number],
             by_posture=by_posture[number],
             per_draw=folds.per_draw,
         )
         models.append(held_out)
-    return Selection.choose_among(models, screened=screened, links_may_be_base=links_may_be_base)
+    return models
 
 
 def _list_paths_to_compare(
@@ -549,8 +591,7 @@ def _average_by_posture(folds: Folds, norms: FloatArray) -> FloatArray:
 
     `norms` (M, D N) [m] are those of all N observations in each of D draws, in the order of the folds.
     """
-    first_with_same_posture = find_first_equal(folds.rows.measurements.joints)
-    _, posture_of_observation = np.unique(first_with_same_posture, return_inverse=True)
+    posture_of_observation = _number_postures(folds.rows.measurements.joints)
     observation_of_column = np.concatenate(folds.held_out)
     posture_of_column = posture_of_observation[observation_of_column]
     sums = np.array([np.bincount(posture_of_column, norms_of_model) for norms_of_model in norms])
@@ -646,6 +687,30 @@ class _HeldOutScores(NamedTuple):
     residual_norms: FloatArray
 
 
+class _FoldPart(NamedTuple):
+    """Readings of one fold in one block of observations, with the columns of all unknowns."""
+
+    columns: FloatArray  # (b, T, 3, P + E) motions of T targets by unit unknowns
+    deflection: FloatArray  # (b, T, 3) [m]
+    present: BoolArray  # (b, T) which targets were read
+
+    def compute_residual_norms(self, unknowns: FloatArray) -> FloatArray:
+        """Return the lengths (M, b, T) of the residuals [m] by M models with unknowns (M, P + E)."""
+        # Model m, observation b of the block, target t, axis i, unknown p.
+        predicted = np.einsum("btip,mp->mbti", self.columns, unknowns)
+        return np.asarray(np.linalg.norm(self.deflection - predicted, axis=-1))
+
+    def average_over_targets(self, norms: FloatArray) -> FloatArray:
+        """Return the mean (M, b) over the targets that were read, of lengths (M, b, T)."""
+        target_count = np.maximum(self.present.sum(axis=1), 1)
+        return np.asarray(np.where(self.present, norms, 0.0).sum(axis=-1) / target_count)
+
+    @property
+    def deflection_sum(self) -> float:
+        """Sum of the lengths of all deflections that were read [m]."""
+        return float(np.linalg.norm(self.deflection, axis=-1)[self.present].sum())
+
+
 def _score_held_out(folds: Folds, unknowns: FloatArray) -> _HeldOutScores:
     """Predict each of K folds with M models whose unknowns (M, K, P + E) were fitted without that fold.
 
@@ -654,27 +719,32 @@ def _score_held_out(folds: Folds, unknowns: FloatArray) -> _HeldOutScores:
     model_count = len(unknowns)
     residual_sum = np.zeros((model_count, len(folds)))
     deflection_sum = np.zeros(len(folds))
-    norms_of_folds = [np.zeros((model_count, len(observations))) for observations in folds.held_out]
-    block_start = 0  # index of the first observation of the block
+    norms_of_folds: list[list[FloatArray]] = [[] for _ in folds.held_out]
+    start = 0  # index of the first observation of the block
     for rows in generate_elastic_rows(folds.rows, folds.columns, folds.statements):
-        block = rows.block.measurements
         for fold, observations in enumerate(folds.held_out):
-            in_fold = select_rows_of_part(observations, block_start, block_start + len(block))
-            deflection, present = block.deflection[in_fold], block.present[in_fold]
-            columns = rows.targets[in_fold, ..., :-1]
-            # Model m, observation b of the block, target t, axis i, unknown p.
-            predicted = np.einsum("btip,mp->mbti", columns, unknowns[:, fold])
-            residual_norm = np.linalg.norm(deflection - predicted, axis=-1)
-            target_count = np.maximum(present.sum(axis=1), 1)
-            mean_norm = np.where(present, residual_norm, 0.0).sum(axis=-1) / target_count
-            first = int(np.searchsorted(observations, block_start))  # position in the fold
-            norms_of_folds[fold][:, first : first + len(in_fold)] = mean_norm
-            residual_sum[:, fold] += residual_norm[:, present].sum(axis=1)
-            deflection_sum[fold] += float(np.linalg.norm(deflection, axis=-1)[present].sum())
-        block_start += len(block)
+            part = _select_fold(rows, observations, start)
+            norms = part.compute_residual_norms(unknowns[:, fold])
+            norms_of_folds[fold].append(part.average_over_targets(norms))
+            residual_sum[:, fold] += norms[:, part.present].sum(axis=1)
+            deflection_sum[fold] += part.deflection_sum
+        start += len(rows.block.measurements)
     ratio = np.ones_like(residual_sum)
     np.divide(residual_sum, deflection_sum, out=ratio, where=deflection_sum > 0.0)
-    return _HeldOutScores(1.0 - ratio, np.concatenate(norms_of_folds, axis=1))
+    return _HeldOutScores(1.0 - ratio, np.concatenate([*chain(*norms_of_folds)], axis=1))
+
+
+def _select_fold(rows: BlockRows, observations: IndexArray, start: int) -> _FoldPart:
+    """Return the part of a block that belongs to a fold.
+
+    Args:
+        rows: rows of a block of observations.
+        observations: ascending indices of the fold's observations in the whole set.
+        start: index of the block's first observation in the whole set.
+    """
+    block = rows.block.measurements
+    in_fold = select_rows_of_part(observations, start, start + len(block))
+    return _FoldPart(rows.targets[in_fold, ..., :-1], block.deflection[in_fold], block.present[in_fold])
 
 
 def report_penalty(chosen: float, used: float) -> Iterator[Finding]:
@@ -685,21 +755,9 @@ def report_penalty(chosen: float, used: float) -> Iterator[Finding]:
         used: weight λ of the final fit: the smallest weight, at or above `chosen`, with a certified optimum.
     """
     if chosen >= WEIGHTS[-1]:
-        yield Finding(
-            code="link_penalty_at_end",
-            weight="use",
-            message=f"cross-validation chose a penalty of {chosen:.3g}: held-out readings are predicted best "
-            "when hardly any link bends",
-            remedy="use elasticity joints; compare the models' held-out compensation in `selection`",
-        )
+        yield _report_largest_penalty(chosen)
     elif chosen <= LIMITS[0]:
-        yield Finding(
-            code="link_penalty_at_end",
-            weight="use",
-            message=f"cross-validation chose the smallest penalty that it tries, {chosen:.3g}: the readings "
-            "determine the links nearly without a penalty, and the penalty does not bias the links",
-            remedy="to try a smaller penalty, give link_penalty; predictions will hardly change",
-        )
+        yield _report_smallest_penalty(chosen)
     if used > chosen:
         yield Finding(
             code="link_penalty_raised",
@@ -708,6 +766,28 @@ def report_penalty(chosen: float, used: float) -> Iterator[Finding]:
             f"proof that the fit with this penalty is optimal: a penalty of {used:.3g} was used instead",
             remedy="compare `selection`; give link_penalty, or choose fewer links",
         )
+
+
+def _report_largest_penalty(chosen: float) -> Finding:
+    """Return the finding that cross-validation chose the largest penalty that it tries."""
+    return Finding(
+        code="link_penalty_at_end",
+        weight="use",
+        message=f"cross-validation chose a penalty of {chosen:.3g}: held-out readings are predicted best "
+        "when hardly any link bends",
+        remedy="use elasticity joints; compare the models' held-out compensation in `selection`",
+    )
+
+
+def _report_smallest_penalty(chosen: float) -> Finding:
+    """Return the finding that cross-validation chose the smallest penalty that it tries."""
+    return Finding(
+        code="link_penalty_at_end",
+        weight="use",
+        message=f"cross-validation chose the smallest penalty that it tries, {chosen:.3g}: the readings "
+        "determine the links nearly without a penalty, and the penalty does not bias the links",
+        remedy="to try a smaller penalty, give link_penalty; predictions will hardly change",
+    )
 
 
 def report_losses(targets: int) -> Iterator[Finding]:

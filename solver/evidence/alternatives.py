@@ -10,11 +10,11 @@ directly.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations, product
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -111,27 +111,39 @@ def _find_best_alternative(
 
     The compensation is the share of the mean deflection that the joints explain.
     """
-    # Some observations suffice, as the mistake is in all of them; many alternatives allow only a few.
-    target_count = measurements.present.shape[1]
-    affordable = _READINGS // (target_count * (len(alternatives) + 1))
-    observation_count = max(1, min(_MOST_COMPARED_OBSERVATIONS, affordable))
-    compared = measurements.select_evenly(observation_count)
-    # A rigid flange moves by six coordinates at most.
-    coordinates = int(np.minimum(compared.coordinates.sum(axis=1), 6).sum())
+    compared = _choose_observations(measurements, len(alternatives))
+    coordinates = _count_rigid_coordinates(compared)
     degrees_of_freedom = coordinates - robot.n
     if degrees_of_freedom < _LEAST_FREEDOM:
         return None, 1.0
     largest_ratio = _compute_largest_ratio(robot.n, degrees_of_freedom, len(alternatives))
     # A few of these observations exclude most alternatives; only the others are compared on all of them.
     few = math.ceil(_PRESELECTION_COORDINATES * robot.n * len(compared) / coordinates)
-    as_given, *undone = _build_alternative_rows(robot, compared.select_evenly(few), alternatives)
-    squares_as_given, compensation_as_given = _fit_nonnegative_compliances(as_given)
-    can_be_better = _bound_residual_sums(np.array(undone)) < squares_as_given
+    rows = _build_alternative_rows(robot, compared.select_evenly(few), alternatives)
+    squares_as_given, compensation_as_given = _fit_nonnegative_compliances(rows.as_given)
+    can_be_better = _bound_residual_sums(rows.undone) < squares_as_given
     alternatives = [alternatives[k] for k in np.flatnonzero(can_be_better).tolist()]
     if not alternatives:
         return None, compensation_as_given
-    as_given, *undone = _build_alternative_rows(robot, compared, alternatives)
-    return _select_best_fit(as_given, np.array(undone), alternatives, largest_ratio)
+    rows = _build_alternative_rows(robot, compared, alternatives)
+    return _select_best_fit(rows, alternatives, largest_ratio)
+
+
+def _choose_observations(measurements: Measurements, alternative_count: int) -> Measurements:
+    """Return the observations by which alternatives are compared, evenly spread over the set.
+
+    Some observations suffice, as a mistake is in all of them; with many alternatives, only a few of them can
+    be compared in reasonable time.
+    """
+    target_count = measurements.present.shape[1]
+    affordable = _READINGS // (target_count * (alternative_count + 1))
+    count = max(1, min(_MOST_COMPARED_OBSERVATIONS, affordable))
+    return measurements.select_evenly(count)
+
+
+def _count_rigid_coordinates(measurements: Measurements) -> int:
+    """Return the number of coordinates that were read; a rigid flange moves by six at most in a posture."""
+    return int(np.minimum(measurements.coordinates.sum(axis=1), 6).sum())
 
 
 def _compute_largest_ratio(joint_count: int, freedom: int, alternative_count: int) -> float:
@@ -147,122 +159,186 @@ def _compute_largest_ratio(joint_count: int, freedom: int, alternative_count: in
 
 
 def _select_best_fit(
-    rows_as_given: FloatArray,
-    rows_of_alternatives: FloatArray,
-    alternatives: Sequence[Alternative],
-    largest_ratio: float,
+    rows: _AlternativeRows, alternatives: Sequence[Alternative], largest_ratio: float
 ) -> tuple[BetterAlternative | None, float]:
     """Return the significant alternative with the least residual sum, or None, and the compensation as given.
 
     Args:
-        rows_as_given: (R, n + 1) [A d] of the data as given: regressor A, deflections d, in units of sigma.
-        rows_of_alternatives: (K, R, n + 1) [A d] with each of K mistakes undone.
+        rows: rows of the data as given, and with each of K mistakes undone.
         alternatives: the K possible mistakes.
         largest_ratio: ratio of the residual sums, alternative to data as given, below which a mistake is
             significant.
     """
-    squares_as_given, compensation_as_given = _fit_nonnegative_compliances(rows_as_given)
+    squares_as_given, compensation_as_given = _fit_nonnegative_compliances(rows.as_given)
     least_squares, best = squares_as_given * largest_ratio, None
-    least_possible_squares = _bound_residual_sums(rows_of_alternatives)
+    least_possible_squares = _bound_residual_sums(rows.undone)
     for k in np.flatnonzero(least_possible_squares < least_squares).tolist():
-        squares, compensation = _fit_nonnegative_compliances(rows_of_alternatives[k])
+        squares, compensation = _fit_nonnegative_compliances(rows.undone[k])
         if squares < least_squares and compensation >= LEAST_COMPENSATION:
             ratio = squares / squares_as_given
             best = BetterAlternative(alternatives[k], ratio, compensation, compensation_as_given)
             least_squares = squares
-    if best is None:
+    if best is None or _opposite_forces_fit(rows.as_given, least_squares):
         return None, compensation_as_given
-    # If every force has the wrong sign, nearly any alternative fits better than the data as given. Then the
-    # integrity checks report the sign, and no alternative is returned.
-    rows_with_opposite_deflections = rows_as_given.copy()
-    rows_with_opposite_deflections[:, -1] *= -1.0
-    squares_with_opposite_sign, _ = _fit_nonnegative_compliances(rows_with_opposite_deflections)
-    forces_have_wrong_sign = squares_with_opposite_sign < least_squares
-    return None if forces_have_wrong_sign else best, compensation_as_given
+    return best, compensation_as_given
+
+
+def _opposite_forces_fit(rows_as_given: FloatArray, squares: float) -> bool:
+    """Return whether the residual sum is below `squares` once every deflection of the rows is negated.
+
+    If every force has the wrong sign, nearly any alternative fits better than the data as given. Then the
+    integrity checks report the sign, and no alternative is returned.
+    """
+    negated = rows_as_given.copy()
+    negated[:, -1] *= -1.0
+    squares_of_negated, _ = _fit_nonnegative_compliances(negated)
+    return squares_of_negated < squares
 
 
 @lru_cache
 def _list_alternatives(kinds: tuple[JointKind, ...], targets: int) -> tuple[Alternative, ...]:
     """Return the possible mistakes, one change each; only joints of one kind are exchanged or coupled."""
+    return (
+        *_list_column_exchanges(kinds),
+        *_list_reversed_signs(len(kinds)),
+        *_list_couplings(kinds),
+        *_list_zero_offsets(kinds),
+        *_list_load_exchanges(len(kinds), targets),
+    )
+
+
+def _list_column_exchanges(kinds: Sequence[JointKind]) -> Iterator[Alternative]:
+    """Yield the exchange of the columns of each pair of joints of one kind."""
     n = len(kinds)
-    identity, no_offset = np.eye(n), np.zeros(n)
-    mistakes: list[Alternative] = []
     for j, k in combinations(range(n), 2):
         if kinds[j] == kinds[k]:
-            exchanged = identity.copy()
-            exchanged[[j, k]] = identity[[k, j]]
-            mistakes.append(Alternative("columns_exchanged", (j, k), exchanged, no_offset))
+            exchanged = np.eye(n)
+            exchanged[[j, k]] = exchanged[[k, j]]
+            yield Alternative("columns_exchanged", (j, k), exchanged, np.zeros(n))
+
+
+def _list_reversed_signs(n: int) -> Iterator[Alternative]:
+    """Yield the opposite sign of each of n joints."""
     for j in range(n):
-        reversed_joint = identity.copy()
+        reversed_joint = np.eye(n)
         reversed_joint[j, j] = -1.0
-        mistakes.append(Alternative("sign_reversed", (j,), reversed_joint, no_offset))
+        yield Alternative("sign_reversed", (j,), reversed_joint, np.zeros(n))
+
+
+def _list_couplings(kinds: Sequence[JointKind]) -> Iterator[Alternative]:
+    """Yield the addition and the subtraction of joint 2 to and from joint 3.
+
+    Some controllers state joint 3 relative to the ground, not to link 2.
+    """
+    n = len(kinds)
     if n > 2 and kinds[1] == kinds[2]:
-        # Some controllers state joint 3 relative to the ground, not to link 2.
         for sign in (1.0, -1.0):
-            coupled = identity.copy()
+            coupled = np.eye(n)
             coupled[2, 1] = sign
-            mistakes.append(Alternative("joints_coupled", (1, 2), coupled, no_offset))
-    revolute_joints = [j for j, kind in enumerate(kinds) if kind == "revolute"]
-    for j, turn in product(revolute_joints, (0.5 * np.pi, -0.5 * np.pi, np.pi)):
-        mistakes.append(Alternative("zero_offset", (j,), identity, turn * identity[j]))
-    exchanges = [
-        Alternative("load_and_target_exchanged", (), identity, no_offset, target)
-        for target in range(min(targets, _MOST_TARGETS))
-    ]
-    return (*mistakes, *exchanges)
+            yield Alternative("joints_coupled", (1, 2), coupled, np.zeros(n))
+
+
+def _list_zero_offsets(kinds: Sequence[JointKind]) -> Iterator[Alternative]:
+    """Yield the zero of each revolute joint offset by 90°, −90° and 180°, as makers' conventions are."""
+    identity = np.eye(len(kinds))
+    for j, kind in enumerate(kinds):
+        if kind == "revolute":
+            for turn in (0.5 * np.pi, -0.5 * np.pi, np.pi):
+                yield Alternative("zero_offset", (j,), identity, turn * identity[j])
+
+
+def _list_load_exchanges(n: int, targets: int) -> Iterator[Alternative]:
+    """Yield the exchange of the load point and each target, of the first `_MOST_TARGETS` targets."""
+    for target in range(min(targets, _MOST_TARGETS)):
+        yield Alternative("load_and_target_exchanged", (), np.eye(n), np.zeros(n), target)
 
 
 @lru_cache
 def _list_joint_maps(kinds: tuple[JointKind, ...]) -> tuple[Alternative, ...]:
     """Return the joint maps to compare that differ from the stated map by more than one mistake.
 
-    Any signs may be reversed, and the third joint may be coupled to the second.
+    Any signs may be reversed, and the third joint may be coupled to the second. Maps with one mistake are
+    alternatives of another kind.
     """
-    n, maps = len(kinds), list[Alternative]()
+    maps = list[Alternative]()
     couplings = (0.0, 1.0, -1.0) if kinds[1] == kinds[2] else (0.0,)
     for coupling in couplings:
-        coupling_matrix = np.eye(n)
-        coupling_matrix[2, 1] = coupling
-        coupled_joints = {1, 2} if coupling else set[int]()
-        for signs in product((1.0, -1.0), repeat=n):
-            reversed_joints = {j for j, sign in enumerate(signs) if sign < 0.0}
-            mistake_count = len(reversed_joints) + abs(coupling)
+        for signs in product((1.0, -1.0), repeat=len(kinds)):
+            mistake_count = signs.count(-1.0) + abs(coupling)
             if mistake_count > 1:
-                joints = tuple(sorted(reversed_joints | coupled_joints))
-                maps.append(Alternative("joint_map", joints, np.diag(signs) @ coupling_matrix, np.zeros(n)))
+                maps.append(_build_joint_map(signs, coupling))
     return tuple(maps)
+
+
+def _build_joint_map(signs: Sequence[float], coupling: float) -> Alternative:
+    """Return the joint map with the given signs (n), in which joint 3 has `coupling` times joint 2 added."""
+    n = len(signs)
+    affected_joints = {j for j, sign in enumerate(signs) if sign < 0.0}
+    if coupling:
+        affected_joints |= {1, 2}
+    coupling_matrix = np.eye(n)
+    coupling_matrix[2, 1] = coupling
+    matrix = np.diag(signs) @ coupling_matrix
+    return Alternative("joint_map", tuple(sorted(affected_joints)), matrix, np.zeros(n))
+
+
+class _AlternativeRows(NamedTuple):
+    """Least-squares rows [A d] of the data as given, and with each of K mistakes undone.
+
+    Each row holds the regressor A of n compliances, and a coordinate d of a deflection, in units of sigma.
+    """
+
+    as_given: FloatArray  # (R, n + 1)
+    undone: FloatArray  # (K, R, n + 1)
 
 
 def _build_alternative_rows(
     robot: Robot, given: Measurements, alternatives: Sequence[Alternative]
-) -> FloatArray:
-    """Return the least-squares rows (K + 1, R, n + 1) of the data as given, then of K alternatives.
+) -> _AlternativeRows:
+    """Return the least-squares rows of the data as given, and of K alternatives.
 
-    Each row [A d] holds the regressor of the n compliances and a coordinate of a deflection, in units of
-    sigma. The N observations are repeated for each alternative, so that all are computed at once.
+    The N observations are repeated for each alternative, so that all are computed at once.
     """
-    count, copies = len(given), len(alternatives) + 1
-    matrices = [np.eye(robot.n), *(alternative.matrix for alternative in alternatives)]
-    offsets = [np.zeros(robot.n), *(alternative.offset for alternative in alternatives)]
-    joints = np.concatenate(
-        [given.joints @ E.T + offset for E, offset in zip(matrices, offsets, strict=True)]
-    )  # ((K + 1) N, n) controller's joints with each mistake undone
-    postures = Postures(robot, robot.joint_map.model_angles(joints))
+    copies = len(alternatives) + 1
+    joints = _correct_joints(given, robot.n, alternatives)
     # Encoders see the joint that they are on, whatever the joint map is.
-    repeated = replace(given, encoders=None)[np.tile(np.arange(count), copies)]
-    load_point, position = repeated.load_point.copy(), repeated.position.copy()
-    # Positions (N, T, 3) of the targets in the flange frame [m].
-    targets = np.where(given.in_flange[..., None], given.position, targets_in_flange(robot, given))
-    for k, alternative in enumerate(alternatives, 1):
-        t = alternative.target
-        if t is not None:  # the alternative exchanges load point and target
-            copy = slice(k * count, (k + 1) * count)
-            load_point[copy] = targets[:, t]
-            position[copy, t] = np.where(given.in_flange[:, t, None], given.load_point, given.position[:, t])
-    corrected = replace(repeated, joints=joints, load_point=load_point, position=position)
+    repeated = replace(given, encoders=None)[np.tile(np.arange(len(given)), copies)]
+    corrected = replace(_exchange_places(robot, given, repeated, alternatives), joints=joints)
+    postures = Postures(robot, robot.joint_map.model_angles(joints))
     block = unloaded_block(robot, postures, corrected)
     stack = Rows(robot, block.measurements, prepared=block).stack([JOINTS], np.zeros(robot.n))
-    return stack.rows.reshape(copies, -1, robot.n + 1)
+    as_given, *undone = stack.rows.reshape(copies, -1, robot.n + 1)
+    return _AlternativeRows(as_given, np.array(undone))
+
+
+def _correct_joints(given: Measurements, n: int, alternatives: Sequence[Alternative]) -> FloatArray:
+    """Return the controller's joints ((K + 1) N, n): as given, then ``E q_c + e`` of each alternative."""
+    as_given = given.joints @ np.eye(n).T + np.zeros(n)
+    undone = [given.joints @ alternative.matrix.T + alternative.offset for alternative in alternatives]
+    return np.concatenate([as_given, *undone])
+
+
+def _exchange_places(
+    robot: Robot, given: Measurements, repeated: Measurements, alternatives: Sequence[Alternative]
+) -> Measurements:
+    """Return the repeated observations, in which some alternatives exchange the load point and a target.
+
+    Args:
+        robot: n joints.
+        given: N observations.
+        repeated: these observations as given, then once for each alternative.
+        alternatives: the K alternatives; most of them exchange no places.
+    """
+    load_point, position = repeated.load_point.copy(), repeated.position.copy()
+    # Places (N, T, 3) of the targets in the flange frame [m].
+    places = np.where(given.in_flange[..., None], given.position, targets_in_flange(robot, given))
+    for k, alternative in enumerate(alternatives, 1):
+        t = alternative.target
+        if t is not None:
+            copy = slice(k * len(given), (k + 1) * len(given))
+            load_point[copy] = places[:, t]
+            position[copy, t] = np.where(given.in_flange[:, t, None], given.load_point, given.position[:, t])
+    return replace(repeated, load_point=load_point, position=position)
 
 
 def _bound_residual_sums(rows: FloatArray) -> FloatArray:

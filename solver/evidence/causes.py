@@ -137,29 +137,46 @@ def screen_estimate(rows: Rows, estimate: Estimate, scattered: bool = False) -> 
     selection = select_causes(tested, rows.measurements, tests_of_all, scattered=scattered)
     # Links and base must show with and without the postures that were left out.
     tests_of_kept = selection.start
-    links_p_value = max(tests_of_all.links_p_value, tests_of_kept.links_p_value)
-    base_p_value = max(tests_of_all.base_p_value, tests_of_kept.base_p_value)
-    p_values = tests_of_kept.p_values
+    screening = Screening(
+        links_p_value=max(tests_of_all.links_p_value, tests_of_kept.links_p_value),
+        tests=_list_cause_tests(tests_of_kept),
+        causes=selection.causes,
+        wrong=selection.wrong,
+        base_p_value=max(tests_of_all.base_p_value, tests_of_kept.base_p_value),
+    )
+    if screening.base_p_value >= MISTAKE_LEVEL:
+        return screening
+    return _distinguish_links_from_base(screening, tests_of_kept.tests, scattered=scattered)
+
+
+def _list_cause_tests(step: Step) -> tuple[CauseTest, ...]:
+    """Return the tests of all suspected causes as messages, the most significant first."""
+    p_values = step.p_values
     suspects = sorted(p_values, key=lambda suspect: p_values[suspect])
-    causes = build_messages(
+    messages = build_messages(
         CauseTest,
         name=[suspect.name for suspect in suspects],
         first=[suspect.first for suspect in suspects],
         p_value=[p_values[suspect] for suspect in suspects],
     )
-    screening = Screening(
-        links_p_value,
-        tuple(causes),
-        selection.causes,
-        wrong=selection.wrong,
-        base_p_value=base_p_value,
+    return tuple(messages)
+
+
+def _distinguish_links_from_base(screening: Screening, tests: TermTests, *, scattered: bool) -> Screening:
+    """Test whether links explain more than a base that bends, and a base more than links that bend.
+
+    Args:
+        screening: tests of links alone and of a base alone, both added to the joints.
+        tests: compressed rows of these tests.
+        scattered: whether the residuals show a scatter of the joints, which tests must account for.
+
+    Returns:
+        The screening with the p-values of the two further tests.
+    """
+    known = fitted_errors(tests.rows.measurements).terms
+    with_base = TermTests(
+        tests.rows, tests.compliance, tests.visible, known, [FULL_BASE], scattered=scattered
     )
-    if base_p_value >= MISTAKE_LEVEL:
-        return screening
-    # A base shows: test whether links explain more than the base, and a base more than links.
-    tests = tests_of_kept.tests
-    known = fitted_errors(rows.measurements).terms
-    with_base = TermTests(tests.rows, compliance, visible, known, [FULL_BASE], scattered=scattered)
     (base_p_value_with_links,) = tests.p_values([DIAGONAL_BASE.name], DIAGONAL_LINKS.name)
     return replace(
         screening,

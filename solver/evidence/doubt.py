@@ -7,7 +7,7 @@ less, that the readings disagree with the statement, and how much depends on it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.triangle import Triangle, unit_columns
 from jointstiff.solver.mechanics.block import fitted_errors
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.mechanics.terms import LOAD_POINT, list_stated_terms
 from jointstiff.solver.text import figure, length_text
@@ -95,42 +96,100 @@ def find_doubt(rows: Rows, estimate: Estimate) -> PointDoubt | None:
         rows: N observations, with the scatter that tests count: what is stated or shown.
         estimate: estimate by joints alone, fitted to these measurements.
     """
-    measurements, sigma = rows.measurements, estimate.sigma
-    common = measurements.common_uncertainty
-    stated = common.doubtful_load_point
-    fitted_terms = fitted_errors(measurements).terms
-    is_fitted = LOAD_POINT.name in {term.name for term in fitted_terms}
-    if stated is None or not sigma or is_fitted or not measurements.force.any():
+    stated = rows.measurements.common_uncertainty.doubtful_load_point
+    sigma = estimate.sigma
+    if stated is None or not sigma or not _can_be_tested(rows.measurements):
         return None
-    compliance = np.maximum(estimate.compliance, 0.0)
-    others = [term for term in list_stated_terms(measurements) if term.name != LOAD_POINT.name]
-    tested = rows.select_evenly(MOST_TESTED_OBSERVATIONS).at(estimate.balanced)
     try:
-        stack = tested.stack([JOINTS, *fitted_terms, LOAD_POINT, *others], compliance)
+        test = _PointTest.build(rows, estimate, sigma)
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
         return None
-    triangle = join_statements(stack.triangle(), others, measurements, sigma)
-    visible = np.flatnonzero(~estimate.observability.null)
-    triangle.span[JOINTS.name] = visible
-    fitted_names = [JOINTS.name, *(term.name for term in fitted_terms)]
-    p_value = triangle.statement_p_value(LOAD_POINT.name, fitted_names, np.full(3, stated))
-    is_known = (compliance > 0.0) & np.isin(np.arange(len(compliance)), visible)
-    known = np.flatnonzero(is_known)
-    if p_value >= DOUBT_LEVEL or not len(known):
+    p_value = test.compute_p_value(stated)
+    if p_value >= DOUBT_LEVEL or not len(test.known):
         return None
-    columns = np.concatenate([triangle.span[name] for name in fitted_names])
-    fit = _StatedFit.compute(triangle, columns, np.searchsorted(visible, known), stated, sigma)
-    uncertainties = np.hypot(fit.uncertainties, common.scale * compliance[known])
-    change = USUAL_MISTAKE * np.linalg.norm(fit.responses, axis=1)
-    moves, relative = change / uncertainties, change / compliance[known]
-    is_harmful = (moves > HARMLESS) & (relative > HARMLESS_CHANGE)
-    if not is_harmful.any():
+    moves = test.compute_moves(stated)
+    worst = moves.find_worst()
+    if worst is None:
         return None
-    worst = int(np.argmax(np.where(is_harmful, moves, 0.0)))
     return PointDoubt(
         stated=stated,
         p_value=p_value,
-        joint=rows.robot.joint_names[known[worst]],
-        moves=float(moves[worst]),
-        change=float(relative[worst]),
+        joint=rows.robot.joint_names[test.known[worst]],
+        moves=float(moves.standardised[worst]),
+        change=float(moves.relative[worst]),
     )
+
+
+def _can_be_tested(measurements: Measurements) -> bool:
+    """Return whether readings can show another load point: under a force, unless it was fitted already."""
+    fitted_names = {term.name for term in fitted_errors(measurements).terms}
+    return LOAD_POINT.name not in fitted_names and bool(measurements.force.any())
+
+
+class _Moves(NamedTuple):
+    """Changes of q compliances by a usual mistake of the load point."""
+
+    standardised: FloatArray  # (q,) in standard uncertainties
+    relative: FloatArray  # (q,) relative to the compliance
+
+    def find_worst(self) -> int | None:
+        """Return the index of the compliance that moves most; None if all moves are harmless."""
+        is_harmful = (self.standardised > HARMLESS) & (self.relative > HARMLESS_CHANGE)
+        if not is_harmful.any():
+            return None
+        return int(np.argmax(np.where(is_harmful, self.standardised, 0.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class _PointTest:
+    """Rows of the joints and the load point, by which the readings are compared with a stated load point."""
+
+    triangle: Triangle  # rows of joints, errors that were fitted before, the load point and other statements
+    fitted_names: list[str]  # names of the joints and of the errors that were fitted before
+    visible: IndexArray  # joints that the readings see
+    compliance: FloatArray  # (n,) at least zero [rad/(N·m)]
+    scale: float  # relative standard uncertainty of all compliances, by that of the scale of the loads
+    sigma: float  # standard uncertainty of a coordinate of a reading [m]
+
+    @classmethod
+    def build(cls, rows: Rows, estimate: Estimate, sigma: float) -> _PointTest:
+        """Compress the rows of some observations, at the balance of the estimate.
+
+        Raises:
+            SolverError: a load has no balance.
+        """
+        measurements = rows.measurements
+        compliance = np.maximum(estimate.compliance, 0.0)
+        fitted_terms = fitted_errors(measurements).terms
+        others = [term for term in list_stated_terms(measurements) if term.name != LOAD_POINT.name]
+        tested = rows.select_evenly(MOST_TESTED_OBSERVATIONS).at(estimate.balanced)
+        stack = tested.stack([JOINTS, *fitted_terms, LOAD_POINT, *others], compliance)
+        triangle = join_statements(stack.triangle(), others, measurements, sigma)
+        visible = np.flatnonzero(~estimate.observability.null)
+        triangle.span[JOINTS.name] = visible
+        fitted_names = [JOINTS.name, *(term.name for term in fitted_terms)]
+        scale = measurements.common_uncertainty.scale
+        return cls(triangle, fitted_names, visible, compliance, scale, sigma)
+
+    @property
+    def known(self) -> IndexArray:
+        """(q,) joints with a positive compliance that the readings see."""
+        is_visible = np.isin(np.arange(len(self.compliance)), self.visible)
+        return np.flatnonzero((self.compliance > 0.0) & is_visible)
+
+    def compute_p_value(self, stated: float) -> float:
+        """Return the p-value of the load point with the standard uncertainty `stated` of a coordinate [m]."""
+        return self.triangle.statement_p_value(LOAD_POINT.name, self.fitted_names, np.full(3, stated))
+
+    def compute_moves(self, stated: float) -> _Moves:
+        """Return how far a mistake of the load point by `USUAL_MISTAKE` moves the known compliances.
+
+        `stated` is the standard uncertainty of each coordinate of the load point with which it is fitted [m].
+        """
+        columns = np.concatenate([self.triangle.span[name] for name in self.fitted_names])
+        places = np.searchsorted(self.visible, self.known)
+        fit = _StatedFit.compute(self.triangle, columns, places, stated, self.sigma)
+        compliance = self.compliance[self.known]
+        uncertainties = np.hypot(fit.uncertainties, self.scale * compliance)
+        change = USUAL_MISTAKE * np.linalg.norm(fit.responses, axis=1)
+        return _Moves(change / uncertainties, change / compliance)

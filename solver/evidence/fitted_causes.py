@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -87,16 +87,32 @@ def _subtract_named_causes(
     of_joints = tested.stack([JOINTS], np.zeros(rows.robot.n)).flat
     compliance, _ = solve_nonnegative(of_joints[:, :-1], of_joints[:, -1])
     terms = _find_named_terms(measurements, tested, compliance, named)
-    fitted = fit_causes_with_joints(tested, terms, compliance)
-    scatter = _find_scatter(tested, fitted)
-    with_scatter = tested.of(replace(tested.measurements, scatter=scatter))
-    if scatter != tested.measurements.scatter:
-        # The targets of a posture share errors, so that they count as fewer readings: fit again.
-        fitted = fit_causes_with_joints(with_scatter, terms, fitted.compliance)
-    errors = _add_uncertainty_of_columns(with_scatter, fitted)
-    corrected = subtract_errors(rows.at(fitted.compliance), errors)
-    errors = replace(errors, loads=group_distinct_loads(measurements))
+    fitted = _fit_with_scatter(tested, terms, compliance)
+    corrected = subtract_errors(rows.at(fitted.compliance), fitted.errors)
+    errors = replace(fitted.errors, loads=group_distinct_loads(measurements))
     return CorrectedMeasurements.from_measurements(corrected, errors)
+
+
+def _fit_with_scatter(rows: Rows, terms: Sequence[Term], compliance: FloatArray) -> FittedCauses:
+    """Fit causes together with the joints, with the scatter from posture to posture that residuals show.
+
+    The targets of a posture share errors, so that they count as fewer readings. The errors of the result
+    include the uncertainty of how the causes move the targets.
+
+    Args:
+        rows: N observations.
+        terms: the causes.
+        compliance: (n,) compliances at which the fit starts [rad/(N·m)].
+
+    Raises:
+        SolverError: a cause implies loads without a balance.
+    """
+    fitted = fit_causes_with_joints(rows, terms, compliance)
+    scatter = _find_scatter(rows, fitted)
+    with_scatter = rows.of(replace(rows.measurements, scatter=scatter))
+    if scatter != rows.measurements.scatter:
+        fitted = fit_causes_with_joints(with_scatter, terms, fitted.compliance)
+    return replace(fitted, errors=_add_uncertainty_of_columns(with_scatter, fitted))
 
 
 def _find_named_terms(
@@ -142,6 +158,7 @@ class FittedCauses:
     visible: BoolArray  # (n,) whether the readings see each joint
     size: FloatArray  # (k,) typical size of each unknown
     tests: TermTests  # compressed rows of the readings, from which the fitted causes were subtracted
+    has_converged: bool  # whether the last step was small
 
 
 def fit_causes_with_joints(rows: Rows, terms: Sequence[Term], compliance: FloatArray) -> FittedCauses:
@@ -158,32 +175,67 @@ def fit_causes_with_joints(rows: Rows, terms: Sequence[Term], compliance: FloatA
     Raises:
         SolverError: a cause implies loads without a balance.
     """
-    remaining, unknowns, typical_size = rows, np.zeros(()), np.zeros(0)
+    remaining, before = rows, None
     for _ in range(_REFITS):
-        remaining = remaining.at(compliance)
-        # A corrected load may twist joints that the stated load did not twist.
-        visible = ~Excitation.of(remaining).observability().null
-        tests = TermTests(remaining, compliance, visible, terms, ())
-        triangle, sigma = _compress_rows(tests)
-        step = triangle.fit_with([term.name for term in terms])
-        compliance = np.zeros(rows.robot.n)
-        compliance[visible] = np.maximum(step.known, 0.0)
-        previous, unknowns = unknowns, unknowns + step.unknowns
-        # The unknowns of all terms are in one array; the next term begins at each of these positions.
-        starts = np.cumsum([len(tests.stated.span[term.name]) for term in terms])[:-1]
-        if not typical_size.any():  # after the first step
-            typical_size = _compute_typical_sizes(np.split(unknowns, starts))
-        unknowns, root = _zero_undetermined_part(unknowns, step, sigma, typical_size)
-        unknowns_of_terms = tuple(np.split(unknowns, starts))
-        determined_count = step.root.shape[1]
-        errors = FittedErrors(tuple(terms), unknowns_of_terms, root, determined_count)
-        fitted = FittedCauses(errors, compliance, visible, typical_size, tests)
-        step_length = np.linalg.norm((unknowns - previous) / typical_size)
-        if step_length <= _STEP_TOLERANCE * np.linalg.norm(unknowns / typical_size):
+        fitted = _take_step(remaining.at(compliance), terms, compliance, before)
+        if fitted.has_converged:
             break
+        compliance, before = fitted.compliance, fitted
         at_fitted = rows.at(compliance)
-        remaining = at_fitted.of(subtract_errors(at_fitted, errors))
+        remaining = at_fitted.of(subtract_errors(at_fitted, fitted.errors))
     return fitted
+
+
+def _take_step(
+    remaining: Rows, terms: Sequence[Term], compliance: FloatArray, before: FittedCauses | None
+) -> FittedCauses:
+    """Take one Gauss-Newton step: fit joints and causes to what the step before leaves of the readings.
+
+    Args:
+        remaining: observations, from which the motion by the causes of the step before was subtracted.
+        terms: the causes.
+        compliance: (n,) compliances at which the rows are linear [rad/(N·m)].
+        before: result of the step before; None for the first step.
+    """
+    # A corrected load may twist joints that the stated load did not twist.
+    visible = ~Excitation.of(remaining).observability().null
+    tests = TermTests(remaining, compliance, visible, terms, ())
+    triangle, sigma = _compress_rows(tests)
+    step = triangle.fit_with([term.name for term in terms])
+    previous = np.zeros(()) if before is None else np.concatenate(before.errors.unknowns)
+    unknowns = previous + step.unknowns
+    if before is None:
+        size = _compute_typical_sizes(_split_by_term(unknowns, terms, tests.stated))
+    else:
+        size = before.size
+    unknowns, root = _zero_undetermined_part(unknowns, step, sigma, size)
+    unknowns_of_terms = _split_by_term(unknowns, terms, tests.stated)
+    step_length = np.linalg.norm((unknowns - previous) / size)
+    return FittedCauses(
+        errors=FittedErrors(tuple(terms), unknowns_of_terms, root, determined=step.root.shape[1]),
+        compliance=_place_compliances(step.known, visible),
+        visible=visible,
+        size=size,
+        tests=tests,
+        has_converged=bool(step_length <= _STEP_TOLERANCE * np.linalg.norm(unknowns / size)),
+    )
+
+
+def _place_compliances(of_visible: FloatArray, visible: BoolArray) -> FloatArray:
+    """Return compliances (n,) of at least zero, from those of the visible joints; zero for other joints."""
+    compliance = np.zeros(len(visible))
+    compliance[visible] = np.maximum(of_visible, 0.0)
+    return compliance
+
+
+def _split_by_term(unknowns: FloatArray, terms: Sequence[Term], triangle: Triangle) -> tuple[FloatArray, ...]:
+    """Return the unknowns of each term, from one array of the unknowns of all terms in turn.
+
+    The triangle has a column for each unknown: terms of 3 and 1 columns split 4 unknowns into 3 and 1.
+    """
+    counts = [len(triangle.span[term.name]) for term in terms]
+    starts = np.cumsum(counts)[:-1]  # where the next term begins
+    return tuple(np.split(unknowns, starts))
 
 
 def _compute_typical_sizes(unknowns_of_terms: Sequence[FloatArray]) -> FloatArray:
@@ -237,22 +289,12 @@ def _add_uncertainty_of_columns(rows: Rows, fitted: FittedCauses) -> FittedError
     For example, play moves a target when the load takes it up, but when that happens is uncertain. For each
     such cause a further term of doubt is fitted, whose unknowns are stated as 0 ± 1.
     """
-    errors, compliance = fitted.errors, fitted.compliance
-    doubts = [
-        term.doubt(unknowns)
-        for term, unknowns in zip(errors.terms, errors.unknowns, strict=True)
-        if term.doubt is not None
-    ]
+    errors = fitted.errors
+    doubts = _list_doubts(errors)
     if not doubts:
         return errors
     terms = (*errors.terms, *doubts)
-    at_fitted = rows.at(compliance)
-    remaining = at_fitted.of(subtract_errors(at_fitted, errors))
-    triangle, sigma = _compress_rows(TermTests(remaining, compliance, fitted.visible, terms, ()))
-    for term in doubts:
-        uncertainties = np.ones(len(triangle.span[term.name]))
-        triangle = triangle.state(term.name, uncertainties, sigma)
-    triangle.span[JOINTS.name] = np.flatnonzero(fitted.visible)
+    triangle, sigma = _compress_with_doubts(rows, fitted, doubts)
     correction = triangle.fit_with([term.name for term in terms])
     doubt_count = len(correction.unknowns) - len(fitted.size)
     typical_size = np.concatenate([fitted.size, np.ones(doubt_count)])
@@ -260,9 +302,37 @@ def _add_uncertainty_of_columns(rows: Rows, fitted: FittedCauses) -> FittedError
     unknowns, root = _zero_undetermined_part(
         before_correction + correction.unknowns, correction, sigma, typical_size
     )
-    # The unknowns of all terms are in one array; the next term begins at each of these positions.
-    starts = np.cumsum([len(triangle.span[term.name]) for term in terms])[:-1]
-    return FittedErrors(terms, tuple(np.split(unknowns, starts)), root, errors.determined)
+    return FittedErrors(terms, _split_by_term(unknowns, terms, triangle), root, errors.determined)
+
+
+def _list_doubts(errors: FittedErrors) -> list[Term]:
+    """Return a term of doubt for each fitted cause whose motion of the targets is uncertain."""
+    doubts = []
+    for term, unknowns in zip(errors.terms, errors.unknowns, strict=True):
+        if term.doubt is not None:
+            doubts.append(term.doubt(unknowns))
+    return doubts
+
+
+def _compress_with_doubts(rows: Rows, fitted: FittedCauses, doubts: Sequence[Term]) -> tuple[Triangle, float]:
+    """Return (triangle, sigma): the rows that fitted causes leave, with terms of doubt, and sigma [m].
+
+    The unknowns of the doubts are stated as 0 ± 1.
+
+    Args:
+        rows: N observations, with the scatter of the fit.
+        fitted: the causes.
+        doubts: terms of doubt about how the causes move the targets.
+    """
+    at_fitted = rows.at(fitted.compliance)
+    remaining = at_fitted.of(subtract_errors(at_fitted, fitted.errors))
+    terms = (*fitted.errors.terms, *doubts)
+    triangle, sigma = _compress_rows(TermTests(remaining, fitted.compliance, fitted.visible, terms, ()))
+    for term in doubts:
+        uncertainties = np.ones(len(triangle.span[term.name]))
+        triangle = triangle.state(term.name, uncertainties, sigma)
+    triangle.span[JOINTS.name] = np.flatnonzero(fitted.visible)
+    return triangle, sigma
 
 
 def _find_scatter(rows: Rows, fitted: FittedCauses) -> Scatter:
@@ -293,7 +363,6 @@ def subtract_errors(rows: Rows, errors: FittedErrors) -> Measurements:
         errors: fitted errors, with the values of their unknowns.
     """
     measurements = rows.measurements
-    compliance = np.zeros(rows.robot.n) if rows.balanced is None else rows.balanced
     moving_terms = []
     for term, values in zip(errors.terms, errors.unknowns, strict=True):
         if term.change_loads is None:
@@ -302,19 +371,33 @@ def subtract_errors(rows: Rows, errors: FittedErrors) -> Measurements:
             measurements = term.change_loads(rows.robot, measurements, values)
     if not moving_terms:
         return measurements
-    target_motions, joint_motions = [], []  # of each block of observations
-    for block in rows.of(measurements).generate_blocks():
-        targets, joints = np.zeros_like(block.measurements.deflection), np.zeros_like(block.torque)
-        for term, values in moving_terms:
-            motion = block.move(term, compliance)
-            targets += motion.targets @ values
-            if motion.joints is not None:
-                joints += motion.joints @ values
-        target_motions.append(targets)
-        joint_motions.append(joints)
-    target_motion = np.where(measurements.present[..., None], np.concatenate(target_motions), 0.0)
+    motion = _compute_motion(rows.of(measurements), moving_terms)
+    of_targets = np.where(measurements.present[..., None], motion.targets, 0.0)
     encoders = measurements.encoders
     if encoders is not None:
-        corrected = encoders.deflection - np.concatenate(joint_motions)
+        corrected = encoders.deflection - motion.joints
         encoders = replace(encoders, deflection=np.where(encoders.present, corrected, 0.0))
-    return replace(measurements, deflection=measurements.deflection - target_motion, encoders=encoders)
+    return replace(measurements, deflection=measurements.deflection - of_targets, encoders=encoders)
+
+
+class _ErrorMotion(NamedTuple):
+    """Motion by errors in N observations of T targets and n joints."""
+
+    targets: FloatArray  # (N, T, 3) axes of R0 [m]
+    joints: FloatArray  # (N, n) of the joints, as their encoders see them [rad]
+
+
+def _compute_motion(rows: Rows, terms: Sequence[tuple[Term, FloatArray]]) -> _ErrorMotion:
+    """Return the motion by some terms, each given with the values of its unknowns."""
+    compliance = np.zeros(rows.robot.n) if rows.balanced is None else rows.balanced
+    targets_of_blocks, joints_of_blocks = [], []
+    for block in rows.generate_blocks():
+        targets, joints = np.zeros_like(block.measurements.deflection), np.zeros_like(block.torque)
+        for term, values in terms:
+            by_unit = block.move(term, compliance)
+            targets += by_unit.targets @ values
+            if by_unit.joints is not None:
+                joints += by_unit.joints @ values
+        targets_of_blocks.append(targets)
+        joints_of_blocks.append(joints)
+    return _ErrorMotion(np.concatenate(targets_of_blocks), np.concatenate(joints_of_blocks))

@@ -83,10 +83,13 @@ def inspect_force_unit(
     compared = _ComparedJoints.of(joints)
     if compared.is_known.sum() < LEAST_JOINTS:
         return
+    reach = measure_reach(robot)
     if robot.payload is None:
-        yield _request_payload(robot, measurements, compared)
+        yield _request_payload(compared, reach, measurements.force_unit)
         return
-    yield from _compare_with_payload(robot, robot.payload, measurements, compared)
+    comparison = _Comparison(compared, robot.payload, reach, measurements.force_unit)
+    if not comparison.is_plausible(1.0):
+        yield from _report_implausible_ratio(comparison)
 
 
 @dataclass(frozen=True)
@@ -131,26 +134,25 @@ class _ComparedJoints:
         return self.usual_ratio / FACTOR, self.usual_ratio * FACTOR
 
 
-def _request_payload(robot: Robot, measurements: Measurements, compared: _ComparedJoints) -> Finding:
+def _request_payload(compared: _ComparedJoints, reach: float, declared: ForceUnit) -> Finding:
     """Return the finding that the unit of forces is not checked, because the robot states no payload.
 
     The finding tells for which payloads the stiffnesses are plausible, in each unit that people type.
+
+    Args:
+        compared: identified joints.
+        reach: of the wrist from axis 1 [m].
+        declared: unit of the forces that was declared.
     """
-    torque_of_one_kg = payload_torque(1.0, measure_reach(robot))
-    least_ratio, greatest_ratio = compared.plausible_ratios
     payload_texts = []
-    for unit, size in _relative_units(measurements.force_unit).items():
+    for unit, size in _relative_units(declared).items():
         is_declared = size == 1.0
         if is_declared or unit in _TYPED_UNITS:
-            stiffness = size * compared.stiffness
-            # A stiff arm for its payload has the greatest ratio of stiffness to torque.
-            least = figure(stiffness / (greatest_ratio * torque_of_one_kg), ".2g")
-            greatest = figure(stiffness / (least_ratio * torque_of_one_kg), ".2g")
-            payload_texts.append(f"{least} to {greatest} kg with forces in {unit}")
+            payload_texts.append(f"{_describe_payloads(compared, size, reach)} with forces in {unit}")
     return Finding(
         code="payload_not_stated",
         weight="use_with_care",
-        message=f"the robot states no payload, so the unit of the forces ({measurements.force_unit}) cannot "
+        message=f"the robot states no payload, so the unit of the forces ({declared}) cannot "
         f"be checked; the stiffnesses of {compared.names} are plausible for a payload of "
         f"{', '.join(payload_texts)}",
         remedy="state `payload`, the largest payload of the robot by its maker, in kg",
@@ -158,52 +160,108 @@ def _request_payload(robot: Robot, measurements: Measurements, compared: _Compar
     )
 
 
-def _compare_with_payload(
-    robot: Robot, payload: float, measurements: Measurements, compared: _ComparedJoints
-) -> Iterator[Finding]:
-    """Yield findings for stiffnesses that are implausible for the payload [kg]."""
-    least, greatest = compared.plausible_ratios
-    reach = measure_reach(robot)
-    ratio = compared.stiffness / payload_torque(payload, reach)
-    if least <= ratio <= greatest:
-        return
-    ratio_texts_of_arms = [
-        f"{figure(mean, '.3g')} ({arm.name})"
-        for arm, mean in zip(MEASURED_ARMS, compared.ratios_of_arms, strict=True)
-    ]
-    range_text = f"{figure(least, '.2g')} to {figure(greatest, '.2g')} rad⁻¹"
-    message = (
-        f"the geometric mean of the stiffnesses of {compared.names}, divided by payload · g · reach "
-        f"({figure(payload)} kg, {figure(reach, '.3g')} m), is {figure(ratio, '.3g')} rad⁻¹; the "
-        f"arm of our comparison has {' or '.join(ratio_texts_of_arms)}, and {range_text} is plausible"
-    )
-    declared = measurements.force_unit
-    ratios = {unit: ratio * size for unit, size in _relative_units(declared).items()}
-    plausible_units = [unit for unit in FORCE_UNITS if least <= ratios[unit] <= greatest]
-    # The likeliest unit, whose ratio is nearest to the usual ratio, comes first.
-    plausible_units.sort(key=lambda unit: abs(np.log(ratios[unit] / compared.usual_ratio)))
-    if not plausible_units:
+def _describe_payloads(compared: _ComparedJoints, size: float, reach: float) -> str:
+    """Return the payloads for which stiffnesses are plausible, such as `110 to 990 kg`.
+
+    A stiff arm for its payload has the greatest ratio of stiffness to torque, and so the least payload.
+
+    Args:
+        compared: identified joints, with their stiffness by the forces as declared.
+        size: size of the unit of forces, relative to the declared one.
+        reach: of the wrist from axis 1 [m].
+    """
+    torque_of_one_kg = payload_torque(1.0, reach)
+    least_ratio, greatest_ratio = compared.plausible_ratios
+    stiffness = size * compared.stiffness
+    least = figure(stiffness / (greatest_ratio * torque_of_one_kg), ".2g")
+    greatest = figure(stiffness / (least_ratio * torque_of_one_kg), ".2g")
+    return f"{least} to {greatest} kg"
+
+
+@dataclass(frozen=True)
+class _Comparison:
+    """Stiffness of an arm compared with its payload and reach."""
+
+    compared: _ComparedJoints
+    payload: float  # [kg]
+    reach: float  # of the wrist from axis 1 [m]
+    declared: ForceUnit  # unit of the forces as declared
+
+    @property
+    def ratio(self) -> float:
+        """Ratio of the stiffness to the torque of payload and reach, with the forces as declared [rad⁻¹]."""
+        return self.compared.stiffness / payload_torque(self.payload, self.reach)
+
+    def is_plausible(self, size: float) -> bool:
+        """Return whether the ratio is plausible with a unit of forces `size` times as large as declared."""
+        least, greatest = self.compared.plausible_ratios
+        return least <= self.ratio * size <= greatest
+
+    def find_plausible_units(self) -> dict[ConfusedForceUnit, float]:
+        """Return unit → ratio [rad⁻¹] of the units of force with a plausible ratio, the likeliest first.
+
+        The likeliest unit is that whose ratio is nearest to the usual ratio.
+        """
+        sizes = _relative_units(self.declared)
+        ratios = {unit: self.ratio * size for unit, size in sizes.items() if self.is_plausible(size)}
+        usual = self.compared.usual_ratio
+        likeliest_first = sorted(ratios, key=lambda unit: abs(np.log(ratios[unit] / usual)))
+        return {unit: ratios[unit] for unit in likeliest_first}
+
+    @property
+    def plausible_range(self) -> str:
+        """The plausible ratios in words."""
+        least, greatest = self.compared.plausible_ratios
+        return f"{figure(least, '.2g')} to {figure(greatest, '.2g')} rad⁻¹"
+
+    def describe(self) -> str:
+        """Return the ratio of the arm, those of the measured arms, and the plausible ones in words."""
+        ratio_texts_of_arms = [
+            f"{figure(mean, '.3g')} ({arm.name})"
+            for arm, mean in zip(MEASURED_ARMS, self.compared.ratios_of_arms, strict=True)
+        ]
+        return (
+            f"the geometric mean of the stiffnesses of {self.compared.names}, divided by payload · g · reach "
+            f"({figure(self.payload)} kg, {figure(self.reach, '.3g')} m), is {figure(self.ratio, '.3g')} "
+            f"rad⁻¹; the arm of our comparison has {' or '.join(ratio_texts_of_arms)}, and "
+            f"{self.plausible_range} is plausible"
+        )
+
+
+def _report_implausible_ratio(comparison: _Comparison) -> Iterator[Finding]:
+    """Yield a finding for each unit of force that makes the ratio plausible; one without a unit if none does.
+
+    Only the first finding repeats the whole comparison.
+    """
+    units = comparison.find_plausible_units()
+    if not units:
         yield Finding(
             code="stiffness_against_payload",
             weight="use_with_care",
-            message=f"{message}; no other unit of force would give a plausible value",
+            message=f"{comparison.describe()}; no other unit of force would give a plausible value",
             remedy=f"check `units.force`, and the robot's `payload`; {PAST_CARE}",
         )
-    for number, unit in enumerate(plausible_units):
-        comparison_text = (
-            f"forces in {unit}, not in {declared} as declared, would give {figure(ratios[unit], '.3g')} rad⁻¹"
+    for number, (unit, ratio) in enumerate(units.items()):
+        effect = (
+            f"forces in {unit}, not in {comparison.declared} as declared, would give "
+            f"{figure(ratio, '.3g')} rad⁻¹"
         )
-        is_first = number == 0  # only the first finding repeats the whole comparison
-        yield Finding(
-            code="stiffness_against_payload",
-            weight="use_with_care",
-            message=f"{message}; {comparison_text}"
-            if is_first
-            else f"{comparison_text}; {range_text} is plausible",
-            remedy=f"check in which unit the forces were read; {PAST_CARE}; if in {unit}, set `units.force` "
-            f"to {unit}",
-            action=AdvisedAction.of("convert_units", unit=unit),
-        )
+        message = f"{effect}; {comparison.plausible_range} is plausible"
+        if number == 0:
+            message = f"{comparison.describe()}; {effect}"
+        yield _report_confused_unit(unit, message)
+
+
+def _report_confused_unit(unit: ConfusedForceUnit, message: str) -> Finding:
+    """Return the finding that forces may have been read in another unit than declared."""
+    return Finding(
+        code="stiffness_against_payload",
+        weight="use_with_care",
+        message=message,
+        remedy=f"check in which unit the forces were read; {PAST_CARE}; if in {unit}, set `units.force` "
+        f"to {unit}",
+        action=AdvisedAction.of("convert_units", unit=unit),
+    )
 
 
 def _relative_units(declared: ForceUnit) -> dict[ConfusedForceUnit, float]:

@@ -9,7 +9,7 @@ Regression Analysis*, ch. 2).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -60,25 +60,49 @@ def compute_pure_error(rows: Rows, residual: FloatArray, unknowns: float) -> Pur
     usable = np.flatnonzero(has_triangle)
     part = rows.at(None)[usable]
     try:
-        motion_squares, noise_squares = _split_residual_squares(part, residual[usable])
+        squares = _split_residual_squares(part, residual[usable])
     except UnsupportedMethodError:  # targets on a line do not show the whole motion
         return None
-    freedom_of_noise = float(part.measurements.coordinates.sum()) - _RIGID * len(part)
-    # All unknowns are subtracted here, also those that observations with few targets determine.
-    freedom_of_motion = _RIGID * len(part) - unknowns
-    if freedom_of_noise < 1.0 or freedom_of_motion < 1.0:
+    # All unknowns are subtracted from the motion's, also those that observations with few targets determine.
+    freedom = _SplitFreedom(
+        motion=_RIGID * len(part) - unknowns,
+        noise=float(part.measurements.coordinates.sum()) - _RIGID * len(part),
+    )
+    return _compare_variances(squares, freedom)
+
+
+class _SplitSquares(NamedTuple):
+    """Sums of squared residuals [m²]."""
+
+    motion: float  # of the part that a rigid motion of the flange could cause
+    noise: float  # of the rest
+
+
+class _SplitFreedom(NamedTuple):
+    """Degrees of freedom of the two parts of the residuals.
+
+    For example ten postures of four targets have 120 coordinates: 60 of motion, and 60 of noise alone.
+    """
+
+    motion: float
+    noise: float
+
+
+def _compare_variances(squares: _SplitSquares, freedom: _SplitFreedom) -> PureError | None:
+    """Compare the variances of the two parts by an F test; None where one has no degree of freedom."""
+    if freedom.noise < 1.0 or freedom.motion < 1.0:
         return None
-    noise_variance = max(noise_squares, 0.0) / freedom_of_noise + _RESOLUTION**2
-    motion_variance = motion_squares / freedom_of_motion + _RESOLUTION**2
+    noise_variance = max(squares.noise, 0.0) / freedom.noise + _RESOLUTION**2
+    motion_variance = squares.motion / freedom.motion + _RESOLUTION**2
     variance_ratio = motion_variance / noise_variance
     return PureError(
         sigma=float(np.sqrt(noise_variance)),
         left=float(np.sqrt(motion_variance)),
-        p_value=float(special.fdtrc(freedom_of_motion, freedom_of_noise, variance_ratio)),
+        p_value=float(special.fdtrc(freedom.motion, freedom.noise, variance_ratio)),
     )
 
 
-def _split_residual_squares(rows: Rows, residual: FloatArray) -> tuple[float, float]:
+def _split_residual_squares(rows: Rows, residual: FloatArray) -> _SplitSquares:
     """Return the sum of squared residuals that a rigid motion of the flange could cause, and the other sum.
 
     The residuals of an observation are projected on the six directions in which a rigid motion moves its
@@ -104,4 +128,4 @@ def _split_residual_squares(rows: Rows, residual: FloatArray) -> tuple[float, fl
         motion_squares += squares_along_motion
         noise_squares += float(np.square(whitened).sum()) - squares_along_motion
         start = stop
-    return motion_squares, noise_squares
+    return _SplitSquares(motion_squares, noise_squares)

@@ -32,6 +32,7 @@ from jointstiff.solver.fit.problem import Bounds, IdentificationProblem
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import solve_batch, solve_step
 from jointstiff.solver.fit.stack import Stack
+from jointstiff.solver.fit.statements import FittedStatements
 from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.messages import build_messages
 
@@ -120,32 +121,48 @@ def build_method_stacks(rows: Rows, settings: Settings, estimate: Estimate) -> M
     """
     rows = rows.at(estimate.balanced)
     method = Method(rows.robot, settings, estimate.characteristic_length)
-    statements = estimate.statements  # a subset corrects stated values, such as the load point, as all do
-    blocks_of_stages: list[list[FloatArray]] = [[] for _ in method.stages]
-    regressors, deflections = [], []
-    for of_block in statements.statements.generate(rows, [JOINTS], whitened=False):
-        block, corrected = of_block.block, statements.subtract(of_block)
-        stage_rows = method.map_rows(corrected.whiten())
-        for blocks, mapped in zip(blocks_of_stages, stage_rows, strict=True):
-            blocks.append(mapped.fitted)
-        present = block.measurements.present
-        regressors.append(block.A[present])
-        deflections.append(corrected.targets[present][..., -1])
+    collected = _collect_rows(rows, method, estimate.statements)
     observable = ~Excitation.of(rows).observability().null
     stages = []
-    for stage, blocks in zip(method.stages, blocks_of_stages, strict=True):
+    for stage, stage_rows in zip(method.stages, collected.rows_of_stages, strict=True):
         joints, known = stage.joints[observable[stage.joints]], stage.known[observable[stage.known]]
         if len(joints):
-            stages.append(_build_stage_stack(np.concatenate(blocks), joints, known))
+            stages.append(_build_stage_stack(stage_rows, joints, known))
     visible = np.flatnonzero(observable)
-    regressor_of_readings = np.concatenate(regressors)  # (M, 3, n)
     return MethodStacks(
         parameters=rows.robot.n,
         stages=tuple(stages),
         visible=visible,
-        regressor=np.ascontiguousarray(regressor_of_readings.T[visible]),
-        deflection=np.ascontiguousarray(np.concatenate(deflections).T),
+        regressor=np.ascontiguousarray(collected.regressor.T[visible]),
+        deflection=np.ascontiguousarray(collected.deflection.T),
     )
+
+
+class _CollectedRows(NamedTuple):
+    """Rows of all N configurations: for the fit of each stage of a method, and of all M readings as read."""
+
+    rows_of_stages: list[FloatArray]  # (N, r, n + 1) [A d] of each stage
+    regressor: FloatArray  # (M, 3, n) axes of R0 [m/(rad/(N·m))]
+    deflection: FloatArray  # (M, 3) axes of R0 [m]
+
+
+def _collect_rows(rows: Rows, method: Method, statements: FittedStatements) -> _CollectedRows:
+    """Collect the rows of a method, block by block, with fitted errors subtracted from the readings.
+
+    A subset of the configurations corrects stated values, such as the load point, as all of them do.
+    """
+    blocks_of_stages: list[list[FloatArray]] = [[] for _ in method.stages]
+    regressors, deflections = [], []
+    for of_block in statements.statements.generate(rows, [JOINTS], whitened=False):
+        corrected = statements.subtract(of_block)
+        stage_rows = method.map_rows(corrected.whiten())
+        for blocks, mapped in zip(blocks_of_stages, stage_rows, strict=True):
+            blocks.append(mapped.fitted)
+        present = of_block.block.measurements.present
+        regressors.append(of_block.block.A[present])
+        deflections.append(corrected.targets[present][..., -1])
+    rows_of_stages = [np.concatenate(blocks) for blocks in blocks_of_stages]
+    return _CollectedRows(rows_of_stages, np.concatenate(regressors), np.concatenate(deflections))
 
 
 STEP_SECONDS: Final = 0.25
@@ -383,33 +400,76 @@ def _solve_stage(
 ) -> FloatArray:
     """Return the compliances (K, p) of a stage's joints in K subsets [rad/(N·m)]; NaN where undetermined.
 
-    The normal equations are ``A_jᵀ A_j c = A_jᵀ d − A_jᵀ A_k c_k``, with A_j the columns of the stage's p
-    joints, and A_k the columns of q joints whose compliances c_k an earlier stage has estimated:
-    `known_compliance` (K, q). Subsets whose Gram matrix is too ill-conditioned are fitted to their rows.
+    Subsets whose normal equations are too ill-conditioned are fitted to their rows.
+
+    Args:
+        stage: rows of all N configurations, for p joints.
+        weights: (K, N) how often each configuration counts in each subset.
+        known_compliance: (K, q) compliances of the joints of an earlier stage [rad/(N·m)].
+        bounds: bounds of the p compliances.
     """
     joint_count = len(stage.joints)
-    of_joints, of_known = slice(0, joint_count), slice(joint_count, -1)
     units = stage.unit[:joint_count]
     scaled_known = known_compliance / stage.unit[joint_count:]
     scaled_bounds = Bounds(bounds.lower / units, bounds.upper / units)
-    grams = stage.total(weights)  # of the columns [A_j A_k d] of each subset
-    gram = grams[:, of_joints, of_joints]
-    explained_by_known = (grams[:, of_joints, of_known] * scaled_known[:, None, :]).sum(axis=2)
-    moment = grams[:, of_joints, -1] - explained_by_known
-    # The diagonal holds the squared lengths of the columns.
-    observable = (np.diagonal(gram, axis1=1, axis2=2) > NULL_COLUMN**2).all(axis=1)
-    solvable = np.flatnonzero(observable & np.isfinite(scaled_known).all(axis=1))
-    solution = solve_batch(gram[solvable], moment[solvable], scaled_bounds)
-    scaled_compliance = np.full(moment.shape, np.nan)
-    scaled_compliance[solvable] = solution.compliance
-    is_pending = np.ones(len(weights), dtype=np.bool_)
-    is_pending[solvable] = ~solution.certified
-    for k in np.flatnonzero(is_pending):
+    equations = _build_normal_equations(stage, weights, scaled_known)
+    solution = equations.solve(scaled_bounds)
+    scaled_compliance = solution.compliance
+    for k in np.flatnonzero(~solution.certified):
         drawn = np.repeat(np.arange(weights.shape[1]), weights[k].astype(np.intp))
         scaled_compliance[k] = _solve_from_rows(stage, drawn, scaled_known[k], scaled_bounds)
     # The multiplication by the units would move a compliance at a bound off it by rounding.
     active_bounds = scaled_bounds.active_bounds_at(scaled_compliance)
     return bounds.hold_exactly(scaled_compliance * units, active_bounds)
+
+
+class _SubsetSolutions(NamedTuple):
+    """Solutions of the normal equations of K subsets."""
+
+    compliance: FloatArray  # (K, p) scaled; NaN where not solved
+    certified: BoolArray  # (K,) whether a solution is proved to be optimal
+
+
+class _NormalEquations(NamedTuple):
+    """Normal equations ``G x = g`` of K subsets, with unit columns over the full set."""
+
+    gram: FloatArray  # G (K, p, p)
+    moment: FloatArray  # g (K, p); NaN where a joint of an earlier stage is undetermined
+
+    def solve(self, bounds: Bounds) -> _SubsetSolutions:
+        """Solve the equations of all subsets at once, with bounds on the p unknowns.
+
+        Equations of a joint without an effect on the readings of its subset are left out.
+        """
+        squared_lengths = np.diagonal(self.gram, axis1=1, axis2=2)  # of the columns
+        is_observable = (squared_lengths > NULL_COLUMN**2).all(axis=1)
+        solvable = np.flatnonzero(is_observable & np.isfinite(self.moment).all(axis=1))
+        solution = solve_batch(self.gram[solvable], self.moment[solvable], bounds)
+        compliance = np.full(self.moment.shape, np.nan)
+        compliance[solvable] = solution.compliance
+        certified = np.zeros(len(self.gram), dtype=np.bool_)
+        certified[solvable] = solution.certified
+        return _SubsetSolutions(compliance, certified)
+
+
+def _build_normal_equations(
+    stage: StageStack, weights: FloatArray, scaled_known: FloatArray
+) -> _NormalEquations:
+    """Return ``A_jᵀ A_j x = A_jᵀ d − A_jᵀ A_k x_k`` of K subsets.
+
+    A_j are the columns of the stage's p joints, A_k those of q joints that an earlier stage has estimated, d
+    the readings.
+
+    Args:
+        stage: rows of all N configurations.
+        weights: (K, N) how often each configuration counts in each subset.
+        scaled_known: x_k (K, q), scaled compliances.
+    """
+    joint_count = len(stage.joints)
+    of_joints, of_known = slice(0, joint_count), slice(joint_count, -1)
+    grams = stage.total(weights)  # of the columns [A_j A_k d] of each subset
+    explained_by_known = (grams[:, of_joints, of_known] * scaled_known[:, None, :]).sum(axis=2)
+    return _NormalEquations(grams[:, of_joints, of_joints], grams[:, of_joints, -1] - explained_by_known)
 
 
 def _solve_from_rows(
@@ -427,7 +487,7 @@ def _solve_from_rows(
         (p,) scaled parameters, NaN where undetermined.
     """
     joint_count = len(stage.joints)
-    undetermined = np.full(joint_count, np.nan)
+    parameters = np.full(joint_count, np.nan)
     triangle = stage.stack[drawn].triangle().R  # factor R of the rows: columns of joints, known, readings
     is_null = np.linalg.norm(triangle, axis=0) <= NULL_COLUMN
     # An undetermined joint of an earlier stage does no harm if it has no effect on these rows either.
@@ -435,16 +495,29 @@ def _solve_from_rows(
     known = np.where(has_no_effect & np.isnan(known), 0.0, known)
     shown = np.flatnonzero(~is_null[:joint_count])  # joints with an effect on these rows
     if np.isnan(known).any() or not len(shown):
-        return undetermined
+        return parameters
     readings = triangle[:, -1] - triangle[:, joint_count:-1] @ known
-    spectrum = Spectrum(triangle[:, shown])
-    problem = IdentificationProblem(spectrum.determined, readings, scaled_bounds.select(shown))
-    solution = solve_step(problem)
-    # If the readings show only a combination of some joints, these joints have no value of their own.
-    is_combined = np.isin(shown, list(analyse_spectrum(spectrum, shown).combined))
-    parameters = undetermined
-    parameters[shown] = np.where(is_combined, np.nan, solution.compliance)
+    parameters[shown] = _solve_determined(triangle[:, shown], readings, scaled_bounds.select(shown), shown)
     return parameters
+
+
+def _solve_determined(
+    columns: FloatArray, readings: FloatArray, bounds: Bounds, joints: IndexArray
+) -> FloatArray:
+    """Return the scaled parameters of some joints; NaN for those that the rows show only in combination.
+
+    For example two parallel joints that always see the same torque have no value of their own.
+
+    Args:
+        columns: (m, s) columns of s joints.
+        readings: (m,) readings of the same rows.
+        bounds: bounds of the s parameters.
+        joints: (s,) indices of the joints.
+    """
+    spectrum = Spectrum(columns)
+    solution = solve_step(IdentificationProblem(spectrum.determined, readings, bounds))
+    is_combined = np.isin(joints, list(analyse_spectrum(spectrum, joints).combined))
+    return np.where(is_combined, np.nan, solution.compliance)
 
 
 def summarise_resamples(
@@ -469,17 +542,42 @@ def summarise_resamples(
     compliances = resamples.compliance.copy()
     if is_hidden is not None:
         compliances[:, is_hidden] = np.nan
+    if kinds is None:
+        kinds = ["revolute"] * len(joints)
+    has_negative_joint = (resamples.compliance < 0).any(axis=1)
+    compensation = _summarise_samples([_drop_nan(resamples.compensation)], confidence)
+    (result,) = build_messages(
+        ResamplingResult,
+        repetitions=[len(compliances)],
+        joints=[_summarise_joints(compliances, joints, kinds, confidence)],
+        share_any_negative=[float(has_negative_joint.mean())],
+        compensation_mean=compensation.mean,
+        compensation_deviation=compensation.deviation,
+        compensation_interval=compensation.interval,
+    )
+    return result
+
+
+def _summarise_joints(
+    compliances: FloatArray, names: Sequence[str], kinds: Sequence[JointKind], confidence: float
+) -> list[ResampledJoint]:
+    """Return statistics of each joint's compliance and stiffness, over the repetitions that determine it.
+
+    Args:
+        compliances: (K, n) in K repetitions [rad/(N·m)]; NaN where a repetition does not determine a joint.
+        names: names of the n joints.
+        kinds: revolute or prismatic, for each joint.
+        confidence: share of the repetitions within the percentile intervals.
+    """
     is_undetermined = np.isnan(compliances)
     determined_counts = np.maximum((~is_undetermined).sum(axis=0), 1)
-    compliances_of_joints = [_drop_nan(values) for values in compliances.T]
-    stiffnesses_of_joints = [1.0 / values[values != 0] for values in compliances_of_joints]
-    compliance = _summarise_samples(compliances_of_joints, confidence)
-    stiffness = _summarise_samples(stiffnesses_of_joints, confidence)
-    compensation = _summarise_samples([_drop_nan(resamples.compensation)], confidence)
-    joint_messages = build_messages(
+    determined = [_drop_nan(compliances_of_joint) for compliances_of_joint in compliances.T]
+    compliance = _summarise_samples(determined, confidence)
+    stiffness = _summarise_samples([1.0 / values[values != 0] for values in determined], confidence)
+    return build_messages(
         ResampledJoint,
-        name=joints,
-        kind=["revolute"] * len(joints) if kinds is None else kinds,
+        name=names,
+        kind=kinds,
         compliance_mean=compliance.mean,
         compliance_deviation=compliance.deviation,
         compliance_interval=compliance.interval,
@@ -489,17 +587,6 @@ def summarise_resamples(
         share_infinite=(compliances == 0).sum(axis=0) / determined_counts,
         share_undetermined=is_undetermined.mean(axis=0),
     )
-    has_negative_joint = (resamples.compliance < 0).any(axis=1)
-    (result,) = build_messages(
-        ResamplingResult,
-        repetitions=[len(compliances)],
-        joints=[joint_messages],
-        share_any_negative=[float(has_negative_joint.mean())],
-        compensation_mean=compensation.mean,
-        compensation_deviation=compensation.deviation,
-        compensation_interval=compensation.interval,
-    )
-    return result
 
 
 class _Statistics(NamedTuple):

@@ -9,7 +9,7 @@ and is dropped if the others make it unnecessary.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -20,10 +20,10 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.evidence.fitted_causes import FittedCauses, fit_causes_with_joints, subtract_errors
 from jointstiff.solver.evidence.suspects import Suspect, list_suspects
-from jointstiff.solver.evidence.term_tests import LINKS_LEVEL, MISTAKE_LEVEL, TermTests, WrongPosture
+from jointstiff.solver.evidence.term_tests import LINKS_LEVEL, MISTAKE_LEVEL, TermTests
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.triangle import DISTINCT, orthonormal_basis
-from jointstiff.solver.mechanics.block import CorrectedMeasurements, Term, fitted_errors
+from jointstiff.solver.mechanics.block import CorrectedMeasurements, FittedErrors, Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import DIAGONAL_BASE
 
@@ -160,7 +160,7 @@ class Selection:
     start: Step  #: tests of each cause alone, without the postures that were left out
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class _Selected:
     """Causes that were selected one after the other."""
 
@@ -169,13 +169,47 @@ class _Selected:
     wrong_label: str | None = None  # posture whose wrong readings explain more than the next cause
 
 
-def _explains_most(
-    wrong_posture: WrongPosture, best_fit: _Fit | None, tests: Step, unknown_count: int
-) -> bool:
-    """Return whether a posture with wrong readings explains more than a further cause, links or a base."""
+def _find_wrong_label(tests: Step, best_fit: _Fit | None, fits: Sequence[_Fit]) -> str | None:
+    """Return the label of the posture with wrong readings that explains more than a further cause.
+
+    None if no posture is wrong, or if a further cause, links or a base explain more than the posture.
+
+    Args:
+        tests: tests of a step.
+        best_fit: best fit of one more cause; None if there is none.
+        fits: fits of the steps before.
+    """
+    unknown_count = fits[-1].unknowns if fits else 0
+    wrong_posture = tests.tests.find_wrong_posture(unknown_count)
+    if wrong_posture is None:
+        return None
     if best_fit is not None and best_fit.criterion <= wrong_posture.criterion:
-        return False
-    return tests.is_explained_better(wrong_posture.criterion, unknown_count)
+        return None
+    if not tests.is_explained_better(wrong_posture.criterion, unknown_count):
+        return None
+    return wrong_posture.label
+
+
+def _has_wrong_sign(errors: FittedErrors, *, except_for: Collection[str]) -> bool:
+    """Return whether a cause that can only be positive, such as play, was fitted with a negative size.
+
+    Of several unknowns of a cause, the one counts that is largest in its standard uncertainties.
+
+    Args:
+        errors: fitted causes.
+        except_for: names of terms whose sign does not matter.
+    """
+    uncertainties = np.linalg.norm(errors.root, axis=1)  # of the unknowns of all terms in turn
+    start = 0
+    for term, unknowns in zip(errors.terms, errors.unknowns, strict=True):
+        uncertainty = uncertainties[start : start + len(unknowns)]
+        start += len(unknowns)
+        if term.nonnegative and term.name not in except_for:
+            standardised = unknowns / uncertainty
+            best_known = standardised[np.abs(standardised).argmax()]
+            if best_known < 0.0:
+                return True
+    return False
 
 
 class _Search:
@@ -221,19 +255,13 @@ class _Search:
         """
         terms = [*self._always, *(suspect.term for suspect in suspects)]
         fitted = fit_causes_with_joints(self._part, terms, self._start.tests.compliance)
-        errors = fitted.errors
-        uncertainties = np.linalg.norm(errors.root, axis=1)  # of the unknowns of all terms
-        ends = np.cumsum([len(unknowns) for unknowns in errors.unknowns])
-        for term, unknowns, end in zip(terms, errors.unknowns, ends, strict=True):
-            if term.nonnegative and term not in self._always:
-                standardised = unknowns / uncertainties[end - len(unknowns) : end]
-                best_known = standardised[np.abs(standardised).argmax()]
-                if best_known < 0.0:
-                    return None
+        fitted_before = {term.name for term in self._always}
+        if _has_wrong_sign(fitted.errors, except_for=fitted_before):
+            return None
         residual_squares = fitted.tests.residual_squares()
         # The onset of a cause that sets in later counts as one more unknown.
         onset_count = sum(suspect.first is not None for suspect in suspects)
-        unknown_count = errors.determined + onset_count
+        unknown_count = fitted.errors.determined + onset_count
         criterion = fitted.tests.criterion(residual_squares, unknown_count)
         return _Fit(suspects, fitted, residual_squares, unknown_count, criterion)
 
@@ -261,31 +289,37 @@ class _Search:
         Args:
             seek_wrong: whether single wrong postures compete with the causes.
         """
-        selected = _Selected([], {})
-        tests = self._start
-        for _ in range(_MOST_STEPS + 1):
-            significant = tests.significant
-            for suspect in significant:
-                self._p_values[suspect] = tests.p_values[suspect]
+        fits: list[_Fit] = []  # after each step, each with one cause more
+        pool: dict[str, Suspect] = {}
+        tests: Step | None = self._start
+        while tests is not None:
+            significant = self._note_significant(tests)
             # A suspect of an earlier step stays where a later one has the same name.
-            selected.pool = {suspect.term.name: suspect for suspect in significant} | selected.pool
-            best_fit = self._fit_next(selected.fits, significant)
-            unknown_count = selected.fits[-1].unknowns if selected.fits else 0
+            pool = {suspect.term.name: suspect for suspect in significant} | pool
+            best_fit = self._fit_next(fits, significant)
             if seek_wrong:
-                wrong_posture = tests.tests.find_wrong_posture(unknown_count)
-                if wrong_posture is not None and _explains_most(
-                    wrong_posture, best_fit, tests, unknown_count
-                ):
-                    selected.wrong_label = wrong_posture.label
-                    return selected
+                wrong_label = _find_wrong_label(tests, best_fit, fits)
+                if wrong_label is not None:
+                    return _Selected(fits, pool, wrong_label)
             if best_fit is None:
                 break
-            selected.fits.append(best_fit)
-            try:
-                tests = self.test_others(best_fit)
-            except SolverError:  # the causes imply loads without a balance near these
-                break
-        return selected
+            fits.append(best_fit)
+            tests = self._test_others_if_balanced(best_fit)
+        return _Selected(fits, pool)
+
+    def _note_significant(self, tests: Step) -> list[Suspect]:
+        """Return the significant suspects of a step, and remember their p-values as the latest ones."""
+        significant = tests.significant
+        for suspect in significant:
+            self._p_values[suspect] = tests.p_values[suspect]
+        return significant
+
+    def _test_others_if_balanced(self, fit: _Fit) -> Step | None:
+        """Return the tests of all other causes; None if the fitted causes imply loads without a balance."""
+        try:
+            return self.test_others(fit)
+        except SolverError:
+            return None
 
     def _fit_next(self, fits: Sequence[_Fit], significant: Sequence[Suspect]) -> _Fit | None:
         """Return the best fit of one more cause, or None if no further cause is to be selected.
@@ -405,7 +439,9 @@ class _Search:
 def select_causes(tested: Rows, measurements: Measurements, start: Step, *, scattered: bool) -> Selection:
     """Select the causes that together explain the readings, and the postures whose readings are wrong.
 
-    If links or a base explain the readings better, only causes that make links unnecessary are returned.
+    A posture with wrong readings is left out, and the selection begins anew. If more postures are wrong than
+    single mistakes explain, they have a cause in common: all postures are kept. If links or a base explain
+    the readings better, only causes that make links unnecessary are returned.
 
     Args:
         tested: observations that are tested.
@@ -416,23 +452,26 @@ def select_causes(tested: Rows, measurements: Measurements, start: Step, *, scat
     most_wrong = max(1, int(_MOST_WRONG * len(tested)))
     wrong_labels: list[str] = []
     remaining, tests = tested, start
-    while True:
+    while len(wrong_labels) <= most_wrong:
+        if wrong_labels:
+            remaining = _leave_out_posture(remaining, wrong_labels[-1])
+            tests = Step.test(
+                remaining, measurements, start.tests.compliance, start.tests.visible, scattered=scattered
+            )
         search = _Search(remaining, measurements, tests, scattered=scattered)
-        too_many_are_wrong = len(wrong_labels) > most_wrong
-        selected = search.run(seek_wrong=not too_many_are_wrong)
+        selected = search.run(seek_wrong=True)
         if selected.wrong_label is None:
-            break
+            return Selection(_describe_selected(search, selected, tests), tuple(wrong_labels), tests)
         wrong_labels.append(selected.wrong_label)
-        if len(wrong_labels) > most_wrong:  # too many to be single mistakes: keep all postures
-            remaining, tests = tested, start
-            continue
-        is_right = np.array([label != selected.wrong_label for label in remaining.measurements.labels])
-        remaining = remaining[np.flatnonzero(is_right)]
-        tests = Step.test(
-            remaining, measurements, start.tests.compliance, start.tests.visible, scattered=scattered
-        )
-    left_out = () if too_many_are_wrong else tuple(wrong_labels)
-    return Selection(_describe_selected(search, selected, tests), left_out, tests)
+    search = _Search(tested, measurements, start, scattered=scattered)
+    selected = search.run(seek_wrong=False)
+    return Selection(_describe_selected(search, selected, start), (), start)
+
+
+def _leave_out_posture(rows: Rows, label: str) -> Rows:
+    """Return the rows of all observations but those with a label."""
+    is_kept = np.array([other != label for other in rows.measurements.labels])
+    return rows[np.flatnonzero(is_kept)]
 
 
 def _describe_selected(search: _Search, selected: _Selected, tests: Step) -> tuple[Cause, ...]:

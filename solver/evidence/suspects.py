@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -95,24 +95,49 @@ def list_suspects(
     """
     labels = measurements.labels
     terms_of_set = list_suspected_terms(measurements, tested)
+    later = _list_later_terms(terms_of_set, labels)
+    if firsts is None:
+        suspects = _search_suspects(tested, compliance, always_fitted, terms_of_set, later, labels)
+    else:
+        of_all = [Suspect(term.name, term) for term in terms_of_set]
+        suspects = of_all + _limit_to_onsets(later, firsts, labels)
+    always_fitted_names = {term.name for term in always_fitted}
+    return [suspect for suspect in suspects if suspect.term.name not in always_fitted_names]
+
+
+def _list_later_terms(terms_of_set: Sequence[Term], labels: Sequence[str]) -> dict[str, Term]:
+    """Return name → term of the causes that may set in at a later observation.
+
+    For example a tracker that was bumped shifts all readings from then on.
+
+    Args:
+        terms_of_set: terms that may have moved the targets of all observations, among them a turn.
+        labels: labels of all observations, which have one scale of the load in common.
+    """
     turn = next(term for term in terms_of_set if term.name == "turn")
-    # Causes that may set in at a later observation.
-    later = {
+    return {
         SHIFT.name: SHIFT,
         turn.name: turn,
         FORCE_SCALE.name: build_load_scale_term([labels]),
         STIFFNESS.name: STIFFNESS,
     }
-    if firsts is None:
-        suspects = _search_suspects(tested, compliance, always_fitted, terms_of_set, later, labels)
-    else:
-        suspects = [Suspect(term.name, term) for term in terms_of_set]
-        for term in later.values():
-            for first in firsts:
-                if first in labels:
-                    suspects.append(Suspect(term.name, limit_to_later(term, labels, first), first))
-    always_fitted_names = {term.name for term in always_fitted}
-    return [suspect for suspect in suspects if suspect.term.name not in always_fitted_names]
+
+
+def _limit_to_onsets(
+    later: Mapping[str, Term], firsts: Sequence[str], labels: Sequence[str]
+) -> list[Suspect]:
+    """Return each cause that may set in later, from each of the given onsets on.
+
+    Args:
+        later: name → term.
+        firsts: labels of the onsets; labels of no observation are left out.
+        labels: labels of all observations.
+    """
+    onsets = [first for first in firsts if first in labels]
+    suspects = []
+    for term in later.values():
+        suspects += [Suspect(term.name, limit_to_later(term, labels, first), first) for first in onsets]
+    return suspects
 
 
 def _search_suspects(
@@ -124,8 +149,6 @@ def _search_suspects(
     labels: Sequence[str],
 ) -> list[Suspect]:
     """Return suspects that concern all observations, and suspects that set in at a later observation.
-
-    A later suspect begins at its best onset: the observation from which on it explains the readings best.
 
     Args:
         tested: observations that are tested.
@@ -141,22 +164,47 @@ def _search_suspects(
     shown_names = list_shown_terms(stack, fitted_names, [term.name for term in terms_of_set])
     sought_names = [*shown_names, *(term.name for term in _ONLY_LATER)]
     fits = _OnsetFits(stack, sought_names, fitted_names)
-    first_onsets = np.zeros(len(sought_names), np.intp)
-    p_values = fits.compute_p_values_without_best_observation(first_onsets)[: len(shown_names)].tolist()
     term_of_name = {term.name: term for term in terms_of_set}
-    suspects = [
-        Suspect(name, term_of_name[name], least_p=p) for name, p in zip(shown_names, p_values, strict=True)
-    ]
-    tried_count = len(tested) - 2 * _LEAST_PART + 1
-    if tried_count < 1:
-        return suspects
+    suspects = _suspect_from_first(fits, [term_of_name[name] for name in shown_names])
+    onset_count = len(tested) - 2 * _LEAST_PART + 1  # with enough observations before and after
+    if onset_count >= 1:
+        suspects += _suspect_from_best_onset(fits, later, tested.measurements.labels, labels)
+    return suspects
+
+
+def _suspect_from_first(fits: _OnsetFits, terms: Sequence[Term]) -> list[Suspect]:
+    """Return the suspects that concern all observations.
+
+    `terms` are the first of the terms of the fits: the others can only set in later.
+    """
+    first_observation = np.zeros(len(fits.names), np.intp)
+    p_values = fits.compute_p_values_without_best_observation(first_observation).tolist()
+    suspects = []
+    for term, p_value in zip(terms, p_values[: len(terms)], strict=True):
+        suspects.append(Suspect(term.name, term, least_p=p_value))
+    return suspects
+
+
+def _suspect_from_best_onset(
+    fits: _OnsetFits, later: Mapping[str, Term], tested_labels: Sequence[str], labels: Sequence[str]
+) -> list[Suspect]:
+    """Return the suspects that set in at the observation from which on they explain the readings best.
+
+    Args:
+        fits: fits of all terms from each observation on.
+        later: name → term of the causes that may set in later.
+        tested_labels: labels of the observations of the fits; any observation may be the onset.
+        labels: labels of all observations.
+    """
     onsets = fits.find_onsets()
-    p_values = fits.compute_p_values_without_best_observation(onsets).tolist()
-    for name, onset, p in zip(sought_names, onsets.tolist(), p_values, strict=True):
+    p_values = fits.compute_p_values_without_best_observation(onsets)
+    tried_count = len(tested_labels) - 2 * _LEAST_PART + 1
+    suspects = []
+    for name, onset, p_value in zip(fits.names, onsets.tolist(), p_values.tolist(), strict=True):
         if name in later:
-            term, first = later[name], tested.measurements.labels[onset]
-            term_from_onset = limit_to_later(term, labels, first)
-            suspects.append(Suspect(term.name, term_from_onset, first, tried=tried_count, least_p=p))
+            first = tested_labels[onset]
+            term = limit_to_later(later[name], labels, first)
+            suspects.append(Suspect(later[name].name, term, first, tried=tried_count, least_p=p_value))
     return suspects
 
 
@@ -207,51 +255,50 @@ def group_distinct_loads(measurements: Measurements) -> tuple[tuple[str, ...], .
     return tuple(tuple(measurements.labels[i] for i in group.tolist()) for group in groups)
 
 
+class _FitsFromOnsets(NamedTuple):
+    """Least-squares fits of S terms of at most k unknowns, from each of N observations on."""
+
+    moments: FloatArray  # (S, N, k, 1) products of the columns of a term with the residuals
+    unknowns: FloatArray  # (S, N, k, 1)
+
+    @property
+    def gains(self) -> FloatArray:
+        """(S, N) decrease of the sum of squared residuals by each fit."""
+        return np.asarray((self.moments * self.unknowns).sum(axis=(2, 3)))
+
+
 class _OnsetFits:
     """Fits of S terms that act only from some observation on, for each of N observations as the onset.
 
     Each term is fitted together with the joints and other known terms, whose columns were projected out of
     the readings. Columns have unit length over all observations; m rows for each observation, at most k
     columns for each term.
+
+    Attributes:
+        names: names of the S terms.
     """
 
     def __init__(self, stack: Stack, names: Sequence[str], known: Sequence[str]) -> None:
         """Fit each term for each observation as its onset.
-
-        A term that begins at observation i has zero columns before i. Its normal equations are sums over the
-        observations i to N − 1, so that sums from the last observation on give the fits for all onsets.
 
         Args:
             stack: N observations.
             names: names of the S terms.
             known: names of terms that are fitted in any case.
         """
+        self.names = list(names)
         unit_stack, _ = stack.scale_to_unit_columns()
         flat = unit_stack.flat
         basis = orthonormal_basis(flat[:, np.concatenate([stack.span[name] for name in known])])
         readings = stack.flat[:, -1]
         residual = readings - basis @ (basis.T @ readings)
         columns_of_terms = [flat[:, stack.span[name]] for name in names]
-        padded_columns = stack_padded(columns_of_terms)  # (S, N m, k)
-        q, k, term_count = basis.shape[1], padded_columns.shape[-1], len(names)
-        # Columns: q of the known terms, 1 of the residual, S k of the terms. Sums (N, K, K) of Gram matrices.
-        rows = np.concatenate([basis, residual[:, None], *padded_columns], axis=1)
-        widths = {"known": q, "residual": 1, "terms": term_count * k}
-        sums = Stack(rows.reshape(len(stack), -1, rows.shape[-1]), stack.read, widths).trailing_gram_sums
-        moments, unknowns = [], []  # of each term
-        for term in range(term_count):
-            start = q + 1 + term * k
-            of_term = slice(start, start + k)
-            overlap = sums[:, :q, of_term]  # (N, q, k) with the known terms
-            gram = sums[:, of_term, of_term] - overlap.mT @ overlap
-            moment = sums[:, of_term, q, None]  # (N, k, 1) with the residual
-            moments.append(moment)
-            unknowns.append(np.linalg.solve(gram + INDEPENDENT * np.eye(k), moment))
-        self._moment, self._unknowns = np.array(moments), np.array(unknowns)  # (S, N, k, 1)
+        columns = stack_padded(columns_of_terms)  # (S, N m, k)
+        self._fits = _fit_from_each_onset(stack, basis, residual, columns)
         self._read = stack.read
         self._width = np.array([columns.shape[1] for columns in columns_of_terms])
-        self._columns = padded_columns.reshape(term_count, len(stack), -1, k)
-        self._known = basis.reshape(len(stack), -1, q)
+        self._columns = columns.reshape(len(names), len(stack), -1, columns.shape[-1])
+        self._known = basis.reshape(len(stack), -1, basis.shape[1])
         self._residual = residual.reshape(len(stack), -1, 1)
 
     def find_onsets(self) -> IndexArray:
@@ -259,9 +306,9 @@ class _OnsetFits:
 
         Enough observations lie before and after the onset.
         """
-        gain = (self._moment * self._unknowns).sum(axis=(2, 3))  # (S, N) decrease of the residual sum
-        observation_count = gain.shape[1]
-        allowed = gain[:, _LEAST_PART : observation_count - _LEAST_PART + 1]
+        gains = self._fits.gains
+        observation_count = gains.shape[1]
+        allowed = gains[:, _LEAST_PART : observation_count - _LEAST_PART + 1]
         return np.asarray(_LEAST_PART + np.argmax(allowed, axis=1))
 
     def compute_p_values_without_best_observation(self, first: IndexArray) -> FloatArray:
@@ -270,23 +317,60 @@ class _OnsetFits:
         For each term the observation that the term explains best is left out, as the observation may be a
         single wrong reading. `first` (S,) are the indices of the onsets.
         """
-        term_count, observation_count = len(first), len(self._read)
-        observations = np.arange(observation_count)
-        unknowns = self._unknowns[np.arange(term_count), first]  # (S, k, 1)
-        motion = self._columns @ unknowns[:, None]  # (S, N, m, 1)
-        is_before = observations < first[:, None]
-        motion[is_before] = 0.0
-        # The known terms absorb part of the motion: their share q of term s, from rows r of observations b.
-        absorbed_shares = np.einsum("brq,sbrl->sql", self._known, motion)
-        absorbed = self._known @ absorbed_shares[:, None]
         squares = np.square(self._residual).sum(axis=(1, 2))  # (N,)
-        squares_with_term = np.square(self._residual - motion + absorbed).sum(axis=(2, 3))  # (S, N)
-        gain = squares - squares_with_term
-        is_kept = observations != np.argmax(gain, axis=1)[:, None]
-        freedom = (is_kept * self._read).sum(axis=1) - self._known.shape[-1] - self._width
+        gain = squares - self._compute_squares_with_term(first)  # (S, N)
+        is_kept = np.arange(len(squares)) != np.argmax(gain, axis=1)[:, None]
         explained = np.maximum((is_kept * gain).sum(axis=1), 0.0)
-        residual = np.maximum((is_kept * squares).sum(axis=1) - explained, 1e-300)
-        divisor = np.maximum(freedom, 1)  # without freedom the p-value is 1, see below
-        f_ratio = (explained / self._width) / (residual / divisor)
+        unexplained = np.maximum((is_kept * squares).sum(axis=1) - explained, 1e-300)
+        freedom = (is_kept * self._read).sum(axis=1) - self._known.shape[-1] - self._width
+        divisor = np.maximum(freedom, 1)
+        f_ratio = (explained / self._width) / (unexplained / divisor)
         p_values = special.fdtrc(self._width, divisor, f_ratio)
         return np.where(freedom < 1, 1.0, p_values)
+
+    def _compute_squares_with_term(self, first: IndexArray) -> FloatArray:
+        """Return the squared residuals (S, N) of each observation after the fit of each term.
+
+        The known terms absorb a part of the motion by a term. `first` (S,) are the indices of the onsets:
+        earlier observations are not moved.
+        """
+        term_count = len(first)
+        unknowns = self._fits.unknowns[np.arange(term_count), first]  # (S, k, 1)
+        motion = self._columns @ unknowns[:, None]  # (S, N, m, 1)
+        is_before = np.arange(len(self._read)) < first[:, None]
+        motion[is_before] = 0.0
+        # Share of known term q in the motion by term s, from rows r of observations b.
+        absorbed_shares = np.einsum("brq,sbrl->sql", self._known, motion)
+        absorbed = self._known @ absorbed_shares[:, None]
+        return np.asarray(np.square(self._residual - motion + absorbed).sum(axis=(2, 3)))
+
+
+def _fit_from_each_onset(
+    stack: Stack, basis: FloatArray, residual: FloatArray, columns: FloatArray
+) -> _FitsFromOnsets:
+    """Fit each of S terms to the residuals, from each of N observations on.
+
+    A term that begins at observation i has zero columns before i. Its normal equations are sums over the
+    observations i to N − 1, so that sums from the last observation on give the fits for all onsets.
+
+    Args:
+        stack: N observations of m rows, with the number of coordinates that were read in each.
+        basis: (N m, q) orthonormal basis of the known terms.
+        residual: (N m,) readings that the known terms leave.
+        columns: (S, N m, k) columns of the terms.
+    """
+    term_count, _, width = columns.shape
+    known_count = basis.shape[1]
+    rows = np.concatenate([basis, residual[:, None], *columns], axis=1)
+    widths = {"known": known_count, "residual": 1, "terms": term_count * width}
+    sums = Stack(rows.reshape(len(stack), -1, rows.shape[-1]), stack.read, widths).trailing_gram_sums
+    moments, unknowns = [], []
+    for term in range(term_count):
+        start = known_count + 1 + term * width
+        of_term = slice(start, start + width)
+        overlap = sums[:, :known_count, of_term]  # (N, q, k) with the known terms
+        gram = sums[:, of_term, of_term] - overlap.mT @ overlap
+        moment = sums[:, of_term, known_count, None]  # (N, k, 1) with the residual
+        moments.append(moment)
+        unknowns.append(np.linalg.solve(gram + INDEPENDENT * np.eye(width), moment))
+    return _FitsFromOnsets(np.array(moments), np.array(unknowns))

@@ -11,15 +11,16 @@ from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import special
 from scipy.optimize import brentq
 
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.evidence.scatter import RestrictedLikelihood
 from jointstiff.solver.fit.rows import Rows
+from jointstiff.solver.fit.stack import Stack
 from jointstiff.solver.fit.triangle import (
     DISTINCT,
     INDEPENDENT,
@@ -67,12 +68,23 @@ def compute_noncentrality(tested_count: int, degrees_of_freedom: int, level: flo
         miss_probability = float(special.ncfdtr(tested_count, degrees_of_freedom, noncentrality, critical_f))
         return miss_probability - (1.0 - POWER)
 
-    upper_limit = float(tested_count)
-    while compute_missing_power(upper_limit) > 0.0:
-        upper_limit *= 4.0
-        if upper_limit > _LARGEST_NONCENTRALITY:
-            return np.inf
+    upper_limit = _find_upper_limit(compute_missing_power, float(tested_count))
+    if upper_limit > _LARGEST_NONCENTRALITY:
+        return np.inf
     return float(brentq(compute_missing_power, 0.0, upper_limit, xtol=1e-6))
+
+
+def _find_upper_limit(decreasing: Callable[[float], float], start: float) -> float:
+    """Return a number above the zero of a decreasing function: `start` times a power of 4.
+
+    The search ends above `_LARGEST_NONCENTRALITY`.
+    """
+    limit = start
+    while decreasing(limit) > 0.0:
+        limit *= 4.0
+        if limit > _LARGEST_NONCENTRALITY:
+            break
+    return limit
 
 
 def join_statements(
@@ -103,6 +115,82 @@ class WrongPosture:
     label: str  #: label of the observation
     p_value: float  #: p-value of the F test, for all postures
     criterion: float  #: Bayesian information criterion of the fit without this posture
+
+
+class _ScatteredFit(NamedTuple):
+    """Terms that are fitted together, and the rows with the scatter of the joints that suits them best."""
+
+    terms: list[Term]  # the terms of interest, then other terms about which something is stated
+    stated_terms: list[Term]  # these other terms; their unknowns are zero within what is stated
+    rows: Rows
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all fitted terms."""
+        return [term.name for term in self.terms]
+
+
+@dataclass(frozen=True, eq=False)
+class _LeftOut:
+    """Fits that leave out each of N postures in turn, compared with the fit to all postures."""
+
+    squares_taken: FloatArray  # (N,) decrease of the sum of squared residuals
+    total_squares: float  # sum of squared residuals of the fit to all postures
+    coordinates: IndexArray  # (N,) number of coordinates that were read in each posture
+    unknown_count: int  # unknowns of each fit
+
+    @property
+    def counts(self) -> IndexArray:
+        """(N,) number of coordinates of each posture; 1 for a posture without readings, to divide by it."""
+        return np.maximum(self.coordinates, 1)
+
+    @property
+    def mean_squares(self) -> FloatArray:
+        """(N,) decrease of the sum of squared residuals for each coordinate of the posture."""
+        return self.squares_taken / self.counts
+
+    @cached_property
+    def p_values(self) -> FloatArray:
+        """(N,) p-values of the F tests that a posture's readings agree with all others.
+
+        The p-value is 1 if the other postures leave no degree of freedom.
+        """
+        freedom = int(self.coordinates.sum()) - self.unknown_count - self.counts
+        divisor = np.maximum(freedom, 1)
+        remaining_squares = np.maximum(self.total_squares - self.squares_taken, 0.0)
+        variance = remaining_squares / divisor + RESOLUTION**2
+        p_values = special.fdtrc(self.counts, divisor, self.mean_squares / variance)
+        return np.where(freedom > 0, p_values, 1.0)
+
+    def stands_out(self, posture: int) -> bool:
+        """Return whether a posture disagrees far more than the typical posture."""
+        is_typical = self.mean_squares[posture] < _GROSS * np.median(self.mean_squares)
+        return not is_typical
+
+
+def _list_stated_uncertainties(fit: _ScatteredFit, stack: Stack) -> FloatArray:
+    """Return the stated standard uncertainties (k,) of the unknowns of all stated terms of a fit, in turn."""
+    common = fit.rows.measurements.common_uncertainty
+    uncertainties = [np.resize(term.prior(common), len(stack.span[term.name])) for term in fit.stated_terms]
+    return np.concatenate([np.zeros(0), *uncertainties])
+
+
+def _compute_squares_taken(basis: FloatArray, residual: FloatArray, *, posture_count: int) -> FloatArray:
+    """Return by how much leaving out each of N postures decreases the sum of squared residuals: (N,).
+
+    For posture i it is ``r_iᵀ (I − Q_i Q_iᵀ)⁻¹ r_i``, with the residuals r_i of its m rows in the fit to all
+    postures, and its rows Q_i of the orthonormal basis of that fit.
+
+    Args:
+        basis: Q (N m, r).
+        residual: r (N m,).
+        posture_count: N.
+    """
+    r = residual.reshape(posture_count, -1)  # (N, m)
+    Q = basis.reshape(posture_count, -1, basis.shape[1])  # (N, m, r)
+    remaining = np.eye(Q.shape[1]) - Q @ Q.mT
+    inverse = np.linalg.pinv(remaining, rcond=DISTINCT, hermitian=True)
+    return np.asarray(np.einsum("ni,nij,nj->n", r, inverse, r))
 
 
 class TermTests:
@@ -209,83 +297,79 @@ class TermTests:
         If the residuals show a scatter of the joints, the rows have the scatter that is most likely with the
         terms.
         """
-        other_stated_terms, terms, rows = self._account_for_scatter(names)
-        triangle = rows.stack(terms, self.compliance).triangle()
-        sigma = rows.measurements.sigma or triangle.sigma([term.name for term in terms])
-        triangle = join_statements(triangle, other_stated_terms, rows.measurements, sigma)
+        fit = self._account_for_scatter(names)
+        triangle = fit.rows.stack(fit.terms, self.compliance).triangle()
+        sigma = fit.rows.measurements.sigma or triangle.sigma(fit.names)
+        triangle = join_statements(triangle, fit.stated_terms, fit.rows.measurements, sigma)
         triangle.span[JOINTS.name] = np.flatnonzero(self.visible)
         return triangle
 
-    def _account_for_scatter(self, names: Sequence[str]) -> tuple[list[Term], list[Term], Rows]:
-        """Return the terms of a fit of the named terms, and the rows with the scatter of the joints.
+    def _account_for_scatter(self, names: Sequence[str]) -> _ScatteredFit:
+        """Return the named terms with all other stated terms, and the rows with the scatter of the joints.
 
-        If the residuals show scatter, the rows have the scatter that is most likely with the named terms.
-
-        Returns:
-            The other terms with statements; the named terms, then these other terms; and the rows.
+        If the residuals show scatter, the rows have the scatter that is most likely with these terms.
         """
-        other_stated_terms = [term for term in self._stated_terms if term.name not in names]
-        terms = [*(term for term in self._terms if term.name in names), *other_stated_terms]
+        stated_terms = [term for term in self._stated_terms if term.name not in names]
+        terms = [*(term for term in self._terms if term.name in names), *stated_terms]
         rows = self.rows
         if self._scattered:
             likelihood = RestrictedLikelihood.from_rows(rows, terms, self.compliance, self.visible)
             scatter, _ = likelihood.fit_shared_errors()
             rows = rows.with_scatter(scatter)
-        return other_stated_terms, terms, rows
+        return _ScatteredFit(terms, stated_terms, rows)
 
     def find_wrong_posture(self, unknowns: int) -> WrongPosture | None:
         """Return the posture whose readings disagree most with all others; None if chance may explain it.
 
-        Leaving out a posture equals a fit in which each of its coordinates is a free unknown. The F test is
-        made for each posture (Bonferroni); the posture must also stand out from the typical posture, because
-        causes that are not fitted move all of them.
+        The F test is made for each posture (Bonferroni); the posture must also stand out from the typical
+        posture, because causes that are not fitted move all of them.
 
         Args:
             unknowns: number of unknowns that are fitted in addition to the joints.
         """
-        other_stated_terms, terms, scattered = self._account_for_scatter(self.fitted)
-        stack, measurements = scattered.stack(terms, self.compliance), scattered.measurements
-        columns = np.concatenate([self.visible.nonzero()[0], *list(stack.span.values())[1:]])
-        rows, posture_count = stack.flat, len(stack)
-        unit_vectors, length = unit_columns(rows[:, columns])
-        sigma = measurements.sigma or stack.triangle().sigma([term.name for term in terms])
-        # Statements are rows: each unknown over its standard uncertainty is zero. The stated terms come last.
-        statement_weights = np.zeros(len(columns))
-        end = len(columns)
-        for term in reversed(other_stated_terms):
-            start = end - len(stack.span[term.name])
-            uncertainty = np.resize(term.prior(measurements.common_uncertainty), end - start)
-            statement_weights[start:end] = sigma / np.maximum(uncertainty, 1e-300) / length[start:end]
-            end = start
-        statement_rows = np.diag(np.minimum(statement_weights, 1e9))
-        basis = orthonormal_basis(np.vstack([unit_vectors, statement_rows]))[: len(rows)]
-        residual = rows[:, -1] - basis @ (basis.T @ rows[:, -1])
-        residual_of_posture = residual.reshape(posture_count, -1)
-        basis_of_posture = basis.reshape(posture_count, -1, basis.shape[1])
-        # Sum of squares that leaving out a posture takes away: rᵀ (I − Q Qᵀ)⁻¹ r.
-        remaining = np.eye(basis_of_posture.shape[1]) - basis_of_posture @ basis_of_posture.mT
-        squares_taken = np.einsum(
-            "ni,nij,nj->n",
-            residual_of_posture,
-            np.linalg.pinv(remaining, rcond=DISTINCT, hermitian=True),
-            residual_of_posture,
-        )
-        read_counts, total_squares = np.maximum(stack.read, 1), float(residual @ residual)
-        degrees_of_freedom = int(stack.read.sum()) - basis.shape[1] - read_counts
-        variance = (
-            np.maximum(total_squares - squares_taken, 0.0) / np.maximum(degrees_of_freedom, 1) + RESOLUTION**2
-        )
-        f_ratio = squares_taken / read_counts / variance
-        p_values = special.fdtrc(read_counts, np.maximum(degrees_of_freedom, 1), f_ratio)
-        p_values = np.where(degrees_of_freedom > 0, p_values, 1.0)
-        worst = int(np.argmin(p_values))
-        mean_squares = squares_taken / read_counts
-        is_typical = mean_squares[worst] < _GROSS * np.median(mean_squares)
-        if p_values[worst] * posture_count >= MISTAKE_LEVEL or is_typical:
+        left_out = self._leave_out_each_posture()
+        worst = int(np.argmin(left_out.p_values))
+        p_value = float(left_out.p_values[worst] * len(left_out.p_values))
+        if p_value >= MISTAKE_LEVEL or not left_out.stands_out(worst):
             return None
-        ratio = max(1.0 - squares_taken[worst] / total_squares, 1e-300)
-        criterion = self.criterion(self.residual_squares() * ratio, unknowns + int(read_counts[worst]) + 1)
-        return WrongPosture(measurements.labels[worst], float(p_values[worst] * posture_count), criterion)
+        ratio = max(1.0 - left_out.squares_taken[worst] / left_out.total_squares, 1e-300)
+        unknowns_without_posture = unknowns + int(left_out.counts[worst]) + 1
+        criterion = self.criterion(self.residual_squares() * ratio, unknowns_without_posture)
+        return WrongPosture(self.rows.measurements.labels[worst], p_value, criterion)
+
+    def _leave_out_each_posture(self) -> _LeftOut:
+        """Fit the joints, and what is always fitted with them, without each posture in turn.
+
+        Leaving out a posture equals a fit in which each of its coordinates is a free unknown.
+        """
+        fit = self._account_for_scatter(self.fitted)
+        stack = fit.rows.stack(fit.terms, self.compliance)
+        basis = self._build_basis(stack, fit)
+        readings = stack.flat[:, -1]
+        residual = readings - basis @ (basis.T @ readings)
+        squares_taken = _compute_squares_taken(basis, residual, posture_count=len(stack))
+        return _LeftOut(squares_taken, float(residual @ residual), stack.read, basis.shape[1])
+
+    def _build_basis(self, stack: Stack, fit: _ScatteredFit) -> FloatArray:
+        """Return an orthonormal basis (R, r) of the motions that a fit with statements explains, in R rows.
+
+        Statements are further rows of the fit, below those of the readings: each unknown over its standard
+        uncertainty is zero. They make the basis shorter than 1 in the rows of the readings.
+
+        Args:
+            stack: rows of the terms of the fit.
+            fit: terms that are fitted, the stated ones last.
+        """
+        of_joints, *of_other_terms = stack.span.values()
+        columns = np.concatenate([of_joints[self.visible], *of_other_terms])
+        unit_vectors, lengths = unit_columns(stack.flat[:, columns])
+        stated = _list_stated_uncertainties(fit, stack)
+        sigma = fit.rows.measurements.sigma or stack.triangle().sigma(fit.names)
+        weights = np.zeros(len(columns))
+        first_stated = len(columns) - len(stated)
+        weights[first_stated:] = sigma / np.maximum(stated, 1e-300) / lengths[first_stated:]
+        statement_rows = np.diag(np.minimum(weights, 1e9))
+        return orthonormal_basis(np.vstack([unit_vectors, statement_rows]))[: len(unit_vectors)]
 
     def p_values(self, names: Sequence[str], *others: str) -> list[float]:
         """Return the p-value of each named term, tested as an addition to the joints and to other terms."""

@@ -9,12 +9,12 @@ Zeger, *Biometrika* 73, 1986).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import special
 
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.fit.rows import Rows
 
 _LEVEL: Final = 1e-3
@@ -22,8 +22,8 @@ _LEVEL: Final = 1e-3
 _MATTERS: Final = 0.02
 """Share of the deflections that remains and changes a stiffness by one percent."""
 _LEAST_POSTURES: Final = 3
-_VARIANCE: Final = 4.0 / 3.0
-"""Variance of a difference of two positions over that of a deflection from the mean of two positions."""
+_SCALE: Final = float(np.sqrt(4.0 / 3.0))
+"""Noise of a difference of two positions over that of a deflection from the mean of two positions."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,6 @@ class Unloading:
 def compare_unloaded_positions(rows: Rows, compliance: FloatArray) -> Unloading | None:
     """Compare the positions after the load with those before the load.
 
-    The share κ of the deflections that remains is a regression of the remaining displacements r on the
-    predicted deflections m, ``κ = Σ rᵀm / Σ mᵀm``, both whitened (uncorrelated noise of variance sigma²).
-
     Args:
         rows: N observations.
         compliance: (n,) fitted joint compliances [rad/(N·m)].
@@ -59,30 +56,62 @@ def compare_unloaded_positions(rows: Rows, compliance: FloatArray) -> Unloading 
     if returned is None or not returned.present.any():
         return None
     read_again = np.flatnonzero(returned.present.any(axis=1))
-    part = rows.at(None)[read_again]
     remaining, present = returned.remaining[read_again], returned.present[read_again]
-    products, squares = [], []  # of each posture: rᵀ m and mᵀ m
+    distance = float(np.sqrt(np.square(remaining[present]).sum(axis=-1).mean()))
+    count = len(read_again)
+    sums = _sum_by_posture(rows.at(None)[read_again], compliance, remaining, present)
+    if count < _LEAST_POSTURES or not sums.squares.sum() > 0.0:
+        return Unloading(count, distance, share=None, standard_uncertainty=None, p_value=1.0)
+    share, uncertainty = sums.share, sums.standard_uncertainty
+    student_t = abs(share) / uncertainty if uncertainty > 0.0 else np.inf
+    p_value = float(2.0 * special.stdtr(count - 1, -student_t))
+    return Unloading(count, distance, _SCALE * share, _SCALE * uncertainty, p_value)
+
+
+class _PostureSums(NamedTuple):
+    """Sums over the targets of each of P postures, of remaining displacements r and predicted deflections m.
+
+    Both are whitened, and r is divided by `_SCALE`, so that their noise has the variance sigma².
+    """
+
+    products: FloatArray  # (P,) Σ rᵀ m
+    squares: FloatArray  # (P,) Σ mᵀ m
+
+    @property
+    def share(self) -> float:
+        """Share κ of the deflections that remains: the regression ``κ = Σ rᵀm / Σ mᵀm`` of r on m."""
+        return float(self.products.sum() / self.squares.sum())
+
+    @property
+    def standard_uncertainty(self) -> float:
+        """Standard uncertainty of the share, from the deviations of the postures from the common share."""
+        count = len(self.products)
+        deviations = self.products - self.share * self.squares
+        corrected = np.square(deviations).sum() * count / (count - 1.0)
+        return float(np.sqrt(corrected) / self.squares.sum())
+
+
+def _sum_by_posture(
+    rows: Rows, compliance: FloatArray, remaining: FloatArray, present: BoolArray
+) -> _PostureSums:
+    """Sum products of remaining displacements and predicted deflections over the targets of each posture.
+
+    Args:
+        rows: P observations whose targets were read again after the load.
+        compliance: (n,) fitted joint compliances [rad/(N·m)].
+        remaining: (P, T, 3) positions after the load less those before, axes of R0 [m].
+        present: (P, T) which targets were read again.
+    """
+    products, squares = [], []
     start = 0
-    for block in part.generate_blocks():
+    for block in rows.generate_blocks():
         stop = start + len(block.torque)
         predicted = block.A @ compliance  # (B, T, 3) deflections [m]
-        remaining_scaled = remaining[start:stop] / np.sqrt(_VARIANCE)  # with the variance of a deflection
-        both = np.stack([predicted, remaining_scaled], axis=-1)
+        both = np.stack([predicted, remaining[start:stop] / _SCALE], axis=-1)
         both[~present[start:stop]] = 0.0
         whitened = block.whiten(both)
         m, r = whitened[..., 0], whitened[..., 1]
         products.append((m * r).sum(axis=(1, 2)))
         squares.append(np.square(m).sum(axis=(1, 2)))
         start = stop
-    product, square = np.concatenate(products), np.concatenate(squares)
-    distance = float(np.sqrt(np.square(remaining[present]).sum(axis=-1).mean()))
-    count = len(read_again)
-    if count < _LEAST_POSTURES or not square.sum() > 0.0:
-        return Unloading(count, distance, share=None, standard_uncertainty=None, p_value=1.0)
-    share = float(product.sum() / square.sum())
-    deviation = product - share * square  # of each posture from the common share
-    uncertainty = float(np.sqrt(np.square(deviation).sum() * count / (count - 1.0)) / square.sum())
-    student_t = abs(share) / uncertainty if uncertainty > 0.0 else np.inf
-    p_value = float(2.0 * special.stdtr(count - 1, -student_t))
-    scale = float(np.sqrt(_VARIANCE))  # undoes the division of r
-    return Unloading(count, distance, scale * share, scale * uncertainty, p_value)
+    return _PostureSums(np.concatenate(products), np.concatenate(squares))

@@ -171,6 +171,9 @@ class JointsFit:
     first: _SingleFit  #: fit without K_c and stated errors
     last: _SingleFit  #: fit of the robot that is bent by these compliances
     iterations: int  #: number of fits after the first
+    #: (n,) change of the compliances by K_c to first order, from which the search for the rest started
+    #: [rad/(N·m)]; None without K_c
+    expected_shift: FloatArray | None = None
     statements_dropped: str | None = None  #: why stated errors were not fitted after all; None if they were
     why_without_k_c: str | None = None  #: why K_c was neglected although it was requested; None if it was not
 
@@ -280,6 +283,9 @@ def _find_shift_by_complementary_stiffness(fit: JointsFit, sigma: float | None) 
     only_k_c_changed_the_fit = fit.settings.complementary_stiffness and not fit.problem.stated_errors
     if only_k_c_changed_the_fit:
         return fit.compliance - fit.first.compliance
+    has_prior = fit.settings.prior is not None
+    if fit.expected_shift is not None and not has_prior:  # sigma only weighs a prior
+        return fit.expected_shift
     return _estimate_neglected_shift(fit.problem, fit.first, sigma)
 
 
@@ -617,26 +623,34 @@ def _repeat_until_at_rest(problem: _Problem, first: _SingleFit) -> JointsFit:
         SolverError: the compliances do not come to rest in `MAX_ITERATIONS` fits.
     """
     repetition = _Repetition(problem, first)
+    expected_shift = _expect_shift(problem, first)
+    start = first.compliance if expected_shift is None else first.compliance + expected_shift
     find_rest(
         repetition.fit,
-        start=_estimate_compliances_at_rest(problem, first),
+        start=start,
         unit=_list_changes_at_rest(problem.observability, first),
         most_steps=MAX_ITERATIONS,
     )
-    # The last fit is that at the fixed point.
-    return JointsFit(problem, first, repetition.last, iterations=repetition.count)
+    # The last fit is that at the fixed point. The targets' rows of the first fit are not needed any more.
+    return JointsFit(
+        problem,
+        first=replace(first, targets=None),
+        last=repetition.last,
+        iterations=repetition.count,
+        expected_shift=expected_shift,
+    )
 
 
-def _estimate_compliances_at_rest(problem: _Problem, first: _SingleFit) -> FloatArray:
-    """Estimate the compliances (n,) at which the fits come to rest [rad/(N·m)].
+def _expect_shift(problem: _Problem, first: _SingleFit) -> FloatArray | None:
+    """Return the change (n,) of the first fit's compliances by K_c, to first order [rad/(N·m)].
 
-    These are the compliances of the first fit and, if K_c is part of the model, the effect of K_c to first
-    order. So with noisy readings and without stated errors, a single further fit suffices.
+    With noisy readings and without stated errors, a single further fit at the changed compliances suffices.
+    None if K_c is not part of the model.
     """
     if not problem.settings.complementary_stiffness:
-        return first.compliance
+        return None
     sigma = problem.rows.measurements.sigma or first.estimate_sigma_from_residuals()
-    return first.compliance + _estimate_neglected_shift(problem, first, sigma)
+    return _estimate_neglected_shift(problem, first, sigma)
 
 
 def _list_changes_at_rest(observability: Observability, first: _SingleFit) -> FloatArray:

@@ -6,11 +6,13 @@ Each finding has a weight, a message with a figure, and a remedy. No mistake is 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from jointstiff.schemas.finding import Finding, FindingCode
+from jointstiff.solver.arrays import BoolArray
 from jointstiff.solver.integrity.against_model import (
     exchange_proved_targets,
     inspect_drift,
@@ -22,7 +24,15 @@ from jointstiff.solver.integrity.against_model import (
 )
 from jointstiff.solver.integrity.order import inspect_loaded
 from jointstiff.solver.integrity.rounded_angles import inspect_rounded_angles
-from jointstiff.solver.integrity.values import View, inspect_repeats, inspect_values
+from jointstiff.solver.integrity.values import (
+    View,
+    inspect_angles,
+    inspect_duplicates,
+    inspect_rare_targets,
+    inspect_repeats,
+    inspect_stated_noise,
+    inspect_values,
+)
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 
@@ -87,15 +97,8 @@ def inspect_measurements(
     # The other checks use the readings as they are after the exchange, or these checks would name all rows.
     exchange, view = exchange_proved_targets(posted)
     findings += exchange
-    suspects, good_rows = inspect_places(view)
-    # If one mistake explains all positions, this is the only finding about places, and no row is checked
-    # further.
-    if any(finding.code == "target_off_model" and finding.weight == "do_not_use" for finding in suspects):
-        mistakes = inspect_whole_set(view, others)
-        if mistakes:
-            suspects, good_rows = mistakes, np.zeros_like(good_rows)
-    causes = {finding.code for finding in suspects if finding.where is None}
-    findings = [f for f in findings if not _FOLLOWS.get(f.code, frozenset()) & causes]
+    suspects, good_rows = _inspect_positions(view, others)
+    findings = _leave_out_effects(findings, suspects)
     exchanged = {finding.where for finding in suspects if finding.code == "targets_swapped"}
     # Exchanged names of targets explain a large deflection: only the exchange is reported.
     findings = [f for f in findings if f.code != "deflection_implausibly_large" or f.where not in exchanged]
@@ -107,6 +110,52 @@ def inspect_measurements(
         findings += inspect_response(view, good_rows) if can_compare_deflections else ()
     findings += [*inspect_encoders(view), *inspect_rounded_angles(view)]
     return _limit_kinds(findings)
+
+
+def inspect_unloaded(
+    robot: Robot, measurements: Measurements, *, degrees: bool, others: Iterable[KnownRobot] = ()
+) -> list[Finding]:
+    """Return findings on the positions without load of a set in which some were not read under load.
+
+    Such a set is identified by the robot's own weight, which moves targets by millimetres: units, joints,
+    rows, names, frame and robot are checked as with loads. Deflections are not.
+
+    Args:
+        robot: n joints.
+        measurements: N observations of T targets.
+        degrees: whether the angles were posted in degrees.
+        others: robots that may have been measured instead.
+    """
+    unloaded_only = measurements.unloaded_only
+    was_read = measurements.present if unloaded_only is None else measurements.present | unloaded_only
+    view = View(robot, replace(measurements, present=was_read), degrees)
+    findings: list[Finding] = []
+    for check in (inspect_angles, inspect_rare_targets, inspect_stated_noise, inspect_duplicates):
+        findings += check(view)
+    suspects, good_rows = _inspect_positions(view, others)
+    findings = [*_leave_out_effects(findings, suspects), *suspects]
+    if good_rows.any():
+        findings += inspect_rigidity(view, good_rows)
+    return _limit_kinds(findings)
+
+
+def _inspect_positions(view: View, others: Iterable[KnownRobot]) -> tuple[list[Finding], BoolArray]:
+    """Return findings on the places of the targets, and a mask (N,) of rows that may be checked further.
+
+    If one mistake explains all positions, it is the only finding, and no row may be checked further.
+    """
+    suspects, good_rows = inspect_places(view)
+    if any(finding.code == "target_off_model" and finding.weight == "do_not_use" for finding in suspects):
+        mistakes = inspect_whole_set(view, others)
+        if mistakes:
+            return mistakes, np.zeros_like(good_rows)
+    return suspects, good_rows
+
+
+def _leave_out_effects(findings: Iterable[Finding], suspects: Iterable[Finding]) -> list[Finding]:
+    """Return findings about numbers alone without those that a mistake of the whole set causes."""
+    causes = {finding.code for finding in suspects if finding.where is None}
+    return [finding for finding in findings if not _FOLLOWS.get(finding.code, frozenset()) & causes]
 
 
 def _limit_kinds(findings: Iterable[Finding]) -> list[Finding]:

@@ -55,9 +55,11 @@ from jointstiff.solver.integrity.values import (
     compute_norm_quantile,
     estimate_coordinate_scale,
     median,
+    transform_to_flange,
 )
 from jointstiff.solver.mechanics.block import RegressorBlock, get_whole_block, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import KnownRobot
 from jointstiff.solver.text import PAST_CARE, PAST_DO_NOT_USE, figure, length_text
 
@@ -68,6 +70,13 @@ SMALLEST_OUTLIER: Final = 2e-3
 """Distance from the median place [m] below which nothing is reported: an error of 0.05° at 2 m."""
 _SEARCHED: Final = 300
 """Greatest number of rows for which the posture that matches their readings is searched."""
+
+_FEW: Final = 10
+"""Greatest number of disagreeing rows in which a mistyped angle is searched."""
+_CLEARLY_NEARER: Final = 3.0
+"""Least ratio of the distances by another mistyped joint and by the one that is named."""
+_REFINEMENTS: Final = 3
+"""Rounds in which the position of a joint is searched: whole degrees, tenths, hundredths."""
 
 LEAST_SIGMA: Final = 1e-6
 """Least standard uncertainty of a reading [m] that is assumed if none is stated."""
@@ -174,27 +183,19 @@ def _inspect_disagreeing_rows(
     """
     # Row → row in whose posture its readings were taken
     true_rows: dict[int, int] = {}
+    are_few = len(rows) <= _FEW  # many mistaken rows have another cause than typing errors
     for i, targets in zip(rows.tolist(), seen_from_flange, strict=True):
         exchange = _match_targets_to_places(targets, places)
         if exchange is not None:
-            yield from _report_exchanged_targets(
-                view, i, exchange, _match_targets_to_places(_place_loaded_targets(view, i), places)
-            )
+            exchange_under_load = None
+            if _was_read_under_load(view, i):
+                exchange_under_load = _match_targets_to_places(_place_loaded_targets(view, i), places)
+            yield from _report_exchanged_targets(view, i, exchange, exchange_under_load)
         elif len(true_rows) < _SEARCHED and (j := _find_posture_of_readings(view, i, places)) is not None:
             true_rows[i] = j
         else:
-            distances = np.nan_to_num(np.linalg.norm(targets - places, axis=1))
-            farthest = int(distances.argmax())
-            yield view.build_finding(
-                "target_off_model",
-                f"target '{view.measurements.targets[farthest]}' is {length_text(distances[farthest])} "
-                "away from its median "
-                f"position on the flange; up to {length_text(LARGEST_MODEL_ERROR)} is plausible",
-                "check the angles and their order, the joint map and the robot's model; check that "
-                f"positions are in R0 and in `units.length`; {PAST_DO_NOT_USE}",
-                "do_not_use",
-                row=i,
-            )
+            mistyped = find_mistyped_joint(view, i, places) if are_few else None
+            yield _report_target_off_model(view, i, targets - places, mistyped)
     for shift, neighbour in ((-1, "before"), (1, "after")):
         # Several rows with the same shift are reported together, unless two rows are exchanged with each
         # other.
@@ -219,6 +220,114 @@ def _inspect_disagreeing_rows(
             "do_not_use",
             row=i,
         )
+
+
+def _was_read_under_load(view: View, row: int) -> bool:
+    """Return whether any target of a row was read under load, too."""
+    measurements = view.measurements
+    if measurements.unloaded_only is None:
+        return True
+    return bool((measurements.present[row] & ~measurements.unloaded_only[row]).any())
+
+
+def _report_target_off_model(
+    view: View, row: int, offsets: FloatArray, mistyped: MistypedJoint | None
+) -> Finding:
+    """Build the finding that targets of a row are far from their places, with the angle that explains it.
+
+    Args:
+        view: measurement set.
+        row: index of the row.
+        offsets: (T, 3) of the targets from their places on the flange [m]; NaN where not measured.
+        mistyped: joint whose position alone explains the readings; None without one.
+    """
+    distances = np.nan_to_num(np.linalg.norm(offsets, axis=1))
+    farthest = int(distances.argmax())
+    message = (
+        f"target '{view.measurements.targets[farthest]}' is {length_text(distances[farthest])} away from its "
+        f"median position on the flange; up to {length_text(LARGEST_MODEL_ERROR)} is plausible"
+    )
+    remedy = (
+        "check the angles and their order, the joint map and the robot's model; check that positions are in "
+        "R0 and in `units.length`"
+    )
+    if mistyped is not None:
+        name, unit = view.robot.joint_names[mistyped.joint], "°" if view.degrees else " rad"
+        given, fitting = (
+            figure(np.degrees(angle) if view.degrees else angle, ".4g")
+            for angle in (mistyped.given, mistyped.fitting)
+        )
+        distance = length_text(mistyped.distance)
+        message += f"; with {name} at {fitting}{unit} instead of {given}{unit}, {distance}"
+        remedy = f"check the angle of {name} for a typing error, and correct it, or repeat the observation"
+    return view.build_finding(
+        "target_off_model", message, f"{remedy}; {PAST_DO_NOT_USE}", "do_not_use", row=row
+    )
+
+
+@dataclass(frozen=True)
+class MistypedJoint:
+    """Joint of one observation whose position alone explains the readings."""
+
+    joint: int  #: index of the joint
+    given: float  #: position by the controller as posted [rad]
+    fitting: float  #: position with which the targets are at their places [rad]
+    distance: float  #: greatest distance of a target from its place with this position [m]
+
+
+def find_mistyped_joint(view: View, row: int, places: FloatArray) -> MistypedJoint | None:
+    """Find the revolute joint of a row whose position alone brings the targets to their places.
+
+    Every joint is tried at each degree of a turn, and then near the best one. The joint must bring the
+    targets far nearer than any other joint does; otherwise None is returned.
+
+    Args:
+        view: measurement set.
+        row: index of the row.
+        places: (T, 3) places of the targets on the flange [m].
+    """
+    joints = np.flatnonzero(~view.robot.prismatic)
+    given = view.measurements.joints[row, joints]
+    fitting, step = given, np.radians(1.0)
+    offsets = np.arange(-180, 180) * step
+    for _ in range(_REFINEMENTS):
+        tried = fitting[:, None] + offsets  # (joints, positions)
+        distances = _try_joints(view, row, places, joints, tried)
+        best = distances.argmin(axis=1)
+        fitting = np.take_along_axis(tried, best[:, None], axis=1)[:, 0]
+        offsets = np.linspace(-step, step, 21)
+        step /= 10.0
+    least = distances.min(axis=1)
+    nearest, *others = np.argsort(least).tolist()
+    explains = least[nearest] <= LARGEST_MODEL_ERROR
+    is_clear = all(least[other] >= _CLEARLY_NEARER * least[nearest] for other in others)
+    if not (explains and is_clear):
+        return None
+    return MistypedJoint(
+        int(joints[nearest]), float(given[nearest]), float(fitting[nearest]), float(least[nearest])
+    )
+
+
+def _try_joints(
+    view: View, row: int, places: FloatArray, joints: IndexArray, tried: FloatArray
+) -> FloatArray:
+    """Return the greatest distance (J, P) [m] of a target of a row from its place, for positions of joints.
+
+    Args:
+        view: measurement set.
+        row: index of the row.
+        places: (T, 3) places of the targets on the flange [m].
+        joints: (J,) indices of the joints; one joint at a time is moved.
+        tried: (J, P) positions of these joints by the controller [rad].
+    """
+    q = np.broadcast_to(view.measurements.joints[row], (*tried.shape, view.robot.n)).copy()
+    for number, joint in enumerate(joints.tolist()):
+        q[number, :, joint] = tried[number]
+    postures = Postures(view.robot, view.robot.joint_map.model_angles(q.reshape(-1, view.robot.n)))
+    measured = np.broadcast_to(view.measured[row], (len(postures), len(places)))
+    position = np.broadcast_to(view.measurements.position[row], (len(postures), *places.shape))
+    in_flange = transform_to_flange(postures, position, measured)
+    return greatest_distances(in_flange, places).reshape(tried.shape)
 
 
 def _find_posture_of_readings(view: View, row: int, places: FloatArray) -> int | None:

@@ -10,7 +10,7 @@ readings, and the places decide. A frame is fitted in closed form, as for tables
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
 
@@ -25,6 +25,7 @@ from jointstiff.solver.meaning.decision import (
     LARGEST_SCALE_ERROR,
     LEAST_FREEDOM,
     LEAST_SHARE,
+    MIRRORED_SIGNS,
 )
 from jointstiff.solver.meaning.proposal import USUAL_RESIDUAL
 from jointstiff.solver.meaning.refinement import RigidFit, fit_frame
@@ -449,9 +450,11 @@ def find_frame_mistake(view: View, rows: IndexArray) -> Finding | None:
         )
         remedy = f"give the positions as {axes}; {PAST_DO_NOT_USE}"
         return view.build_finding("frame_mistaken", message, remedy, "do_not_use")
+    if fit.frame.is_mirrored:
+        return _report_left_handed_frame(view, rows, within)
     turn = float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0))))
     distance = float(np.linalg.norm(origin))
-    if fit.frame.is_mirrored or (turn < 1.0 and distance < LARGEST_MODEL_ERROR):
+    if turn < 1.0 and distance < LARGEST_MODEL_ERROR:
         return None
     message = (
         f"the positions are not in R0: the targets keep their places on the flange, {within}, if the "
@@ -465,6 +468,33 @@ def find_frame_mistake(view: View, rows: IndexArray) -> Finding | None:
         f"identify the frame by `geometry`; {PAST_DO_NOT_USE}"
     )
     return view.build_finding("frame_mistaken", message, remedy, "do_not_use")
+
+
+def _report_left_handed_frame(view: View, rows: IndexArray, within: str) -> Finding:
+    """Build the finding that positions are in a left-handed frame, or that the arm is mirrored instead.
+
+    An arm whose axes are in a plane at zero is its own mirror image after the signs of joints 1, 4 and 6 are
+    reversed: the readings then fit as well in a right-handed frame, and cannot decide.
+
+    Args:
+        view: measurement set.
+        rows: (M,) indices of the rows with positions.
+        within: distance of the targets from their places, in words.
+    """
+    message = (
+        f"the positions are in a left-handed frame: the targets keep their places on the flange, {within}, "
+        "only if one axis of the positions is reversed"
+    )
+    remedy = "reverse the sign of y of all positions, and check the set again, which then states its frame"
+    if view.robot.n == len(MIRRORED_SIGNS):
+        mirrored = replace(view.measurements, joints=view.measurements.joints * MIRRORED_SIGNS)
+        twin = _fit_frame_of(replace(view, measurements=mirrored), rows)
+        if twin is not None and not twin.fit.frame.is_mirrored:
+            reversed_names = np.array(view.robot.joint_names)[MIRRORED_SIGNS < 0.0]
+            names = ", ".join(reversed_names)
+            message += f", or if {names} are reversed and the positions are in another frame than R0"
+            remedy += f"; or, if the axes of the instrument are right, change the signs of {names}"
+    return view.build_finding("frame_mistaken", message, f"{remedy}; {PAST_DO_NOT_USE}", "do_not_use")
 
 
 def find_scale_mistake(view: View, rows: IndexArray) -> Finding | None:

@@ -39,7 +39,7 @@ _TWIN: Final = 0.02
 _FAR_OFF: Final = 0.05
 """Median distance relative to the movement from which an interpretation is no alternative."""
 _SAME_EFFECT: Final = 1e-4
-_MIRROR: Final = np.array([-1.0, 1.0, 1.0, -1.0, 1.0, -1.0])
+MIRRORED_SIGNS: Final = np.array([-1.0, 1.0, 1.0, -1.0, 1.0, -1.0])
 """Signs of joints with which an arm of six joints in a plane is its mirror image."""
 
 
@@ -279,11 +279,11 @@ def _is_shifted(other: Interpretation, tied: Sequence[Interpretation]) -> bool:
 
 def _read_mirrored_joints(first: Interpretation, second: Interpretation) -> bool:
     """Return whether two interpretations differ in the signs of J1, J4 and J6, which mirror an arm."""
-    if first.known is not second.known or first.known.robot.n != len(_MIRROR):
+    if first.known is not second.known or first.known.robot.n != len(MIRRORED_SIGNS):
         return False
     joints, other_joints = first.joints, second.joints
     are_same_columns = joints.columns == other_joints.columns and joints.unit == other_joints.unit
-    mirrored_matrix = other_joints.counting.matrix * _MIRROR
+    mirrored_matrix = other_joints.counting.matrix * MIRRORED_SIGNS
     return are_same_columns and bool(np.allclose(joints.counting.matrix, mirrored_matrix))
 
 

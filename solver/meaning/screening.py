@@ -101,19 +101,8 @@ def fit_all(columns: FloatArray, points: FloatArray) -> list[LinearFit]:
     movement = _measure_movement(frames.matrix, points[np.isfinite(points).all(axis=2)])
     makes_sense = (movement >= LEAST_MOVEMENT) & _has_one_scale(frames.matrix)
     rank = _rank(residual[frames.hypotheses], movement)
-    fits = []
-    for i in _choose_smallest(rank, makes_sense):
-        hypothesis = int(frames.hypotheses[i])
-        fit = LinearFit(
-            hypothesis=hypothesis,
-            matrix=frames.matrix[i],
-            origin=frames.origin[i],
-            targets=targets[hypothesis].reshape(target_count, 3),
-            residual=float(residual[hypothesis]),
-            movement=float(movement[i]),
-        )
-        fits.append(fit)
-    return fits
+    chosen = _choose_smallest(rank, makes_sense)
+    return [frames.build_fit(i, targets, residual, float(movement[i])) for i in chosen]
 
 
 class _Frames(NamedTuple):
@@ -122,6 +111,25 @@ class _Frames(NamedTuple):
     hypotheses: IndexArray  # (F,) indices
     matrix: FloatArray  # M (F, 3, 3) [m per unit of the file]
     origin: FloatArray  # c (F, 3) [m]
+
+    def build_fit(self, i: int, targets: FloatArray, residual: FloatArray, movement: float) -> LinearFit:
+        """Return the fit with frame i.
+
+        Args:
+            i: number of the frame, below F.
+            targets: t (H, 3K) places of the targets on the flange, by all H hypotheses [m].
+            residual: (H,) residual of each hypothesis [m].
+            movement: second largest movement of the positions along axes of R0 [m].
+        """
+        hypothesis = int(self.hypotheses[i])
+        return LinearFit(
+            hypothesis=hypothesis,
+            matrix=self.matrix[i],
+            origin=self.origin[i],
+            targets=targets[hypothesis].reshape(-1, 3),
+            residual=float(residual[hypothesis]),
+            movement=movement,
+        )
 
 
 def _fit_frames(

@@ -214,13 +214,18 @@ def assess(
 
 
 def _report_root_mistakes(findings: Sequence[Finding]) -> list[Finding]:
-    """Return the findings of mistakes that spoil all readings, one for each code.
+    """Return the findings of mistakes that spoil all readings, one for each code."""
+    root_findings = [finding for finding in findings if finding.code in ROOT_MISTAKES]
+    return summarise_noticed(root_findings, "do_not_use")
+
+
+def summarise_noticed(findings: Sequence[Finding], weight: Verdict) -> list[Finding]:
+    """Return the findings of a weight, one for each code, with the number of others of its kind.
 
     If several robots fit the readings, all of these findings are returned, so that the user can choose one.
     """
-    root_findings = [finding for finding in findings if finding.code in ROOT_MISTAKES]
     reasons: list[Finding] = []
-    for group in _group_by_code(root_findings, "do_not_use"):
+    for group in _group_by_code(findings, weight):
         if group[0].code == "another_robot_fits":
             reasons += group
         else:
@@ -375,7 +380,7 @@ def _list_notes(measurements: Measurements, estimate: Estimate, unloading: Unloa
 def _describe_assumptions(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
     """Yield a sentence for each uncertainty of the loads that was assumed, because none was stated.
 
-    An assumption is told only if it matters: if the error changes a compliance of the estimate.
+    An assumption is named only if the error changes a compliance of the estimate.
     """
     common = estimate.common  # effects of errors that all readings share, such as of the load point
     if common is None:
@@ -888,7 +893,7 @@ def find_reading_problems(
 def _merge_mistakes(findings: Sequence[Finding], labels: tuple[str, ...]) -> Iterator[Finding]:
     """Yield one finding for each kind of mistake that forbids the use, those on the whole set first.
 
-    `labels` are the labels of all observations, some of which an action may leave out.
+    `labels` are the labels of all observations; an action may leave out some observations.
     """
     mistakes = _group_by_code(findings, "do_not_use")
     mistakes.sort(key=lambda group: group[0].observation is not None)
@@ -1177,7 +1182,7 @@ def _report_few_postures(measurements: Measurements) -> Iterator[Finding]:
 
 
 def _count_distinct_postures(joints: FloatArray, *, most: int) -> int:
-    """Return the number of postures (N, n) of which any two differ by `_DISTINCT` in a joint, at most `most`.
+    """Return the number of postures (N, n) such that any two differ by `_DISTINCT` in a joint, at most `most`.
 
     The count ends at `most`, because a set may have thousands of postures.
     """
@@ -1498,29 +1503,35 @@ class _IdentifiedStiffness(NamedTuple):
 def _report_implausible_stiffness(joint: _IdentifiedStiffness, *, all_are_implausible: bool) -> Finding:
     """Return the finding that a stiffness is outside the range of industrial robots.
 
-    A wrong unit scales all joints, and a wrong column or joint map changes single joints: the remedy depends
-    on whether all identified joints are implausible.
+    `all_are_implausible` tells whether the stiffnesses of all identified joints are.
     """
-    name, kind, stiffness = joint
-    remedy = (
-        f"check the angles and the joint map of {name} and its neighbours; the stiffnesses of the "
-        "other joints are plausible"
-    )
-    if stiffness < 0.0:
-        remedy = (
-            "set `positive` to true; check the joint map, the order of the angles, and the signs of the "
-            "forces"
-        )
-    elif all_are_implausible:
-        remedy = "check the units of force, length and moment: all joints are out of range"
-    least, greatest = (stiffness_text(limit, kind) for limit in PLAUSIBLE_STIFFNESS)
+    remedy = _advise_on_stiffness(joint, all_are_implausible=all_are_implausible)
+    least, greatest = (stiffness_text(limit, joint.kind) for limit in PLAUSIBLE_STIFFNESS)
     return Finding(
         code="stiffness_implausible",
         weight="do_not_use",
-        message=f"the stiffness of {name} is {stiffness_text(stiffness, kind)}; for joints of "
-        f"industrial robots, {least} to {greatest} is plausible",
+        message=f"the stiffness of {joint.name} is {stiffness_text(joint.stiffness, joint.kind)}; for joints "
+        f"of industrial robots, {least} to {greatest} is plausible",
         remedy=f"{remedy}; {PAST_DO_NOT_USE}",
-        where=name,
+        where=joint.name,
+    )
+
+
+def _advise_on_stiffness(joint: _IdentifiedStiffness, *, all_are_implausible: bool) -> str:
+    """Return what to check for an implausible stiffness.
+
+    A wrong unit scales all joints, and a wrong column or joint map changes single joints.
+    """
+    if joint.stiffness < 0.0:
+        return (
+            "set `positive` to true; check the joint map, the order of the angles, and the signs of the "
+            "forces"
+        )
+    if all_are_implausible:
+        return "check the units of force, length and moment: all joints are out of range"
+    return (
+        f"check the angles and the joint map of {joint.name} and its neighbours; the stiffnesses of the "
+        "other joints are plausible"
     )
 
 

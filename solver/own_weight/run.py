@@ -14,7 +14,7 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.run import Identifiability, RunResult, WeightResult, WeightShare
 from jointstiff.solver.arrays import BoolArray, IndexArray
-from jointstiff.solver.errors import RequestError
+from jointstiff.solver.errors import JointstiffError, MeasurementError, RequestError
 from jointstiff.solver.fit.problem import Bounds, Constraints
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import greatest_violations
@@ -27,6 +27,7 @@ from jointstiff.solver.outcome.rules import (
     derive_assessment,
     report_implausible_joints,
     report_refuted_noise,
+    summarise_noticed,
 )
 from jointstiff.solver.predict.answers import build_stored_model
 from jointstiff.solver.predict.models import JointModel
@@ -76,30 +77,58 @@ def identify_by_weight(
         RequestError: the robot has no bodies, or the set has no positions.
         JointstiffError: the readings do not determine any compliance, or the fit fails.
     """
-    from jointstiff.solver.own_weight.identification import identify_weight
-
     weight_options = options.weight or OwnWeight()
     readings, observation = _collect_positions(robot, measurements, weight_options)
-    estimate = identify_weight(
-        robot,
-        readings,
-        confidence=options.confidence,
-        free_gravity=weight_options.estimate_gravity,
-        free_base=not weight_options.rigid_base,
-        loaded=_collect_deflections(measurements),
-        stated=_collect_stated_loads(robot, measurements, len(observation)),
-    )
-    joints = estimate.joints
-    findings = [
+    noticed = _leave_out_settled(noticed, weight_options)
+    mistakes = summarise_noticed(noticed, "do_not_use")
+    try:
+        estimate = _estimate(robot, measurements, options, readings)
+    except JointstiffError as error:
+        if not mistakes:
+            raise
+        # The fit fails because of the mistake: its own error would name another cause.
+        cause = mistakes[0]
+        raise MeasurementError(cause.message, remedy=cause.remedy, where=cause.where) from error
+    findings = mistakes or [
+        *summarise_noticed(noticed, "use_with_care"),
         *estimate.reasons,
         *estimate.remarks,
-        *report_implausible_joints(joints),
+        *report_implausible_joints(estimate.joints),
         *report_refuted_noise(measurements, estimate.sigma),
     ]
-    assessment = derive_assessment(joints, findings)
+    assessment = derive_assessment(estimate.joints, findings)
     numbers = _list_numbers(robot, measurements, readings, observation, estimate)
     warnings = (*noticed, *assessment.remarks)
     return build_run_result(numbers, assessment, warnings, {"weight": _build_weight_result(estimate)})
+
+
+def _leave_out_settled(noticed: Sequence[Finding], weight: OwnWeight) -> list[Finding]:
+    """Return the findings of the integrity checks without those that an option of the run settles.
+
+    With `estimate_gravity`, the positions may be in any frame that is fixed to the base, because the fit
+    finds the direction of gravity in this frame.
+    """
+    if not weight.estimate_gravity:
+        return list(noticed)
+    return [finding for finding in noticed if finding.code != "frame_mistaken"]
+
+
+def _estimate(
+    robot: Robot, measurements: Measurements, options: RunOptions, readings: WeightReadings
+) -> WeightEstimate:
+    """Fit joint stiffnesses, geometry and masses to positions that were collected from measurements."""
+    from jointstiff.solver.own_weight.identification import identify_weight
+
+    weight = options.weight or OwnWeight()
+    return identify_weight(
+        robot,
+        readings,
+        confidence=options.confidence,
+        free_gravity=weight.estimate_gravity,
+        free_base=not weight.rigid_base,
+        loaded=_collect_deflections(measurements),
+        stated=_collect_stated_loads(robot, measurements, len(readings.force)),
+    )
 
 
 def _collect_deflections(measurements: Measurements) -> Measurements | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
@@ -307,30 +307,44 @@ def _list_resampled_share_parts(entries: Sequence[ComparedRun], view: View) -> l
     return [*_joint_tables(entries, title, _shares_cell, shows_repeated=view.details)]
 
 
-def _has_numbers_of_free_row(
-    runs_by_row: Mapping[tuple[SideName, bool], Mapping[str, ComparedRun]],
-    row: tuple[SideName, bool],
-    joint: int,
-    format_cell: Cell,
-) -> bool:
-    """Return whether a row with a constraint shows the same numbers of a joint as the row without it.
+@dataclass(frozen=True)
+class _MethodRow:
+    """Runs of one side, all with or all without constraint: each joint has a row of them in a table."""
 
-    Then no constraint acts on the joint.
+    side: SideName
+    positive: bool  # whether compliances are constrained to be positive
+    runs: Mapping[str, ComparedRun]  # by the abbreviation of the method, such as "PP/L"
 
-    Args:
-        runs_by_row: runs by (side, constrained), then by the method's abbreviation.
-        row: (side, constrained) of the row.
-        joint: index of the joint.
-        format_cell: function that formats the cell of a run and a joint.
+    def format_cells(self, methods: Sequence[str], joint: int, format_cell: Cell) -> list[Line]:
+        """Return the cell of a joint, given by its index, for each method; empty without a run."""
+        cells = list[Line]()
+        for method in methods:
+            run = self.runs.get(method)
+            cells.append(Line("") if run is None else format_cell(run, joint))
+        return cells
+
+    def repeats(self, free: _MethodRow | None, joint: int, format_cell: Cell) -> bool:
+        """Return whether this row with a constraint shows the same numbers of a joint as the row without it.
+
+        Then no constraint acts on the joint. `free` is the row of this side without constraint, if any.
+        """
+        if not self.positive or free is None or free.runs.keys() != self.runs.keys():
+            return False
+        methods = list(self.runs)
+        own, others = (row.format_cells(methods, joint, format_cell) for row in (self, free))
+        return [*map(str, own)] == [*map(str, others)]
+
+
+def _group_by_row(compared_runs: Sequence[ComparedRun]) -> list[_MethodRow]:
+    """Return the rows that a joint has: for each side without and with constraint, as far as there are runs.
+
+    Of several runs of a row by the same method, the first is shown.
     """
-    side, positive = row
-    free_runs, constrained_runs = runs_by_row.get((side, False)), runs_by_row[row]
-    if not positive or free_runs is None or free_runs.keys() != constrained_runs.keys():
-        return False
-    return all(
-        str(format_cell(free_runs[name], joint)) == str(format_cell(constrained_runs[name], joint))
-        for name in free_runs
-    )
+    runs_by_row = dict[tuple[SideName, bool], dict[str, ComparedRun]]()
+    for entry in sorted(compared_runs, key=lambda each: (each.side, each.positive)):
+        run_by_method = runs_by_row.setdefault((entry.side, entry.positive), {})
+        run_by_method.setdefault(_method_abbreviation(entry), entry)
+    return [_MethodRow(side, positive, runs) for (side, positive), runs in runs_by_row.items()]
 
 
 def _joint_table(
@@ -340,31 +354,26 @@ def _joint_table(
 
     Without `shows_repeated`, a joint has no row for a constraint that changes none of its numbers.
     """
-    runs_by_row: dict[tuple[SideName, bool], dict[str, ComparedRun]] = {}
-    for entry in sorted(compared_runs, key=lambda each: (each.side, each.positive)):
-        run_by_method = runs_by_row.setdefault((entry.side, entry.positive), {})
-        run_by_method.setdefault(_method_abbreviation(entry), entry)
+    rows = _group_by_row(compared_runs)
+    free_rows = {row.side: row for row in rows if not row.positive}
     methods = list(dict.fromkeys(map(_method_abbreviation, compared_runs)))
-    has_two_sides = len({entry.side for entry in compared_runs}) > 1
-    joint_names, row_names = list[str](), list[str]()
-    cells = {method: list[Line]() for method in methods}
+    has_two_sides = len({row.side for row in rows}) > 1
+    joint_names, row_names, cells = list[str](), list[str](), list[list[Line]]()
     for j, joint in enumerate(compared_runs[0].joints):
         shown_name = joint.name  # only the first row of a joint has the joint's name
-        for row, run_by_method in runs_by_row.items():
-            if not shows_repeated and _has_numbers_of_free_row(runs_by_row, row, j, format_cell):
+        for row in rows:
+            if not shows_repeated and row.repeats(free_rows.get(row.side), j, format_cell):
                 continue
-            side, positive = row
             joint_names.append(shown_name)
-            row_names.append(_row_name(side, positive, with_side=has_two_sides))
-            for method in methods:
-                run = run_by_method.get(method)
-                cells[method].append(Line("") if run is None else format_cell(run, j))
+            row_names.append(_row_name(row.side, row.positive, with_side=has_two_sides))
+            cells.append(row.format_cells(methods, j, format_cell))
             shown_name = ""
     columns = [
         Column("joint", joint_names, text=True, widest=_LONGEST_NAME),
         Column("side" if has_two_sides else "sign", row_names, text=True),
-        *(Column(method, cells[method], as_line) for method in methods),
     ]
+    for number, method in enumerate(methods):
+        columns.append(Column(method, [row_cells[number] for row_cells in cells], as_line))
     return Table(columns, title=title, caption=caption, plain=True)
 
 
@@ -545,7 +554,7 @@ def make_charts(result: ComparisonResult) -> list[Chart]:
     The numbers are means over the targets. Each side has a pair of charts: figures 7 and 8 of the paper.
     """
     charts: list[Chart] = []
-    common_labels, has_two_sides = _common_configurations(result), len(result.sides) > 1
+    common_labels = _common_configurations(result)
     if common_labels:
         measured = {
             f"{side.side} side": [_deflection_by_label(side)[label] for label in common_labels]
@@ -553,21 +562,28 @@ def make_charts(result: ComparisonResult) -> list[Chart]:
         }
         charts.append(Chart("Measured deflection, both sides", common_labels, measured, 1e3, "mm"))
     for side in result.sides:
-        compared_runs = [entry for entry in result.entries if entry.side == side.side and entry.left]
-        # If a method has a run with the constraint and a run without, the constrained run is drawn: it is
-        # sorted last.
-        run_by_method = {
-            _method_abbreviation(entry): entry
-            for entry in sorted(compared_runs, key=lambda each: each.positive)
-        }
-        side_text, configurations = f", {side.side} side" * has_two_sides, side.configurations
-        if list(configurations) != common_labels:
+        side_text = f", {side.side} side" if len(result.sides) > 1 else ""
+        if list(side.configurations) != common_labels:
             series = {"measured": side.deflection}
-            charts.append(Chart(f"Measured deflection{side_text}", configurations, series, 1e3, "mm"))
+            title = f"Measured deflection{side_text}"
+            charts.append(Chart(title, side.configurations, series, 1e3, "mm"))
         # What is left over is a hundredth of the deflection: the methods differ on an axis of their own.
-        residuals = {name: entry.left for name, entry in run_by_method.items()}
-        charts.append(Chart(f"Left over after compensation{side_text}", configurations, residuals, 1e6, "µm"))
+        residuals = _list_residuals(result.entries, side.side)
+        title = f"Left over after compensation{side_text}"
+        charts.append(Chart(title, side.configurations, residuals, 1e6, "µm"))
     return [replace(chart, quantity="residual" if chart.unit == "µm" else "deflection") for chart in charts]
+
+
+def _list_residuals(entries: Sequence[ComparedRun], side: SideName) -> dict[str, list[float | None]]:
+    """Return method → residual of each configuration [m], of the runs of a side that have residuals.
+
+    If a method has a run with the constraint and a run without, the constrained run is drawn.
+    """
+    residuals = dict[str, list[float | None]]()
+    for entry in sorted(entries, key=lambda each: each.positive):
+        if entry.side == side and entry.left:
+            residuals[_method_abbreviation(entry)] = entry.left
+    return residuals
 
 
 def _deflection_by_label(side: ComparedSide) -> dict[str, float | None]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
 from typing import Any, Final
@@ -20,12 +20,13 @@ from jointstiff.schemas.comparison import (
 from jointstiff.schemas.comparison import Side as SideName
 from jointstiff.schemas.finding import Assessment, Finding, Verdict, combine_assessments
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.run import JointResult, Run, RunRequest
+from jointstiff.schemas.run import Budget, BudgetComponent, JointResult, Run, RunRequest
+from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
 from jointstiff.service.runs.verdicts import assess_with_run, make_reason
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.comparison.campaigns import (
     Comparison,
     FreeEstimate,
@@ -39,6 +40,8 @@ from jointstiff.solver.evidence.fitted_causes import fit_causes
 from jointstiff.solver.evidence.refuted import leave_out, list_refuted
 from jointstiff.solver.evidence.structure import Apart, build_parts
 from jointstiff.solver.fit.rows import Rows
+from jointstiff.solver.fit.stages import Likelihood
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.predict.models import JointModel
@@ -86,6 +89,31 @@ def prepare_comparison(inputs: Inputs, request: ComparisonRequest) -> QuickWork:
         RequestError: a run does not exist or has not ended, or the runs belong to more than two sets.
     """
     runs = [inputs.run(run_id, f"run_ids[{i}]") for i, run_id in enumerate(request.run_ids)]
+    _refuse_unfinished(runs)
+    set_ids = list(dict.fromkeys(each.run.request.measurement_set_id for each in runs))
+    if len(set_ids) > len(_SIDES):
+        raise RequestError(
+            f"the runs belong to {len(set_ids)} measurement sets, but at most two sets can be compared",
+            where="run_ids",
+            remedy="give runs of one set or of two; the trend of the robot shows all sets",
+        )
+    options = request.model_dump_json(exclude={"run_ids"})
+    hashes_of_runs = [each.run.provenance.input_hash for each in runs]
+    second_set_id = set_ids[1] if len(set_ids) > 1 else None
+    return QuickWork(
+        result=partial(compare_runs, inputs, request, runs),
+        input_hash=hash_texts(*hashes_of_runs, options),
+        robot_id=runs[0].prepared.robot_id,
+        details={"measurement_set_id": set_ids[0], "second_set_id": second_set_id},
+    )
+
+
+def _refuse_unfinished(runs: Sequence[MeasuredRun]) -> None:
+    """Refuse runs that have neither a result nor an error yet.
+
+    Raises:
+        RequestError: names the first of them.
+    """
     for i, each in enumerate(runs):
         if each.run.result is None and each.run.error is None:
             raise RequestError(
@@ -93,23 +121,6 @@ def prepare_comparison(inputs: Inputs, request: ComparisonRequest) -> QuickWork:
                 where=f"run_ids[{i}]",
                 remedy="wait until the run has ended, or give another run",
             )
-    sets = list(dict.fromkeys(each.run.request.measurement_set_id for each in runs))
-    if len(sets) > len(_SIDES):
-        raise RequestError(
-            f"the runs belong to {len(sets)} measurement sets, but at most two sets can be compared",
-            where="run_ids",
-            remedy="give runs of one set or of two; the trend of the robot shows all sets",
-        )
-    options = request.model_dump_json(exclude={"run_ids"})
-    hashes_of_runs = [each.run.provenance.input_hash for each in runs]
-    first_set_id = sets[0]
-    second_set_id = sets[1] if len(sets) > 1 else None
-    return QuickWork(
-        result=partial(compare_runs, inputs, request, runs),
-        input_hash=hash_texts(*hashes_of_runs, options),
-        robot_id=runs[0].prepared.robot_id,
-        details={"measurement_set_id": first_set_id, "second_set_id": second_set_id},
-    )
 
 
 def compare_runs(inputs: Inputs, request: ComparisonRequest, runs: Sequence[MeasuredRun]) -> ComparisonResult:
@@ -121,44 +132,50 @@ def compare_runs(inputs: Inputs, request: ComparisonRequest, runs: Sequence[Meas
         RequestError: the robots of two sets have different joints, or the runs cannot be compared.
         SolverError: an optimum could not be certified.
     """
-    runs_by_set: dict[str, list[MeasuredRun]] = {}
-    for compared in runs:
-        runs_by_set.setdefault(compared.run.request.measurement_set_id, []).append(compared)
-    # With one set there is only the first side.
-    runs_by_side = dict(zip(_SIDES, runs_by_set.values(), strict=False))
-    leading_runs = {side_name: side_runs[0] for side_name, side_runs in runs_by_side.items()}
+    runs_by_side = _group_by_side(runs)
+    leading_runs = {name: side_runs[0] for name, side_runs in runs_by_side.items()}
     sides = [
-        _make_side_message(side_name, side_runs, leading_runs[side_name].run)
-        for side_name, side_runs in runs_by_side.items()
+        _make_side_message(name, side_runs, leading_runs[name].run)
+        for name, side_runs in runs_by_side.items()
     ]
     side_of_set = {side.measurement_set_id: side for side in sides}
-    entries = list[ComparedRun]()
-    assessments = list[Assessment]()
-    # Only the first warning of each code and place is kept.
-    warnings: dict[tuple[str, str | None], Finding] = {}
-    for compared in runs:
-        run = compared.run
-        entries.append(_make_entry(run, side_of_set[run.request.measurement_set_id]))
-        if run.result is not None:
-            assessments.append(run.result.assessment)
-        for finding in _list_warnings(run):
-            warnings.setdefault((finding.code, finding.where), finding)
+    assessments = [each.run.result.assessment for each in runs if each.run.result is not None]
     if not assessments:
-        assessments.append(Assessment(verdict="do_not_use", reasons=[_NO_FIT]))
+        assessments = [Assessment(verdict="do_not_use", reasons=[_NO_FIT])]
     result = ComparisonResult(
         assessment=combine_assessments(assessments),
         confidence=request.confidence or runs[0].run.request.confidence,
         sides=sides,
-        entries=entries,
+        entries=[_make_entry(each.run, side_of_set[each.run.request.measurement_set_id]) for each in runs],
         joints=[],
         avoided=None,
         ordered=None,
-        warnings=list(warnings.values()),
+        warnings=_list_distinct_warnings(runs),
     )
     if len(runs_by_side) == 1:
         assessment = assess_with_run("comparison", [], result.assessment)
         return result.model_copy(update={"assessment": assessment})
     return _add_comparison_of_sides(inputs, request, runs_by_side, leading_runs, result)
+
+
+def _group_by_side(runs: Sequence[MeasuredRun]) -> dict[SideName, list[MeasuredRun]]:
+    """Return side → the runs of its measurement set; the first run's set is the first side.
+
+    With one set there is only the first side.
+    """
+    runs_by_set = dict[str, list[MeasuredRun]]()
+    for measured_run in runs:
+        runs_by_set.setdefault(measured_run.run.request.measurement_set_id, []).append(measured_run)
+    return dict(zip(_SIDES, runs_by_set.values(), strict=False))
+
+
+def _list_distinct_warnings(runs: Sequence[MeasuredRun]) -> list[Finding]:
+    """Return the warnings of all runs; of those with the same code and place only the first."""
+    warnings = dict[tuple[str, str | None], Finding]()
+    for measured_run in runs:
+        for finding in _list_warnings(measured_run.run):
+            warnings.setdefault((finding.code, finding.where), finding)
+    return list(warnings.values())
 
 
 def _list_warnings(run: Run) -> list[Finding]:
@@ -367,32 +384,46 @@ def _make_solver_side(inputs: Inputs, leading_run: MeasuredRun, runs: Sequence[M
         RequestError: the leading run has elastic links or base, was identified by own weight, or uses priors.
     """
     run, prepared = leading_run.run, leading_run.prepared
-    if run.request.weight is not None or run.request.priors:
-        obstacle = "was identified by own weight" if run.request.weight is not None else "uses priors"
-        raise RequestError(
-            f"the run '{run.id}' {obstacle}, so the errors of both sets may be common, but the sets "
-            "must be independent",
-            where="run_ids",
-            remedy="identify the measurement set under external loads and without `priors`, and give the "
-            "new run",
-        )
+    _refuse_dependent_errors(run)
     if run.request.leave_out:
         set_id = run.request.measurement_set_id
         prepared = inputs.measured(set_id, "run_ids", run.request.leave_out)
-    causes = [cause.name_and_first_label for cause in run.request.causes]
-    refuted = list_refuted(prepared.measurements, prepared.warnings)
-    trusted_readings = leave_out(prepared.measurements, refuted)
-    measurements = fit_causes(Rows(prepared.robot, trusted_readings), causes)
-    k_c = run.result.complementary_stiffness if run.result else None
+    measurements = _correct_readings(run, prepared)
     model = _rebuild_joint_model(run, prepared.robot)
+    complementary_stiffness = run.result.complementary_stiffness if run.result else None
     return Side(
         robot=prepared.robot,
         measurements=measurements,
         compliance=model.compliance,
         constraints=model.constraints,
-        complementary_stiffness=k_c is not None and k_c.included,
+        complementary_stiffness=complementary_stiffness is not None and complementary_stiffness.included,
         free=_make_free_estimate(_find_unconstrained_run(run, runs), prepared.robot),
     )
+
+
+def _refuse_dependent_errors(run: Run) -> None:
+    """Refuse a run whose stiffnesses contain the same error as those of the other set, such as of a mass.
+
+    Raises:
+        RequestError: the run was identified by own weight, or uses priors.
+    """
+    if run.request.weight is None and not run.request.priors:
+        return
+    obstacle = "was identified by own weight" if run.request.weight is not None else "uses priors"
+    raise RequestError(
+        f"the run '{run.id}' {obstacle}, so the errors of both sets may be common, but the sets "
+        "must be independent",
+        where="run_ids",
+        remedy="identify the measurement set under external loads and without `priors`, and give the new run",
+    )
+
+
+def _correct_readings(run: Run, prepared: PreparedSet) -> Measurements:
+    """Return the readings of a run without refuted ones, and without the effects of its causes."""
+    causes = [cause.name_and_first_label for cause in run.request.causes]
+    refuted = list_refuted(prepared.measurements, prepared.warnings)
+    trusted_readings = leave_out(prepared.measurements, refuted)
+    return fit_causes(Rows(prepared.robot, trusted_readings), causes)
 
 
 def _rebuild_joint_model(run: Run, robot: Robot) -> JointModel:
@@ -453,46 +484,97 @@ def _make_free_estimate(run: Run, robot: Robot) -> FreeEstimate:
     model, result = _rebuild_joint_model(run, robot), run.result
     if result is None:
         raise ValueError("a run without a result has no model")
-    joints, likelihood, joint_count = result.joints, model.likelihood, robot.n
-    compliances_or_nan = [np.nan if joint.compliance is None else joint.compliance for joint in joints]
-    compliance = np.array(compliances_or_nan, dtype=np.float64)
-    has_compliance, undetermined = np.isfinite(compliance), np.isnan(compliance)
-    covariance = np.zeros((joint_count, joint_count))
-    readings: FloatArray | None = None
-    force_scale = np.zeros((joint_count, joint_count))
-    load_point = np.zeros((joint_count, 0))
-    # The likelihood has the estimate before constraints, of the joints that the readings determine.
-    if likelihood is not None and result.budget is not None:
-        compliance[likelihood.joints] = likelihood.centre
-        compliance[~has_compliance] = np.nan
-        undetermined = ~np.isin(np.arange(joint_count), likelihood.joints)
-        covariance[np.ix_(likelihood.joints, likelihood.joints)] = likelihood.covariance
-        covariance *= np.outer(has_compliance, has_compliance)
-        # Rows and columns of the joints that the uncertainty budget has.
-        budget_entries = np.ix_(np.flatnonzero(has_compliance), np.flatnonzero(has_compliance))
-        for component in result.budget.components:
-            part_covariance = np.zeros((joint_count, joint_count))
-            part_covariance[budget_entries] = np.outer(
-                component.contributions, component.contributions
-            ) * np.array(component.correlation)
-            if component.source == "readings":
-                readings = part_covariance
-            elif component.source.removeprefix("assumed_") == "force_scale":
-                force_scale = part_covariance
-            if component.responses is not None:
-                load_point = np.zeros((joint_count, 3))
-                load_point[has_compliance] = component.responses
+    estimate = _CompliancesBeforeConstraints.from_joints(result.joints)
+    parts = _CovarianceParts.unknown(robot.n)
+    if model.likelihood is not None and result.budget is not None:
+        parts = _CovarianceParts.from_budget(result.budget, estimate.is_known)
+        estimate = estimate.replace_by_likelihood(model.likelihood)
     return FreeEstimate(
-        compliance=compliance,
-        covariance=covariance,
-        readings=readings,
-        force_scale=force_scale,
-        load_point=load_point,
+        compliance=estimate.compliance,
+        covariance=estimate.covariance,
+        readings=parts.readings,
+        force_scale=parts.force_scale,
+        load_point=parts.load_point,
         sigma=result.sigma,
         degrees_of_freedom=inf if model.degrees_of_freedom is None else model.degrees_of_freedom,
-        reasons=[joint.reason for joint in joints],
-        unseen=undetermined,
+        reasons=[joint.reason for joint in result.joints],
+        unseen=estimate.is_undetermined,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _CompliancesBeforeConstraints:
+    """Compliances [rad/(N·m)] of n joints and their covariance, before constraints change them."""
+
+    compliance: FloatArray  # (n,); NaN for a joint whose result has no compliance
+    covariance: FloatArray  # (n, n); zero where unknown
+    is_known: BoolArray  # (n,) joints whose result has a compliance
+    is_undetermined: BoolArray  # (n,) joints that the readings do not determine
+
+    @classmethod
+    def from_joints(cls, joints: Sequence[JointResult]) -> _CompliancesBeforeConstraints:
+        """Return the compliances of a run's result, without a covariance."""
+        or_nan = [np.nan if joint.compliance is None else joint.compliance for joint in joints]
+        compliance = np.array(or_nan, dtype=np.float64)
+        is_known = np.isfinite(compliance)
+        return cls(compliance, np.zeros((len(joints), len(joints))), is_known, np.isnan(compliance))
+
+    def replace_by_likelihood(self, likelihood: Likelihood) -> _CompliancesBeforeConstraints:
+        """Return the estimate by the readings alone, whose centre and covariance the likelihood has.
+
+        The likelihood is about the joints that the readings determine; a joint without a compliance in the
+        result stays without one.
+        """
+        n, determined = len(self.compliance), likelihood.joints
+        compliance, covariance = self.compliance.copy(), np.zeros((n, n))
+        compliance[determined] = likelihood.centre
+        compliance[~self.is_known] = np.nan
+        covariance[np.ix_(determined, determined)] = likelihood.covariance
+        covariance *= np.outer(self.is_known, self.is_known)
+        is_undetermined = ~np.isin(np.arange(n), determined)
+        return replace(self, compliance=compliance, covariance=covariance, is_undetermined=is_undetermined)
+
+
+@dataclass(frozen=True, eq=False)
+class _CovarianceParts:
+    """Parts of the covariance of n compliances, by their causes."""
+
+    readings: FloatArray | None  # (n, n) by the errors of the readings; None if unknown
+    force_scale: FloatArray  # (n, n) by the scale of the force
+    load_point: FloatArray  # (n, 3) responses of the compliances to the load point; (n, 0) if unknown
+
+    @classmethod
+    def unknown(cls, n: int) -> _CovarianceParts:
+        """Return the parts of a run without an uncertainty budget."""
+        return cls(None, np.zeros((n, n)), np.zeros((n, 0)))
+
+    @classmethod
+    def from_budget(cls, budget: Budget, is_known: BoolArray) -> _CovarianceParts:
+        """Return the parts by the components of a budget, whose joints are those with `is_known` (n,)."""
+        parts = cls.unknown(len(is_known))
+        for component in budget.components:
+            covariance = _spread_covariance(component, is_known)
+            if component.source == "readings":
+                parts = replace(parts, readings=covariance)
+            elif component.source.removeprefix("assumed_") == "force_scale":
+                parts = replace(parts, force_scale=covariance)
+            if component.responses is not None:
+                load_point = np.zeros((len(is_known), 3))
+                load_point[is_known] = component.responses
+                parts = replace(parts, load_point=load_point)
+        return parts
+
+
+def _spread_covariance(component: BudgetComponent, is_known: BoolArray) -> FloatArray:
+    """Return the covariance (n, n) of a component of the budget, zero for joints that the budget omits.
+
+    ``C_ij = u_i u_j r_ij`` with the contributions u and their correlation r, of the joints with `is_known`.
+    """
+    covariance = np.zeros((len(is_known), len(is_known)))
+    in_budget = np.flatnonzero(is_known)
+    contributions = np.outer(component.contributions, component.contributions)
+    covariance[np.ix_(in_budget, in_budget)] = contributions * np.array(component.correlation)
+    return covariance
 
 
 # ---- the runs that the verb `compare` makes
@@ -505,6 +587,39 @@ class ComparedSet:
     set_id: str  # id of the measurement set
     leave_out: Sequence[str]  # labels of observations that the runs of this set omit
     options: RunOptions  # options of the leading run, which is compared with the leading run of another set
+
+    def build_leading_options(self, common: Mapping[str, Any]) -> RunOptions:
+        """Return the options of the leading run: those of the set, and those that all runs have in common.
+
+        An elasticity that the user names is kept, so that any elasticity but `joints` is refused later.
+        """
+        own = self.options.model_dump(exclude={"leave_out"})
+        named_elasticity = {} if own["elasticity"] == "automatic" else {"elasticity": own["elasticity"]}
+        return RunOptions.model_validate({**own, **common, **named_elasticity})
+
+    def make_runs(
+        self,
+        run_options: Sequence[RunOptions],
+        leading: RunOptions,
+        identify: Callable[[RunRequest, bool], Run | None],
+    ) -> list[Run]:
+        """Make the runs of this set, and one without constraints if the leading run has an active constraint.
+
+        Runs that failed are left out. `identify` is that of `request_comparison`.
+        """
+        run_by_options = [(each, identify(self._request_run(each), each != leading)) for each in run_options]
+        leading_runs = [run for each, run in run_by_options if each == leading]
+        is_constrained = any(run is not None and has_active_constraint(run) for run in leading_runs)
+        runs = [run for _, run in run_by_options]
+        unconstrained = leading.model_copy(update=UNCONSTRAINED)
+        if is_constrained and unconstrained not in run_options:
+            runs.append(identify(self._request_run(unconstrained), unconstrained != leading))
+        return [run for run in runs if run is not None]
+
+    def _request_run(self, options: RunOptions) -> RunRequest:
+        """Return the request of a run of this set with these options."""
+        readings = {"measurement_set_id": self.set_id, "leave_out": list(self.leave_out)}
+        return RunRequest.model_validate({**options.model_dump(), **readings})
 
 
 def request_comparison(
@@ -525,40 +640,20 @@ def request_comparison(
     """
     confidence = options.confidence or sets[0].options.confidence
     common = {"elasticity": "joints", "confidence": confidence, "resampling": options.resampling}
-    method_options = [
+    run_options = [
         RunOptions(**method.model_dump(), **common, positive=constraint == "positive")
         for method in options.methods
         for constraint in options.constraints
     ]
     runs: list[Run] = []
     for compared_set in sets:
-        set_options = compared_set.options.model_dump(exclude={"leave_out"})
-        # An elasticity that the user names is kept, so that any elasticity but `joints` is refused later.
-        elasticity = set_options["elasticity"]
-        named_elasticity = {} if elasticity == "automatic" else {"elasticity": elasticity}
-        leading = RunOptions.model_validate({**set_options, **common, **named_elasticity})
-        run_options = method_options
+        leading = compared_set.build_leading_options(common)
         if len(sets) > 1:
-            run_options = [
-                leading,
-                *(method_option for method_option in method_options if method_option != leading),
-            ]
-
-        # `each` and `leading` are bound as defaults, because they change with the loop.
-        def make_run(
-            chosen: RunOptions, compared_set: ComparedSet = compared_set, leading: RunOptions = leading
-        ) -> Run | None:
-            readings = {"measurement_set_id": compared_set.set_id, "leave_out": list(compared_set.leave_out)}
-            request = RunRequest.model_validate({**chosen.model_dump(), **readings})
-            return identify(request, chosen != leading)
-
-        runs_with_options = [(chosen, make_run(chosen)) for chosen in run_options]
-        unconstrained = leading.model_copy(update=UNCONSTRAINED)
-        if unconstrained not in run_options and any(
-            chosen == leading and run and has_active_constraint(run) for chosen, run in runs_with_options
-        ):
-            runs_with_options.append((unconstrained, make_run(unconstrained)))
-        runs += [run for _, run in runs_with_options if run is not None]
+            others = [each for each in run_options if each != leading]
+            made = compared_set.make_runs([leading, *others], leading, identify)
+        else:
+            made = compared_set.make_runs(run_options, leading, identify)
+        runs += made
     return ComparisonRequest(
         run_ids=[run.id for run in runs],
         ordered=options.ordered,

@@ -88,17 +88,9 @@ _REASONS: Final[Mapping[PlaceStatus, str]] = {
 
 def _make_report(job: Map, result: MapResult, _view: View) -> Report:
     """Return counts of places without posture, quantiles of the deflection, and worst and stiffest place."""
-    counts = result.counts
-    without_posture = ", ".join(
-        f"{counts[name]} {reason}" for name, reason in _REASONS.items() if counts[name]
-    )
-    lines = [without_posture or f"all {result.places} places reached"]
+    lines = [_describe_missing_postures(result)]
     if result.percentiles:
-        values = {percent: 1e6 * size for percent, size in result.percentiles.items()}
-        lines.append(
-            f"deflection: median {figure(values['50'])} µm, 90 % of the places {figure(values['5'])} to "
-            f"{figure(values['95'])} µm, greatest {figure(values['100'])} µm"
-        )
+        lines.append(_describe_quantiles(result.percentiles))
     if result.extrapolated:
         lines.append(f"{result.extrapolated} places are beyond the loads or postures of the campaign")
     parts: list[Part] = [Line(line) for line in [*lines, *result.remarks]]
@@ -109,6 +101,21 @@ def _make_report(job: Map, result: MapResult, _view: View) -> Report:
     return Report(parts)
 
 
+def _describe_missing_postures(result: MapResult) -> str:
+    """Return the number of places without posture for each reason: "12 out of reach, 3 beyond …"."""
+    counted = [f"{result.counts[name]} {reason}" for name, reason in _REASONS.items() if result.counts[name]]
+    return ", ".join(counted) or f"all {result.places} places reached"
+
+
+def _describe_quantiles(percentiles: Mapping[str, float]) -> str:
+    """Return the quantiles of the deflection over the places in words; `percentiles` are in m, by percent."""
+    values = {percent: 1e6 * size for percent, size in percentiles.items()}
+    return (
+        f"deflection: median {figure(values['50'])} µm, 90 % of the places {figure(values['5'])} to "
+        f"{figure(values['95'])} µm, greatest {figure(values['100'])} µm"
+    )
+
+
 def _extremes_table(
     places: tuple[MapPlace, MapPlace], confidence: float, kinds: Sequence[JointKind], style: Style
 ) -> Table:
@@ -117,21 +124,24 @@ def _extremes_table(
     `style` is that of the deflections.
     """
     micro = number_formatter(".3g", 1e6)
-    deflections = list[ShownEstimate]()
-    for place in places:
-        interval = place.with_model_error or place.readings_only
-        deflections.append(show_estimate(place.deflection, interval, 1e6, style=style))
-    included = [model_error_text(each.with_model_error is not None) for each in places]
+    deflections = [_show_deflection(place, style) for place in places]
+    has_model_error = [place.with_model_error is not None for place in places]
     columns = [
         Column("", ["worst place", "stiffest place"], text=True),
-        Column("place", [each.position for each in places], vector_formatter(".0f", 1e3), "mm"),
-        _posture_column([each.joints for each in places], kinds),
+        Column("place", [place.position for place in places], vector_formatter(".0f", 1e3), "mm"),
+        _posture_column([place.joints for place in places], kinds),
         Column("deflection", deflections, show_cell, "µm"),
-        Column("model error", included),
-        Column("compliance along", [each.compliance_along for each in places], micro, "µm/N"),
-        Column("compliance across", [each.compliance_across for each in places], micro, "µm/N"),
+        Column("model error", [model_error_text(known) for known in has_model_error]),
+        Column("compliance along", [place.compliance_along for place in places], micro, "µm/N"),
+        Column("compliance across", [place.compliance_across for place in places], micro, "µm/N"),
     ]
     return Table(columns, caption=f"deflection with its {100 * confidence:g} % interval", upright=True)
+
+
+def _show_deflection(place: MapPlace, style: Style) -> ShownEstimate:
+    """Return the deflection of a place [µm] with its interval, which includes the model error if known."""
+    interval = place.with_model_error or place.readings_only
+    return show_estimate(place.deflection, interval, 1e6, style=style)
 
 
 def _posture_column(postures: Sequence[Sequence[float]], kinds: Sequence[JointKind]) -> Column:
@@ -163,19 +173,23 @@ def make_area_map(sheet: Sheet) -> Area:
     places = {axis: [1e3 * float(value) for value in sheet.columns[f"{axis} [m]"]] for axis in "xyz"}  # mm
     deflections = [nan if value is None else float(value) for value in sheet.columns["deflection [m]"]]
     normal = min("zyx", key=lambda axis: len(set(places[axis])))
-    heights = places[normal]
-    reached = [i for i, deflection in enumerate(deflections) if isfinite(deflection)]
-    worst = max(reached, key=lambda i: deflections[i], default=0)
-    in_plane = [i for i, height in enumerate(heights) if height == heights[worst]]
-    first, second = (axis for axis in "xyz" if axis != normal)
+    height = places[normal][_find_greatest(deflections)]
+    in_plane = [i for i, height_of_place in enumerate(places[normal]) if height_of_place == height]
+    first, second = [axis for axis in "xyz" if axis != normal]
     return Area(
-        f"Deflection at {normal} = {heights[worst]:.0f} mm",
+        f"Deflection at {normal} = {height:.0f} mm",
         [places[first][i] for i in in_plane],
         [places[second][i] for i in in_plane],
         [deflections[i] for i in in_plane],
         (f"{first} [mm]", f"{second} [mm]", "deflection [µm]"),
         1e6,
     )
+
+
+def _find_greatest(numbers: Sequence[float]) -> int:
+    """Return the index of the greatest finite number; 0 if none is finite."""
+    finite = [i for i, number in enumerate(numbers) if isfinite(number)]
+    return max(finite, key=lambda i: numbers[i], default=0)
 
 
 MAP: Final = Kind[Map, MapRequest](

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -129,19 +129,13 @@ class MapWork(Work):
 
     def sheet(self) -> Sheet:
         """Return the sheet of all places, for files: units in headers, NaN for a place without posture."""
-        table, request = self.table, self.request
-        # Orientations are numbered direction by direction, with `turns` orientations each.
-        direction, turn = np.divmod(table.orientation, request.turns)
-        has_posture = ~np.isnan(table.joints[:, 0])
+        table = self.table
         columns = {"status": np.array(STATUSES)[table.status]}
-        columns |= {f"{axis} [m]": self.places[:, i] for i, axis in enumerate("xyz")}
-        columns["direction"] = np.where(has_posture, direction, np.nan)
-        columns["turn"] = np.where(has_posture, turn, np.nan)
-        for j, (name, kind) in enumerate(zip(self.robot.joint_names, self.robot.joint_kinds, strict=True)):
-            # The name of a prismatic joint may be "x", which is also the name of a column of the place.
-            header = f"joint {name} [m]" if kind == "prismatic" else f"{name} [rad]"
-            columns[header] = table.joints[:, j]
-        columns |= {f"d{axis} [m]": table.displacement[:, i] for i, axis in enumerate("xyz")}
+        columns |= _name_components("{} [m]", self.places)
+        columns |= self._number_orientations(table)
+        for header, positions in zip(self._list_joint_headers(), table.joints.T, strict=True):
+            columns[header] = positions
+        columns |= _name_components("d{} [m]", table.displacement)
         columns["deflection [m]"] = table.length
         columns["readings only low [m]"], columns["readings only high [m]"] = table.readings.T
         columns["with model error low [m]"], columns["with model error high [m]"] = table.with_model_error.T
@@ -150,6 +144,28 @@ class MapWork(Work):
         is_extrapolation_known = np.isfinite(table.extrapolation)
         columns["extrapolation [1]"] = np.where(is_extrapolation_known, table.extrapolation, np.nan)
         return Sheet(columns, texts=frozenset({"status"}), digits=".10g")
+
+    def _number_orientations(self, table: DeflectionMap) -> dict[str, FloatArray]:
+        """Return the columns with the number of direction and turn of the tool at each place.
+
+        Orientations are numbered direction by direction: with 4 turns, orientation 6 is direction 1, turn 2.
+        """
+        direction, turn = np.divmod(table.orientation, self.request.turns)
+        has_posture = ~np.isnan(table.joints[:, 0])
+        return {
+            "direction": np.where(has_posture, direction, np.nan),
+            "turn": np.where(has_posture, turn, np.nan),
+        }
+
+    def _list_joint_headers(self) -> list[str]:
+        """Return the header of each joint's column: `joint_2 [rad]`, or `joint x [m]` of a prismatic joint.
+
+        The name of a prismatic joint may be "x", which is also the header of a column of the place.
+        """
+        headers = list[str]()
+        for name, kind in zip(self.robot.joint_names, self.robot.joint_kinds, strict=True):
+            headers.append(f"joint {name} [m]" if kind == "prismatic" else f"{name} [rad]")
+        return headers
 
     def _blocks(self) -> tuple[Span, ...]:
         """Cut the places into spans that each take about a quarter of a second, and return the spans."""
@@ -168,6 +184,11 @@ def prepare_map(inputs: Inputs, request: MapRequest) -> MapWork:
     return MapWork(run.prepared.robot, run.prepared.robot_id, run.run, request)
 
 
+def _name_components(header: str, vectors: FloatArray) -> dict[str, FloatArray]:
+    """Return header → column of the vectors (N, 3); "d{} [m]" makes the headers dx [m], dy [m], dz [m]."""
+    return {header.format(axis): vectors[:, i] for i, axis in enumerate("xyz")}
+
+
 def make_grid(request: MapOptions) -> FloatArray:
     """Return the places (P, 3) of the grid in R0 [m], in order of x, then y, then z (z changes fastest).
 
@@ -182,23 +203,35 @@ def make_grid(request: MapOptions) -> FloatArray:
             remedy="give the corner with the smaller x, y and z first",
         )
     places = int(np.prod(request.grid))
+    _refuse_too_many(places, "places", MAX_PLACES)
     poses = places * len(request.directions) * request.turns
-    for noun, count, limit in (
-        ("places", places, MAX_PLACES),
-        ("places times directions times turns", poses, MAX_POSES),
-    ):
-        if count > limit:
-            raise RequestError(
-                f"the map has {count:,} {noun}, but at most {limit:,} are possible",
-                where="grid",
-                remedy="use a coarser grid, fewer orientations, or several maps",
-            )
-    # An axis with a single place has the place in the middle of the area.
+    _refuse_too_many(poses, "places times directions times turns", MAX_POSES)
     axes = [
-        np.linspace(low, high, count) if count > 1 else np.array([0.5 * (low + high)])
+        _divide_evenly(low, high, count)
         for low, high, count in zip(least, greatest, request.grid, strict=True)
     ]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def _refuse_too_many(count: int, noun: str, limit: int) -> None:
+    """Refuse a map with more of something than the limit.
+
+    Raises:
+        RequestError: `count` exceeds `limit`.
+    """
+    if count > limit:
+        raise RequestError(
+            f"the map has {count:,} {noun}, but at most {limit:,} are possible",
+            where="grid",
+            remedy="use a coarser grid, fewer orientations, or several maps",
+        )
+
+
+def _divide_evenly(low: float, high: float, count: int) -> FloatArray:
+    """Return `count` numbers at even distances from `low` to `high`; a single number is in the middle."""
+    if count == 1:
+        return np.array([0.5 * (low + high)])
+    return np.linspace(low, high, count)
 
 
 def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
@@ -210,6 +243,45 @@ def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
     """
     refuse_far_point(request.place, "place")
     refuse_far_point(request.load_point, "load_point")
+    load = _read_load(request)
+    limits = _read_limits(request, robot)
+    near = None
+    if request.near is not None:
+        refuse_wrong_joint_count(robot, request.near, "near")
+        near = np.array(request.near)
+    rotation = _compute_tool_orientations(request)
+    stated_direction = tuple(load.force) if request.direction is None else request.direction
+    direction = _unit_vector(stated_direction, "direction")
+    # Load and direction are given along the axes of the flange, or of R0.
+    load_axes = rotation if request.axes == "flange" else np.broadcast_to(np.eye(3), rotation.shape)
+    load_point = request.place if request.load_point is None else request.load_point
+    return MapTask(
+        rotation=rotation,
+        force=load_axes @ load.force,
+        moment=load_axes @ load.moment,
+        direction=load_axes @ direction,
+        place=np.array(request.place),
+        load_point=np.array(load_point),
+        limits=limits,
+        near=near,
+        confidence=request.confidence,
+    )
+
+
+class _Load(NamedTuple):
+    """Load of a process, along the axes that the request names."""
+
+    force: FloatArray  # (3,) [N]
+    moment: FloatArray  # (3,) [N·m]
+
+
+def _read_load(request: MapOptions) -> _Load:
+    """Return the load of a request, zero only for a map of the sag under own weight (`absolute`).
+
+    Raises:
+        RequestError: the load is missing, or the direction of the compliance is neither stated nor that of a
+            force.
+    """
     force, moment = np.array(request.force), np.array(request.moment or (0.0, 0.0, 0.0))
     if not (force.any() or moment.any() or request.absolute):
         raise RequestError("the load is missing", where="force", remedy="give the force of the process in N")
@@ -219,30 +291,20 @@ def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
             where="direction",
             remedy="give `direction`, or a force that is not zero",
         )
-    limits = _read_limits(request, robot)
-    near = None
-    if request.near is not None:
-        refuse_wrong_joint_count(robot, request.near, "near")
-        near = np.array(request.near)
+    return _Load(force, moment)
+
+
+def _compute_tool_orientations(request: MapOptions) -> FloatArray:
+    """Return the rotations (K, 3, 3) of the flange that point the tool along each direction, at each turn.
+
+    Directions × turns: 3 directions and 4 turns about the tool's axis → (12, 3, 3).
+
+    Raises:
+        RequestError: a direction has no length.
+    """
     tool_axis = _unit_vector(request.tool_axis, "tool_axis")
-    tool_directions = [_unit_vector(each, f"directions[{i}]") for i, each in enumerate(request.directions)]
-    rotation = compute_tool_rotations(tool_axis, np.array(tool_directions), request.turns)
-    stated_direction = tuple(force) if request.direction is None else request.direction
-    direction = _unit_vector(stated_direction, "direction")
-    # Load and direction are given along the axes of the flange, or of R0.
-    load_axes = rotation if request.axes == "flange" else np.broadcast_to(np.eye(3), rotation.shape)
-    load_point = request.place if request.load_point is None else request.load_point
-    return MapTask(
-        rotation=rotation,
-        force=load_axes @ force,
-        moment=load_axes @ moment,
-        direction=load_axes @ direction,
-        place=np.array(request.place),
-        load_point=np.array(load_point),
-        limits=limits,
-        near=near,
-        confidence=request.confidence,
-    )
+    directions = [_unit_vector(each, f"directions[{i}]") for i, each in enumerate(request.directions)]
+    return compute_tool_rotations(tool_axis, np.array(directions), request.turns)
 
 
 def _read_limits(request: MapOptions, robot: Robot) -> FloatArray:

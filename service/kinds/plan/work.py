@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.fitted_causes import fit_causes
 from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.evidence.refuted import list_refuted
-from jointstiff.solver.fit.estimate import predict
+from jointstiff.solver.fit.estimate import JointCompliance, predict
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.gearboxes.planned import LEAST_POSTURES, PlannedStepRows, find_widening
@@ -73,6 +73,32 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
         RequestError: the robot or the set does not exist, or the options need a campaign but the request
             has none.
     """
+    _refuse_contradicting_options(request)
+    if request.measurement_set_id is None:
+        robot, content = inputs.robot(str(request.robot_id), "robot_id")
+        plan_input = PlanInput(robot, str(request.robot_id), content)
+    else:
+        prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
+        if request.load is None and not prepared.measurements.force.any():
+            # The campaign so far has no loads: its only load is the robot's own weight.
+            request = request.model_copy(update={"load": OwnWeight()})
+        if not isinstance(request.load, OwnWeight):
+            prepared = _fit_requested_causes(prepared, request)
+        plan_input = PlanInput(prepared.robot, prepared.robot_id, prepared.content, prepared)
+    options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})
+    return QuickWork(
+        result=partial(_compute_plan, plan_input, request),
+        input_hash=hash_texts(plan_input.content, options),
+        robot_id=plan_input.robot_id,
+    )
+
+
+def _refuse_contradicting_options(request: plans.PlanRequest) -> None:
+    """Refuse options about readings of a campaign without a campaign, and options of another kind of plan.
+
+    Raises:
+        RequestError: names the options.
+    """
     if request.weight_step is not None:
         _refuse_unsupported_weight_step(request)
     if request.causes and (request.measurement_set_id is None or isinstance(request.load, OwnWeight)):
@@ -87,32 +113,22 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
             where="leave_out",
             remedy="omit `leave_out`, or continue a measured campaign",
         )
-    if request.measurement_set_id is None:
-        robot, content = inputs.robot(str(request.robot_id), "robot_id")
-        plan_input = PlanInput(robot, str(request.robot_id), content)
-    else:
-        prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
-        if request.load is None and not prepared.measurements.force.any():
-            # The campaign so far has no loads: its only load is the robot's own weight.
-            request = request.model_copy(update={"load": OwnWeight()})
-        by_weight = isinstance(request.load, OwnWeight)
-        if not by_weight:
-            causes = [cause.name_and_first_label for cause in request.causes]
-            measurements = prepared.measurements.require_loads()
-            refuted = list_refuted(measurements, prepared.warnings)
-            readings = fit_causes(Rows(prepared.robot, measurements), causes, refuted)
-            prepared = replace(prepared, measurements=readings)
-        plan_input = PlanInput(prepared.robot, prepared.robot_id, prepared.content, prepared)
-    options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})
-    return QuickWork(
-        result=partial(_compute_plan, plan_input, request),
-        input_hash=hash_texts(plan_input.content, options),
-        robot_id=plan_input.robot_id,
-    )
+
+
+def _fit_requested_causes(prepared: PreparedSet, request: plans.PlanRequest) -> PreparedSet:
+    """Return a campaign with the effects of the request's causes, such as a turn of the tracker, taken out.
+
+    Readings that the checks of the campaign refuted are not used for this fit.
+    """
+    causes = [cause.name_and_first_label for cause in request.causes]
+    measurements = prepared.measurements.require_loads()
+    refuted = list_refuted(measurements, prepared.warnings)
+    corrected = fit_causes(Rows(prepared.robot, measurements), causes, refuted)
+    return replace(prepared, measurements=corrected)
 
 
 @dataclass(frozen=True, eq=False)
-class _CampaignSoFar:
+class CampaignSoFar:
     """Results of the campaign that a plan continues; NaN and None where they are unknown."""
 
     nominal: FloatArray  # (n,) compliances [rad/(N·m)] that the campaign determines
@@ -121,8 +137,20 @@ class _CampaignSoFar:
     unexplained: float | None = None  # share of the mean deflection that elastic joints do not explain
     assessment: Assessment | None = None  # verdict on the campaign
 
+    @classmethod
+    def without_readings(cls, joint_count: int, sigma: float | None = None) -> CampaignSoFar:
+        """Return what is known before the first reading: nothing, or the sigma of the instrument [m]."""
+        return cls(np.full(joint_count, np.nan), sigma=sigma)
 
-def _evaluate_campaign(plan_input: PlanInput, request: plans.PlanRequest) -> _CampaignSoFar:
+    def with_unloaded_positions(self) -> CampaignSoFar:
+        """Return the campaign in which positions without another load than own weight are readings, too."""
+        readings = self.readings
+        if readings is None or readings.unloaded_only is None:
+            return self
+        return replace(self, readings=replace(readings, present=readings.present | readings.unloaded_only))
+
+
+def _evaluate_campaign(plan_input: PlanInput, request: plans.PlanRequest) -> CampaignSoFar:
     """Identify the campaign that a plan continues; without a campaign, nothing is known.
 
     Raises:
@@ -130,7 +158,7 @@ def _evaluate_campaign(plan_input: PlanInput, request: plans.PlanRequest) -> _Ca
     """
     prepared = plan_input.prepared
     if prepared is None:
-        return _CampaignSoFar(np.full(plan_input.robot.n, np.nan))
+        return CampaignSoFar.without_readings(plan_input.robot.n)
     if isinstance(request.load, OwnWeight):
         return _evaluate_campaign_by_weight(plan_input.robot, prepared, request, request.load)
     return _evaluate_campaign_by_loads(plan_input.robot, prepared, request)
@@ -138,7 +166,7 @@ def _evaluate_campaign(plan_input: PlanInput, request: plans.PlanRequest) -> _Ca
 
 def _evaluate_campaign_by_weight(
     robot: Robot, prepared: PreparedSet, request: plans.PlanRequest, weight: OwnWeight
-) -> _CampaignSoFar:
+) -> CampaignSoFar:
     """Identify a campaign whose load is the robot's own weight.
 
     Raises:
@@ -146,7 +174,7 @@ def _evaluate_campaign_by_weight(
     """
     result = identify_by_weight(robot, prepared.measurements, RunOptions(weight=weight), prepared.warnings)
     _refuse_unaccepted_campaign(result.assessment, request, _TOO_FEW_READINGS)
-    return _CampaignSoFar(
+    return CampaignSoFar(
         nominal=np.array([joint.compliance or np.nan for joint in result.joints]),
         readings=prepared.measurements,
         sigma=result.sigma,
@@ -156,7 +184,7 @@ def _evaluate_campaign_by_weight(
 
 def _evaluate_campaign_by_loads(
     robot: Robot, prepared: PreparedSet, request: plans.PlanRequest
-) -> _CampaignSoFar:
+) -> CampaignSoFar:
     """Identify a campaign under loads by elastic joints alone.
 
     Raises:
@@ -165,14 +193,6 @@ def _evaluate_campaign_by_loads(
     settings = Settings.from_options(RunOptions(), robot)
     joints = JointsAlone(Rows(robot, prepared.measurements), settings, prepared.warnings)
     estimate, screening = joints.estimate, joints.screening
-    # A compliance with a great uncertainty is no nominal value: it stays NaN.
-    nominal = np.full(robot.n, np.nan)
-    for index, joint in enumerate(estimate.joints):
-        uncertainty = joint.standard_uncertainty
-        if not joint.compliance or uncertainty is None:
-            continue
-        if uncertainty < _LARGEST_RELATIVE_UNCERTAINTY * joint.compliance:
-            nominal[index] = joint.compliance
     rows = joints.rows.at(estimate.balanced)
     prediction = predict(rows, estimate.compliance, statements=estimate.statements)
     assessment = build_assessment_message(assess(joints, estimate, prediction, screening), estimate.joints)
@@ -180,13 +200,24 @@ def _evaluate_campaign_by_loads(
     if screening.links_need_validation:
         ignored_codes |= _ELASTIC_LINKS
     _refuse_unaccepted_campaign(assessment, request, ignored_codes)
-    return _CampaignSoFar(
-        nominal=nominal,
+    return CampaignSoFar(
+        nominal=np.array([_find_certain_compliance(joint) for joint in estimate.joints]),
         readings=joints.measurements,
         sigma=estimate.sigma,
         unexplained=None if prediction.compensation is None else 1.0 - prediction.compensation,
         assessment=assessment,
     )
+
+
+def _find_certain_compliance(joint: JointCompliance) -> float:
+    """Return the compliance of a joint [rad/(N·m)], or NaN if its uncertainty is great or unknown.
+
+    A very uncertain compliance may be wrong by any factor, so a plan must not rely on it.
+    """
+    if not joint.compliance or joint.standard_uncertainty is None:
+        return np.nan
+    is_certain = joint.standard_uncertainty < _LARGEST_RELATIVE_UNCERTAINTY * joint.compliance
+    return joint.compliance if is_certain else np.nan
 
 
 def _refuse_unaccepted_campaign(
@@ -219,13 +250,19 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
     if request.weight_step is not None:
         step_request = to_step_design_request(request, robot, request.weight_step)
         return _state_plan(robot, step_request, (), None)
-    so_far = _evaluate_campaign(plan_input, request)
-    campaign_readings = so_far.readings
-    # If the robot's own weight is the load, positions without another load are readings, too.
-    if campaign_readings is not None and campaign_readings.unloaded_only is not None:
-        campaign_readings = replace(
-            campaign_readings, present=campaign_readings.present | campaign_readings.unloaded_only
-        )
+    so_far = _evaluate_campaign(plan_input, request).with_unloaded_positions()
+    _refuse_goal_of_live_campaign(request)
+    design_request = to_design_request(request, robot, so_far)
+    targets = choose_targets(request, robot, so_far.readings)
+    return _state_plan(robot, design_request, targets.names, so_far.assessment)
+
+
+def _refuse_goal_of_live_campaign(request: plans.PlanRequest) -> None:
+    """Refuse a goal that only a live campaign can pursue, because it depends on the readings to come.
+
+    Raises:
+        RequestError: the goal is a decision, or about another force than the load of the plan.
+    """
     if isinstance(request.goal, DecisionGoal) or getattr(request.goal, "force", None) is not None:
         raise RequestError(
             "the goal of a plan can be neither a decision nor the deflection under a force that differs "
@@ -234,16 +271,6 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
             remedy="give a goal for the uncertainty of the joints, or of the deflection under the plan's "
             "load; or use this goal in a live campaign",
         )
-    design_request = to_design_request(
-        request,
-        robot,
-        nominal=so_far.nominal,
-        sigma=so_far.sigma,
-        unexplained=so_far.unexplained,
-        campaign_readings=campaign_readings,
-    )
-    names, _ = choose_targets(request, robot, campaign_readings)
-    return _state_plan(robot, design_request, names, so_far.assessment)
 
 
 def _state_plan(
@@ -434,32 +461,17 @@ def _list_step_joints(request: plans.PlanRequest, robot: Robot) -> list[int]:
 def to_step_design_request(request: plans.PlanRequest, robot: Robot, step: plans.PlannedStep) -> PlanRequest:
     """Convert a posted request to the solver's request for a plan of a weight step.
 
-    Sigma is the noise of a step times the factor by which Student's quantile exceeds the normal one.
+    In a weight step, a mass is hung on the flange, and joints with two encoders show how far their gearboxes
+    yield.
 
     Raises:
         RequestError: a joint that the request names does not exist or cannot be read.
     """
     nominal, prior_uncertainty = _add_stated_compliances(request, robot, np.full(robot.n, np.nan))
     joints = np.array(_list_step_joints(request, robot), dtype=np.intp)
-    mass_uncertainty = step.mass_uncertainty
-    if mass_uncertainty is None:
-        mass_uncertainty = ASSUMED_MASS * step.mass
-    load = Load(
-        mass=step.mass,
-        mass_uncertainty=mass_uncertainty,
-        point=_choose_load_point(request, None),
-        point_uncertainty=step.point_uncertainty,
-    )
-    planned = PlannedStepRows(robot, load, np.array(_GRAVITY), joints, np.nan_to_num(nominal))
-    weight = step.mass * -_GRAVITY[2]
-    equipment = Equipment(
-        targets=np.empty((0, 3)),
-        load_point=load.point,
-        loads=Loads("dead_weight", weight, _convert_torque_limits(request, robot)),
-        sigma=step.noise * find_widening(request.readings),
-    )
+    load = _read_step_load(request, step)
     return PlanRequest(
-        equipment=equipment,
+        equipment=_choose_step_equipment(request, robot, step, load),
         readings=request.readings,
         nominal=nominal,
         prior=prior_uncertainty,
@@ -470,77 +482,112 @@ def to_step_design_request(request: plans.PlanRequest, robot: Robot, step: plans
         joints=joints if request.joints else None,
         angle=request.distinct_angle,
         validation=0.0,
-        step_rows=planned,
+        step_rows=PlannedStepRows(robot, load, np.array(_GRAVITY), joints, np.nan_to_num(nominal)),
         seed=request.seed,
     )
 
 
-def to_design_request(
-    request: plans.PlanRequest,
-    robot: Robot,
-    *,
-    nominal: FloatArray,
-    sigma: float | None,
-    unexplained: float | None,
-    campaign_readings: Measurements | None,
-) -> PlanRequest:
+def _read_step_load(request: plans.PlanRequest, step: plans.PlannedStep) -> Load:
+    """Return the mass that is hung on the flange, with an assumed uncertainty if none is stated."""
+    mass_uncertainty = step.mass_uncertainty
+    if mass_uncertainty is None:
+        mass_uncertainty = ASSUMED_MASS * step.mass
+    return Load(
+        mass=step.mass,
+        mass_uncertainty=mass_uncertainty,
+        point=_choose_load_point(request, None),
+        point_uncertainty=step.point_uncertainty,
+    )
+
+
+def _choose_step_equipment(
+    request: plans.PlanRequest, robot: Robot, step: plans.PlannedStep, load: Load
+) -> Equipment:
+    """Return the equipment of a weight step: a weight, no targets, and the noise of the encoders.
+
+    The noise is widened by the factor by which Student's quantile, for so few readings, exceeds the normal
+    one.
+    """
+    weight = step.mass * -_GRAVITY[2]  # [N]
+    return Equipment(
+        targets=np.empty((0, 3)),
+        load_point=load.point,
+        loads=Loads("dead_weight", weight, _convert_torque_limits(request, robot)),
+        sigma=step.noise * find_widening(request.readings),
+    )
+
+
+def to_design_request(request: plans.PlanRequest, robot: Robot, so_far: CampaignSoFar) -> PlanRequest:
     """Convert a posted request to the solver's request for a plan, with arrays in SI units.
 
     Args:
         request: the request as it was posted.
         robot: n joints.
-        nominal: (n,) compliances from the campaign so far [rad/(N·m)]; NaN for an unknown compliance.
-        sigma: standard deviation of a coordinate of the campaign's readings [m]; None if it is unknown.
-        unexplained: share of the campaign's mean deflection that elastic joints do not explain; None if
-            unknown.
-        campaign_readings: readings of the campaign so far; None if the plan begins a campaign.
+        so_far: results of the campaign that the plan continues.
 
     Raises:
         RequestError: a joint that the request names does not exist; load, targets or a stiffness are
             missing; or options contradict each other.
     """
-    nominal, prior_uncertainty = _add_stated_compliances(request, robot, nominal)
-    names, targets = choose_targets(request, robot, campaign_readings)
-    own_weight = request.load if isinstance(request.load, OwnWeight) else None
+    nominal, prior_uncertainty = _add_stated_compliances(request, robot, so_far.nominal)
+    targets = choose_targets(request, robot, so_far.readings)
     own_weight_rows = None
-    if own_weight is not None:
-        _refuse_unsupported_own_weight(request, robot, own_weight, nominal)
-        burden = Burden(robot.bodies, gravity=np.array(own_weight.gravity))
-        own_weight_rows = make_planned_rows_function(
-            robot, burden, targets, np.nan_to_num(nominal), free_base=not own_weight.rigid_base
-        )
+    if isinstance(request.load, OwnWeight):
+        own_weight_rows = _make_own_weight_rows(request, robot, request.load, targets.positions, nominal)
     area = request.work_area
     default_criterion: plans.PlanCriterion = "relative_a" if area is None else "work_area"
-    plans_links, link_share = _choose_links(request, unexplained)
+    links = _choose_links(request, so_far.unexplained)
     return PlanRequest(
-        equipment=_choose_equipment(request, robot, targets, sigma, campaign_readings),
+        equipment=_choose_equipment(request, robot, targets.positions, so_far),
         readings=request.readings,
         nominal=nominal,
         prior=prior_uncertainty,
-        cell=_order_reflector_directions(request.surroundings, names),
+        cell=_order_reflector_directions(request.surroundings, targets.names),
         criterion=request.criterion or default_criterion,
         postures=_convert_candidate_postures(request, robot),
         candidates=request.candidates,
         joints=_find_requested_joints(request, robot),
         work_area=None if area is None else np.array(area),
         directions=_convert_gauge_directions(request),
-        links=plans_links,
-        link_share=link_share,
+        links=links.are_planned,
+        link_share=links.share,
         angle=request.distinct_angle,
         validation=request.validation,
-        so_far=campaign_readings,
+        so_far=so_far.readings,
         own_weight_rows=own_weight_rows,
         seed=request.seed,
         goal=None if isinstance(request.goal, DecisionGoal) else request.goal,
     )
 
 
-def _choose_equipment(
+def _make_own_weight_rows(
     request: plans.PlanRequest,
     robot: Robot,
+    own_weight: OwnWeight,
     targets: FloatArray,
-    sigma: float | None,
-    campaign_readings: Measurements | None,
+    nominal: FloatArray,
+) -> Callable[[FloatArray], FloatArray]:
+    """Return the function that computes what a reading under the robot's own weight determines.
+
+    Args:
+        request: the request as it was posted.
+        robot: n joints.
+        own_weight: load of the plan.
+        targets: (T, 3) positions of the targets in the flange frame [m].
+        nominal: (n,) compliances [rad/(N·m)]; NaN for an unknown compliance, which counts as rigid.
+
+    Raises:
+        RequestError: masses or stiffnesses are missing, or an option is not supported.
+    """
+    _refuse_unsupported_own_weight(request, robot, own_weight, nominal)
+    burden = Burden(robot.bodies, gravity=np.array(own_weight.gravity))
+    return make_planned_rows_function(
+        robot, burden, targets, np.nan_to_num(nominal), free_base=not own_weight.rigid_base
+    )
+
+
+def _choose_equipment(
+    request: plans.PlanRequest, robot: Robot, targets: FloatArray, so_far: CampaignSoFar
 ) -> Equipment:
     """Return what the plan reads with: targets (T, 3), loads, and the noise of an instrument.
 
@@ -548,37 +595,43 @@ def _choose_equipment(
         request: the request as it was posted.
         robot: n joints.
         targets: (T, 3) positions of the targets in the flange frame [m].
-        sigma: standard deviation of a coordinate of the campaign's readings [m]; None if it is unknown.
-        campaign_readings: readings of the campaign so far; None if the plan begins a campaign.
+        so_far: results of the campaign that the plan continues.
 
     Raises:
         RequestError: a load is missing, or options contradict each other.
     """
-    planned_sigma = request.sigma or sigma or _SIGMA
-    campaign_sigma = sigma or planned_sigma
+    planned_sigma = request.sigma or so_far.sigma or _SIGMA
+    campaign_sigma = so_far.sigma or planned_sigma
     instrument = None if request.tracker is None else to_instrument(request.tracker, 1.0)
-    scatter = _choose_scatter(request, campaign_readings, campaign_sigma / planned_sigma, planned_sigma)
+    scatter = _choose_scatter(request, so_far.readings, campaign_sigma / planned_sigma, planned_sigma)
     return Equipment(
         targets=targets,
-        load_point=_choose_load_point(request, campaign_readings),
-        loads=_choose_loads(request, robot, campaign_readings),
+        load_point=_choose_load_point(request, so_far.readings),
+        loads=_choose_loads(request, robot, so_far.readings),
         sigma=planned_sigma,
         instrument=instrument,
         scatter=scatter,
     )
 
 
-def _choose_links(request: plans.PlanRequest, unexplained: float | None) -> tuple[bool, float]:
-    """Return whether the plan allows for elastic links, and their deflection relative to that of the joints.
+class _PlannedLinks(NamedTuple):
+    """Elastic links that a plan allows for, and how much these links bend."""
+
+    are_planned: bool
+    share: float  # deflection by links relative to deflection by joints
+
+
+def _choose_links(request: plans.PlanRequest, unexplained: float | None) -> _PlannedLinks:
+    """Return whether the plan allows for elastic links: as requested, or else if joints alone do not fit.
 
     `unexplained` is the share of the campaign's mean deflection that elastic joints do not explain; None if
     it is unknown. Joints explain the share 1 − `unexplained`; links are assumed to cause the rest.
     """
     lack_of_fit = unexplained is not None and _LACK_OF_FIT < unexplained < 1.0
-    plans_links = lack_of_fit if request.elastic_links is None else request.elastic_links
+    are_planned = lack_of_fit if request.elastic_links is None else request.elastic_links
     if unexplained is None or not lack_of_fit:
-        return plans_links, _LINK_SHARE
-    return plans_links, unexplained / (1.0 - unexplained)
+        return _PlannedLinks(are_planned, _LINK_SHARE)
+    return _PlannedLinks(are_planned, unexplained / (1.0 - unexplained))
 
 
 def _find_requested_joints(request: plans.PlanRequest, robot: Robot) -> IndexArray | None:
@@ -687,36 +740,49 @@ def _list_joints_left_out(request: PlanRequest, plan: CampaignPlan, robot: Robot
     return [name for j, name in enumerate(robot.joint_names) if j not in planned_joints]
 
 
+class PlannedTargets(NamedTuple):
+    """Targets that the readings of a plan observe."""
+
+    names: tuple[str, ...]
+    positions: FloatArray  # (T, 3) in the flange frame [m]
+
+
 def choose_targets(
     request: plans.PlanRequest, robot: Robot, campaign_readings: Measurements | None
-) -> tuple[tuple[str, ...], FloatArray]:
-    """Return names and positions (T, 3) [m, flange frame] of T targets, from the request or the campaign.
+) -> PlannedTargets:
+    """Return the targets of the request or, if it has none, those of the campaign so far.
 
     Raises:
         RequestError: neither has targets, or the campaign was measured with gauges and the plan is not.
     """
     if request.targets:
-        return tuple(request.targets), np.array(list(request.targets.values()))
+        return PlannedTargets(tuple(request.targets), np.array(list(request.targets.values())))
     if campaign_readings is None:
         raise RequestError(
             "the positions of the targets are missing",
             where="targets",
             remedy="give `targets`: name and position of at least one target, in the flange frame",
         )
-    positions = targets_in_flange(robot, campaign_readings)
+    targets = PlannedTargets(campaign_readings.targets, targets_in_flange(robot, campaign_readings))
     if campaign_readings.direction is None:
-        return campaign_readings.targets, positions
+        return targets
     if not request.directions:
         raise RequestError(
             "the campaign was measured with gauges, but the plan has no directions along which gauges read",
             where="directions",
             remedy="give `directions` along which a gauge can read, or `targets` of a tracker",
         )
-    # A campaign has one target for each direction of a gauge: keep the first target at each position,
-    # rounded to 1 µm.
-    _, first_targets = np.unique(np.round(positions, 6), axis=0, return_index=True)
-    kept_targets = np.sort(first_targets)
-    return tuple(campaign_readings.targets[t] for t in kept_targets), positions[kept_targets]
+    return _merge_equal_positions(targets)
+
+
+def _merge_equal_positions(targets: PlannedTargets) -> PlannedTargets:
+    """Return the first target at each position, rounded to 1 µm.
+
+    A campaign with gauges has one target for each direction of a gauge: three at a point read along x, y, z.
+    """
+    _, first_targets = np.unique(np.round(targets.positions, 6), axis=0, return_index=True)
+    kept = np.sort(first_targets)
+    return PlannedTargets(tuple(targets.names[t] for t in kept), targets.positions[kept])
 
 
 def _choose_scatter(
@@ -759,30 +825,38 @@ def _choose_load_point(request: plans.PlanRequest, campaign_readings: Measuremen
 def _choose_loads(request: plans.PlanRequest, robot: Robot, campaign_readings: Measurements | None) -> Loads:
     """Return the loads of the request or, if the request has none, loads like those of the campaign.
 
-    If all forces of the campaign pull down, the load is a dead weight, otherwise a force in any direction;
-    its size is the greatest force of the campaign.
+    Raises:
+        RequestError: neither has a load.
     """
     limits = _convert_torque_limits(request, robot)
-    load = request.load
-    if isinstance(load, OwnWeight):
-        return Loads("dead_weight", 0.0, limits)
-    if load is not None:
-        anchors = np.array(load.anchors) if isinstance(load, plans.Cable) else np.empty((0, 3))
-        newtons = load.newtons if isinstance(load, plans.DeadWeight) else load.force
-        return Loads(load.kind, newtons, limits, anchors)
-    newtons = (
-        0.0 if campaign_readings is None else float(np.linalg.norm(campaign_readings.force, axis=1).max())
-    )
-    if campaign_readings is None or newtons == 0.0:
+    match request.load:
+        case OwnWeight():
+            return Loads("dead_weight", 0.0, limits)
+        case plans.Cable() as load:
+            return Loads(load.kind, load.force, limits, np.array(load.anchors))
+        case plans.DeadWeight() as load:
+            return Loads(load.kind, load.newtons, limits)
+        case plans.AnyDirection() as load:
+            return Loads(load.kind, load.force, limits)
+    if campaign_readings is None or not campaign_readings.force.any():
         raise RequestError(
             "the loads are missing",
             where="load",
             remedy="give `load`: its kind (dead_weight, any_direction or cable) and its force in N, or the "
             "mass of a dead_weight in kg",
         )
-    # A force counts as pulling down if it is at most about 2.6° from the vertical.
-    pulls_down = campaign_readings.force[:, 2] < -0.999 * np.linalg.norm(campaign_readings.force, axis=1)
-    return Loads("dead_weight" if pulls_down.all() else "any_direction", newtons, limits)
+    return _repeat_loads(campaign_readings.force, limits)
+
+
+def _repeat_loads(forces: FloatArray, limits: FloatArray) -> Loads:
+    """Return loads like the forces (N, 3) of a campaign [N]; `limits` are those of the joints' torques [N·m].
+
+    If all forces pull down, to at most about 2.6° from the vertical, the load is a dead weight, otherwise a
+    force in any direction; its size is the greatest force of the campaign.
+    """
+    sizes = np.linalg.norm(forces, axis=1)
+    pulls_down = forces[:, 2] < -0.999 * sizes
+    return Loads("dead_weight" if pulls_down.all() else "any_direction", float(sizes.max()), limits)
 
 
 def _convert_torque_limits(request: plans.PlanRequest, robot: Robot) -> FloatArray:

@@ -124,27 +124,40 @@ class ProgramToTurn:
 
 
 def make_turn_task(request: ProcessRequest, pace: Pace) -> TurnTask:
-    """Return the turns to choose from, and how the robot may move, as the request states.
+    """Return the turns of the tool about its axis to choose from, and how the robot may move.
+
+    `turn: "keep"` in a request → only the turn of the program, 0; `"free"` → a full turn in steps;
+    (-30, 30) → turns in this range.
 
     Raises:
         RequestError: the range of turns is too large.
     """
-    greatest, angle = request.objective == "greatest", ANGLE[request.units.angle]
-    if request.turn == "free":
-        task = TurnTask.free(request.turns, request.clearance, pace, greatest=greatest)
-        return replace(task, corrects=request.correct)
+    greatest = request.objective == "greatest"
     if request.turn == "keep":
         return TurnTask(np.zeros(1), request.clearance, pace, greatest, request.correct)
-    low, high = angle * np.array(request.turn)
-    if high - low > 2.0 * np.pi + 1e-9 or max(abs(low), abs(high)) > 2.0 * np.pi + 1e-9:
+    if request.turn == "free":
+        task = TurnTask.free(request.turns, request.clearance, pace, greatest=greatest)
+    else:
+        low, high = _read_range_of_turns(request.turn, ANGLE[request.units.angle])
+        task = TurnTask.within(low, high, request.turns, request.clearance, pace, greatest=greatest)
+    return replace(task, corrects=request.correct)
+
+
+def _read_range_of_turns(stated: tuple[float, float], unit: float) -> tuple[float, float]:
+    """Return the least and the greatest turn [rad]; `unit` is the unit of the stated turns [rad].
+
+    Raises:
+        RequestError: the range exceeds a full turn, or a turn is beyond a full turn.
+    """
+    low, high = unit * np.array(stated)
+    full_turn = 2.0 * np.pi + 1e-9  # allows for rounding
+    if high - low > full_turn or max(abs(low), abs(high)) > full_turn:
         raise RequestError(
             "the range of turns exceeds a full turn, or lies beyond one",
             where="turn",
             remedy="state turns within a full turn, in `units.angle`; or `free`",
         )
-    low, high = float(low), float(high)
-    task = TurnTask.within(low, high, request.turns, request.clearance, pace, greatest=greatest)
-    return replace(task, corrects=request.correct)
+    return float(low), float(high)
 
 
 def _refuse_without_orientation(program: Program, request: ProcessRequest, targets: IndexArray) -> None:
@@ -198,26 +211,35 @@ def _make_path(
 
     The axes (m, 3, 3) are those of `ProgramToTurn`.
     """
-    targets, number = program.targets, visits.number
-    is_joint_target = targets.given_as_joints[visits.order]
-    given = np.full((len(visits.order), robot.n), np.nan)
-    arm_angles = targets.values[visits.order, :6] * targets.angle_unit[visits.order, None]
-    given[is_joint_target] = inverse.insert_held_joints(arm_angles[is_joint_target])
+    given = _read_given_joints(program, robot, inverse, visits)
     poses = frames.find_flange_poses(program, visits.order, robot, given)
     loads = visits.loads.values[visits.loads.of_visit[visits.first]]
+    target_of_visit = visits.number
     with as_request_errors("program"):
-        axes = find_load_axes(request, frames, visits, poses[number])
+        axes = find_load_axes(request, frames, visits, poses[target_of_visit])
         force, moment = turn_loads_to_base(request, axes, loads)
         load_point, place = find_load_points(request, frames, visits.order)
         spindle = find_spindles(request, frames, visits.order)
     path = ProcessPath(
-        poses=poses[number],
-        spindle=spindle[number],
-        place=place[number],
-        load_point=load_point[number],
-        force=force[number],
-        moment=moment[number],
+        poses=poses[target_of_visit],
+        spindle=spindle[target_of_visit],
+        place=place[target_of_visit],
+        load_point=load_point[target_of_visit],
+        force=force[target_of_visit],
+        moment=moment[target_of_visit],
         continuous=visits.continuous,
-        given=given[number],
+        given=given[target_of_visit],
     )
     return path, np.nan_to_num(axes)
+
+
+def _read_given_joints(
+    program: Program, robot: Robot, inverse: InverseKinematics, visits: Visits
+) -> FloatArray:
+    """Return the joints (t, n) of targets that the program states as joints [rad or m]; NaN for poses."""
+    targets, order = program.targets, visits.order
+    is_joint_target = targets.given_as_joints[order]
+    arm_angles = targets.values[order, :6] * targets.angle_unit[order, None]
+    given = np.full((len(order), robot.n), np.nan)
+    given[is_joint_target] = inverse.insert_held_joints(arm_angles[is_joint_target])
+    return given

@@ -62,28 +62,42 @@ def pack_choice(
     """
     unknown = Deflections.unknown(len(turn))
     lengths = np.column_stack([ways.get(name, unknown).to_columns() for name in WAYS])  # [m]
-    headers = list[str]()
-    for name in WAYS:
-        headers.append(f"{name} [mm]")
-        for interval in ("readings", "with model error"):
-            headers += [f"{name} low, {interval} [mm]", f"{name} high, {interval} [mm]"]
-    degrees = np.degrees(np.hstack(list(joints.values())))
-    joint_headers = [f"J{j}{suffix} [deg]" for suffix in joints for j in range(1, 7)]
+    joint_degrees = np.degrees(np.hstack(list(joints.values())))
+    joint_headers = [f"J{j}{ending} [deg]" for ending in joints for j in range(1, 7)]
     content = io.BytesIO()
     np.savez(
         content,
         allow_pickle=False,
         turn=np.degrees(turn),
         lengths=(1e3 * lengths).astype(np.float32),
-        joints=np.round(degrees / _JOINT_UNIT).astype(np.int32),
-        headers=np.array("|".join(headers)),
-        joint_headers=np.array("|".join(joint_headers)),
+        joints=np.round(joint_degrees / _JOINT_UNIT).astype(np.int32),
+        headers=_pack_texts(_list_length_headers()),
+        joint_headers=_pack_texts(joint_headers),
         places=places.astype(np.float32),
-        remarks=np.array("|".join(remarks)),
+        remarks=_pack_texts(remarks),
         of_grid=np.array(of_grid),
         speeds=speeds.astype(np.float32),
     )
     return content.getvalue()
+
+
+def _list_length_headers() -> list[str]:
+    """Return the headers of the deflections in the table of turns, five for each of `WAYS`.
+
+    For "turned": turned [mm], turned low, readings [mm], …, turned high, with model error [mm]. The order is
+    that of `Deflections.to_columns`.
+    """
+    headers = list[str]()
+    for name in WAYS:
+        headers.append(f"{name} [mm]")
+        for interval in ("readings", "with model error"):
+            headers += [f"{name} low, {interval} [mm]", f"{name} high, {interval} [mm]"]
+    return headers
+
+
+def _pack_texts(texts: Sequence[str]) -> np.ndarray[Any, Any]:
+    """Return texts as one array without axes, with "|" between two texts; `.split("|")` gives them back."""
+    return np.array("|".join(texts))
 
 
 def turns_sheet(content: bytes) -> Sheet:

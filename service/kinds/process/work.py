@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from jointstiff.schemas.finding import Assessment, Finding, Verdict
+from jointstiff.schemas.finding import Assessment, Finding
 from jointstiff.schemas.process import (
     DeflectionBand,
     ProcessPlace,
@@ -75,6 +75,36 @@ class _TriedPlaces:
     remarks: tuple[str, ...]  # (P,) `legal`, or why not, for places that were evaluated in full; empty else
 
 
+class _FoundPlace(NamedTuple):
+    """A place of the workpiece from which the robot follows the whole path."""
+
+    place: FloatArray  # (4,) position [m] and turn [rad]
+    program: ProgramToTurn  # moved to this place
+    choice: TurnChoice  # turns of the tool there
+    deflection: PathDeflection
+
+    def rank(self, best: _FoundPlace, confidence: float) -> tuple[Band, Ranking | None]:
+        """Return the deflection with its intervals, and its difference from the best; None for the best."""
+        difference = None if self is best else self.deflection.compare(best.deflection, confidence)
+        return self.deflection.band(confidence), difference
+
+
+@dataclass(frozen=True)
+class _SpeedCheck:
+    """Speeds of the joints along a path, to name the joint that is too slow for it."""
+
+    shares: FloatArray | None  # (v, n) parts of the joints' greatest speeds; NaN where unknown; None: no path
+    subject: str  # "the path"
+    remedy: str
+
+    def find_excess(self) -> tuple[int, int] | None:
+        """Return (visit, joint) of the greatest part, if a joint would have to exceed its greatest speed."""
+        if self.shares is None or not (self.shares > 1.0).any():
+            return None
+        visit, joint = np.unravel_index(int(np.nanargmax(self.shares)), self.shares.shape)
+        return int(visit), int(joint)
+
+
 @dataclass(frozen=True, eq=False)
 class _Placed:
     """The program in its best place, and what the search of places found."""
@@ -85,6 +115,24 @@ class _Placed:
     rankings: tuple[tuple[Band, Ranking | None], ...]  # deflection at each, and its difference from the best
     flat: Flatness | None  # places of the search that are nearly as good; None without a search
     tried: _TriedPlaces
+
+
+class _ChangeOfBranches(NamedTuple):
+    """Bits (v,) of the branch in which chosen postures differ from those of the program, 0 or 1."""
+
+    wrist: IndexArray
+    elbow: IndexArray
+    determinant: IndexArray  # sign of the Jacobian's determinant: changes with wrist, elbow and shoulder each
+
+    def find_unstated(self, has_words: BoolArray, has_letters: BoolArray) -> BoolArray:
+        """Return a mask (v,) of the targets whose words or letters cannot state the changed branch.
+
+        Words such as KUKA's S keep their bits of shoulder and elbow, so that a target with such words may
+        change the side of its wrist only. FANUC's letters are kept, so that nothing may change.
+        """
+        shoulder = self.wrist ^ self.elbow ^ self.determinant
+        is_changed = (self.elbow | shoulder | (has_letters & self.wrist)) > 0
+        return np.asarray((has_words | has_letters) & is_changed)
 
 
 class ProcessWork(ProgramWork):
@@ -254,70 +302,102 @@ class ProcessWork(ProgramWork):
         """
         if self._request.place is not None:
             return self._choose_place()
-        if self._chosen:
-            stored = self._chosen
-            best_fixed, unturned = (
-                None if np.isnan(joints).any() else joints for joints in stored["of_fixed_turns"]
-            )
-            choice = TurnChoice(
-                stored["joints"],
-                stored["turn"],
-                float(stored["size"]),
-                stored["fixed"],
-                best_fixed,
-                unturned,
-                stored["motion"],
-            )
-        else:
-            choice = self._choose(self._as_sent)
+        choice = self._read_stored_choice() if self._chosen else self._choose(self._as_sent)
         nothing = _TriedPlaces(np.zeros((0, 4)), np.zeros(0), ())
         return _Placed(self._as_sent, choice, np.zeros((0, 4)), (), None, nothing)
+
+    def _read_stored_choice(self) -> TurnChoice:
+        """Return the choice of turns that the step of a long path stored as arrays."""
+        stored = self._chosen
+        # A fixed turn that the robot cannot follow is stored as NaN.
+        of_fixed_turns = [None if np.isnan(joints).any() else joints for joints in stored["of_fixed_turns"]]
+        best_fixed, unturned = of_fixed_turns
+        return TurnChoice(
+            stored["joints"],
+            stored["turn"],
+            float(stored["size"]),
+            stored["fixed"],
+            best_fixed,
+            unturned,
+            stored["motion"],
+        )
 
     def _choose_place(self) -> _Placed:
         """Evaluate the best places of the search in full, in their order, and choose the best of them.
 
         If the robot follows the path from none of them, the workpiece stays.
         """
-        path, task, first = self._coarse
-        model, box, grid = self._run_model.model, self._box, self._box.places()
-        tried = [(grid, self._sizes)]
+        places, sizes = self._search_places()
+        found, remarks = self._evaluate_in_full(places, sizes)
+        tried = _TriedPlaces(places, sizes, remarks)
+        if not found:
+            return _Placed(self._as_sent, self._choose(self._as_sent), np.zeros((0, 4)), (), None, tried)
+        found.sort(key=lambda each: each.deflection.size)
+        best = found[0]
+        return _Placed(
+            best.program,
+            best.choice,
+            places=np.array([each.place for each in found]),
+            rankings=tuple(each.rank(best, self._request.confidence) for each in found),
+            flat=find_flatness(places, sizes),
+            tried=tried,
+        )
 
-        def evaluate(places: FloatArray) -> FloatArray:
-            sizes = evaluate_places(model, self._inverse, path, task, places, first)
-            tried.append((places, sizes))
-            return sizes
+    def _search_places(self) -> tuple[FloatArray, FloatArray]:
+        """Return places (P, 4) [m, rad], of the grid and around its best ones, with their deflections (P,).
+
+        The deflections [m] are those of a path with fewer points; NaN where the arm does not follow it.
+        """
+        path, task, first = self._coarse
+        model, grid = self._run_model.model, self._box.places()
+        places, sizes = [grid], [self._sizes]
+
+        def evaluate(further: FloatArray) -> FloatArray:
+            further_sizes = evaluate_places(model, self._inverse, path, task, further, first)
+            places.append(further)
+            sizes.append(further_sizes)
+            return further_sizes
 
         order = np.argsort(self._sizes, kind="stable")
-        for i in order[np.isfinite(self._sizes[order])][:_REFINED].tolist():
+        followed = order[np.isfinite(self._sizes[order])]
+        for i in followed[:_REFINED].tolist():
             begin_part("searching around the best places")
-            search_around(box, grid[i], float(self._sizes[i]), evaluate)
-        places, sizes = (np.concatenate(each) for each in zip(*tried, strict=True))
-        remarks = [""] * len(places)
-        found = list[tuple[PathDeflection, FloatArray, ProgramToTurn, TurnChoice]]()
+            search_around(self._box, grid[i], float(self._sizes[i]), evaluate)
+        return np.concatenate(places), np.concatenate(sizes)
+
+    def _evaluate_in_full(
+        self, places: FloatArray, sizes: FloatArray
+    ) -> tuple[list[_FoundPlace], tuple[str, ...]]:
+        """Return the first places, by deflection, from which the robot follows the whole path; and remarks.
+
+        The remark on a place is "legal" or why the path is not followed from it, and "" for the places that
+        are left when enough are found.
+
+        Args:
+            places: (P, 4) places of the search [m, rad].
+            sizes: (P,) deflections of the search [m].
+        """
+        found, remarks = list[_FoundPlace](), [""] * len(places)
         for i in _sort_places(places, sizes):
-            place = places[i]
             begin_part(f"turning at place {1 + len(found)} of {_LEGAL}")
-            program = self._as_sent.move(place[:3] - self._as_sent.path.middle, float(place[3]))
             try:
-                choice = self._choose(program)
-                found.append((self._predict(program, choice.joints), place, program, choice))
+                found.append(self._evaluate_place(places[i]))
                 remarks[i] = "legal"
             except RequestError as error:
                 remarks[i] = error.reason  # the path of the search can be followed there, the whole one not
             if len(found) == _LEGAL:
                 break
-        all_tried = _TriedPlaces(places, sizes, tuple(remarks))
-        if not found:
-            return _Placed(self._as_sent, self._choose(self._as_sent), np.zeros((0, 4)), (), None, all_tried)
-        found.sort(key=lambda each: each[0].size)
-        best, confidence = found[0][0], self._request.confidence
-        rankings = tuple(
-            (each.band(confidence), each.compare(best, confidence) if each is not best else None)
-            for each, _, _, _ in found
-        )
-        best_places = np.array([place for _, place, _, _ in found])
-        flat = find_flatness(places, sizes)
-        return _Placed(found[0][2], found[0][3], best_places, rankings, flat, all_tried)
+        return found, tuple(remarks)
+
+    def _evaluate_place(self, place: FloatArray) -> _FoundPlace:
+        """Return a place (4,) with the turns of the tool that are chosen there, and the deflection.
+
+        Raises:
+            RequestError: the robot does not follow the path from there.
+        """
+        program = self._as_sent.move(place[:3] - self._as_sent.path.middle, float(place[3]))
+        choice = self._choose(program)
+        return _FoundPlace(place, program, choice, self._predict(program, choice.joints))
 
     @cached_property
     def _path(self) -> ProgramPath:
@@ -394,51 +474,69 @@ class ProcessWork(ProgramWork):
         """Return the reason that nothing orders the chosen path and the path as it was sent."""
         if self._gain() != "no_order" or self._is_kept:
             return []
-        message = (
-            "the robot cannot follow the path with the workpiece in its programmed place, so the "
-            "deflections before and after cannot be compared"
-        )
-        remedy = "compare places with each other, or send a program that the robot can follow"
-        if self._ranking is not None:
-            text = "has no interval, because the model error is unknown"
-            if (interval := self._ranking.difference.with_model_error) is not None:
-                low, high = (figure(1e6 * each, ".3g") for each in interval)
-                text = f"is within {low} to {high} µm"
+        if self._ranking is None:
             message = (
-                f"the difference of the deflections before and after {text}, so it is not certain which "
-                "deflection is less"
+                "the robot cannot follow the path with the workpiece in its programmed place, so the "
+                "deflections before and after cannot be compared"
             )
-            measure = "measure more, or measure with loads like those of the process"
-            if self._request.cut is not None or self._request.force_uncertainty:
-                measure = f"measure the force of the process, and state the force; or {measure}"
-            remedy = f"before you trust the choice, {measure}"
-        verdict: Verdict = "use_with_care"
-        return [make_reason("no_order", verdict, message, remedy)]
+            remedy = "compare places with each other, or send a program that the robot can follow"
+        else:
+            message = self._describe_unordered(self._ranking)
+            remedy = f"before you trust the choice, {self._advise_measuring()}"
+        return [make_reason("no_order", "use_with_care", message, remedy)]
+
+    def _describe_unordered(self, ranking: Ranking) -> str:
+        """Return a sentence on an interval of the difference that includes zero, or on a missing one."""
+        interval = ranking.difference.with_model_error
+        text = "has no interval, because the model error is unknown"
+        if interval is not None:
+            low, high = [figure(1e6 * end, ".3g") for end in interval]
+            text = f"is within {low} to {high} µm"
+        return (
+            f"the difference of the deflections before and after {text}, so it is not certain which "
+            "deflection is less"
+        )
+
+    def _advise_measuring(self) -> str:
+        """Return what to measure for a shorter interval; the force first, if its error counts."""
+        measure = "measure more, or measure with loads like those of the process"
+        if self._request.cut is not None or self._request.force_uncertainty:
+            return f"measure the force of the process, and state the force; or {measure}"
+        return measure
 
     def _find_speed_reasons(self) -> list[Finding]:
-        """Return the reason that the path as chosen, as corrected or as sent exceeds a joint's speed."""
-        reasons = list[Finding]()
+        """Return the reason that the path as chosen, as corrected or as sent exceeds a joint's speed.
+
+        Only the first of these paths that is too fast is named.
+        """
         slower = "lower the feed there, or "
         away = slower + "place the workpiece away from the singularity"
         over_a_length = slower + "state a force that changes over a length of the path, and not at one point"
-        for shares, subject, remedy in (
-            (self._shares, "the path", away),
-            (self._corrected_shares, "the corrected path", over_a_length),
-            (self._sent_shares, "the program as sent", away),
-        ):
-            if shares is None or not (shares > 1.0).any():
-                continue
-            point, joint = np.unravel_index(int(np.nanargmax(shares)), shares.shape)
-            name = self._run_model.model.robot.joint_names[int(joint)]
-            line = int(self._program.moves.line[self._program.moves.move_of_visit[int(point)]])
-            feed = self._pace.feed[int(point)]
-            shown = REFERENCE_FEED if np.isnan(feed) else feed
-            message = (
-                f"line {line}: at {figure(1e3 * shown, '.3g')} mm/s {subject} needs "
-                f"{figure(100.0 * shares[point, joint], '.3g')} % of the greatest speed of {name}"
-            )
-            reasons.append(make_reason("too_fast", "use_with_care", message, remedy))
-        return reasons[:1]
+        checks = [
+            _SpeedCheck(self._shares, "the path", away),
+            _SpeedCheck(self._corrected_shares, "the corrected path", over_a_length),
+            _SpeedCheck(self._sent_shares, "the program as sent", away),
+        ]
+        for check in checks:
+            excess = check.find_excess()
+            if excess is not None:
+                message = self._describe_excess(check, *excess)
+                return [make_reason("too_fast", "use_with_care", message, check.remedy)]
+        return []
+
+    def _describe_excess(self, check: _SpeedCheck, visit: int, joint: int) -> str:
+        """Return the line, the feed and the joint whose greatest speed a path exceeds at a visit."""
+        if check.shares is None:
+            raise ValueError("a path that is not followed has no speeds")
+        name = self._run_model.model.robot.joint_names[joint]
+        moves = self._program.moves
+        line = int(moves.line[moves.move_of_visit[visit]])
+        feed = self._pace.feed[visit]
+        shown = REFERENCE_FEED if np.isnan(feed) else feed
+        return (
+            f"line {line}: at {figure(1e3 * shown, '.3g')} mm/s {check.subject} needs "
+            f"{figure(100.0 * check.shares[visit, joint], '.3g')} % of the greatest speed of {name}"
+        )
 
     def _find_place_reason(self) -> list[Finding]:
         """Return the reason that a search of places found none that the robot can follow."""
@@ -503,6 +601,9 @@ class ProcessWork(ProgramWork):
     def _check_written(self, rewriting: Rewriting | RowsWriting, points: WrittenPoints) -> None:
         """Read the written program back, and compare the joints with those that were meant.
 
+        With free branches, the joints are also in turns.csv, so that a program which cannot state them is not
+        written; with branches that are kept, it is refused.
+
         Raises:
             RequestError: a target would be reached in other joints than meant, and the branches are kept.
         """
@@ -510,48 +611,57 @@ class ProcessWork(ProgramWork):
         if self._is_kept:
             return
         if self._request.branches == "free":
-            self._unwritten = self._find_unstated_branch()
-            if self._unwritten is None:
-                try:
-                    self._unwritten = self._find_misread(rewriting)
-                except (FaultsError, RequestError) as error:
-                    self._unwritten = str(error)
-        elif (misread := self._find_misread(rewriting)) is not None:
+            self._unwritten = self._find_unstated_branch() or self._explain_misread(rewriting)
+            return
+        misread = self._find_misread(rewriting)
+        if misread is not None:
             raise RequestError(
                 misread,
                 where="turn",
                 remedy="state a range of `turn`, or `branches: free` and take the joints from turns.csv",
             )
 
+    def _explain_misread(self, rewriting: Rewriting | RowsWriting) -> str | None:
+        """Return why the written program is not read in the joints that were meant; None if it is."""
+        try:
+            return self._find_misread(rewriting)
+        except (FaultsError, RequestError) as error:
+            return str(error)
+
     def _find_unstated_branch(self) -> str | None:
         """Return why the program cannot state the chosen branches; None if it can, or need not.
 
-        Words such as KUKA's S keep their bits of shoulder and elbow, so that a target with such words may
-        change the side of its wrist only. FANUC's letters are kept, so that nothing may change.
+        A branch is a side of shoulder, elbow and wrist: one of 8 postures that reach a target.
         """
         targets, visited = self._program.targets, self._visits.targets
         literals = [targets.literals[i] for i in targets.literal[visited].tolist()]
         if any(not each.notation.has_pose and not each.notation.is_joints for each in literals):
             return "the program states no angle about the tool's axis"
-        states = np.array([bool(each.words or each.letters) for each in literals])
-        if not states.any():
+        if not any(each.words or each.letters for each in literals):
             return None  # the controller takes the nearest posture
-        sent, robot = self._as_sent.programmed, self._run_model.model.robot
+        sent = self._as_sent.programmed
         if sent is None:
             return "the arm configurations of the sent program are not known"
-        chosen, programmed = (
-            find_branches(self._inverse, Postures(robot, robot.joint_map.model_angles(joints)))
-            for joints in (self._placed.choice.joints, sent.cases.joints[self._visits.number])
-        )
-        wrist, elbow, whole = ((chosen ^ programmed) >> bit & 1 for bit in range(3))
+        programmed = sent.cases.joints[self._visits.number]
+        change = self._find_change_of_branches(programmed)
+        has_words = np.array([bool(each.words) for each in literals])
         has_letters = np.array([bool(each.letters) for each in literals])
-        unstated = states & ((elbow | wrist ^ elbow ^ whole | has_letters & wrist) > 0)
+        unstated = change.find_unstated(has_words, has_letters)
         if not unstated.any():
             return None
         return (
             f"line {int(targets.line[visited[np.argmax(unstated)]])}: the words of the target cannot be "
             "rewritten for the chosen side of shoulder, elbow or wrist"
         )
+
+    def _find_change_of_branches(self, programmed: FloatArray) -> _ChangeOfBranches:
+        """Return where the chosen postures (v, n) are on another side than those of the program (v, n)."""
+        robot = self._run_model.model.robot
+        before = find_branches(self._inverse, Postures(robot, robot.joint_map.model_angles(programmed)))
+        chosen_angles = robot.joint_map.model_angles(self._placed.choice.joints)
+        after = find_branches(self._inverse, Postures(robot, chosen_angles))
+        change = after ^ before
+        return _ChangeOfBranches(wrist=change & 1, elbow=(change >> 1) & 1, determinant=(change >> 2) & 1)
 
     def _find_misread(self, rewriting: Rewriting | RowsWriting) -> str | None:
         """Return where the written program would be read in other joints than meant; None if nowhere.
@@ -560,38 +670,54 @@ class ProcessWork(ProgramWork):
             RequestError: a frame of the written program is not known.
             FaultsError: the configuration of a target is ambiguous, or it is not reached.
         """
-        request, model, placed = self._request, self._run_model.model, self._placed
         if isinstance(rewriting, RowsWriting):
-            program = rewriting.program
+            written = rewriting.program
         else:
-            program = self._read_files(rewriting.files())
-        moves = self._program.moves
-        if not np.array_equal(program.moves.line, moves.line):
+            written = self._read_files(rewriting.files())
+        if not np.array_equal(written.moves.line, self._program.moves.line):
             return "the written program has other moves that can be corrected"
-        # Where a name came back in place of numbers, moves share a target again.
+        program = self._number_targets_as_sent(written)
+        read = self._find_read_joints(program)
+        difference = np.abs(read - self._meant).max(axis=1)  # (v,)
+        wrong = difference > _READ_BACK
+        if not wrong.any():
+            return None
+        first_wrong = int(np.argmax(wrong))
+        line = int(program.targets.line[self._visits.targets[first_wrong]])
+        return (
+            f"line {line}: the controller would not reach the turned target in the chosen posture, as a "
+            f"joint would differ by {np.degrees(difference[first_wrong]):.3g}°"
+        )
+
+    def _number_targets_as_sent(self, written: Program) -> Program:
+        """Return a written program whose targets have the numbers of the program as sent.
+
+        Where a name came back in place of numbers, several moves of the written program share a target.
+        """
+        moves = self._program.moves
         indices = np.zeros(len(self._program.targets), dtype=np.intp)
-        indices[moves.visits] = program.moves.visits
-        program = replace(program, targets=program.targets.select(indices), moves=moves)
+        indices[moves.visits] = written.moves.visits
+        return replace(written, targets=written.targets.select(indices), moves=moves)
+
+    def _find_read_joints(self, program: Program) -> FloatArray:
+        """Return the joints (v, n) in which the controller reaches the targets of a written program.
+
+        Raises:
+            RequestError: a frame of the program is not known.
+            FaultsError: the configuration of a target is ambiguous, or it is not reached.
+        """
+        placed = self._placed.program
         with as_request_errors("program"):
-            read = find_wanted_postures(
+            return find_wanted_postures(
                 program,
-                request,
-                placed.program.frames,
-                type(placed.program.stated)(program),
-                model.robot,
+                self._request,
+                placed.frames,
+                type(placed.stated)(program),
+                self._run_model.model.robot,
                 self._inverse,
                 self._visits.targets,
                 start=self._meant[0],
             )
-        wrong = np.abs(read - self._meant).max(axis=1) > _READ_BACK
-        if not wrong.any():
-            return None
-        i = int(np.argmax(wrong))
-        line = int(program.targets.line[self._visits.targets[i]])
-        return (
-            f"line {line}: the controller would not reach the turned target in the chosen posture, as a "
-            f"joint would differ by {np.degrees(np.abs(read[i] - self._meant[i]).max()):.3g}°"
-        )
 
     def _read_files(self, contents: Sequence[bytes]) -> Program:
         """Read the written files, without marks, as the files of the request were read.
@@ -617,50 +743,61 @@ class ProcessWork(ProgramWork):
         if self._unwritten is not None:
             reason = f"no program is written, so move the robot to the joints in turns.csv: {self._unwritten}"
             return [reason, *remarks]
+        return [
+            *self._list_place_remarks(),
+            *self._list_feed_remarks(),
+            *self._list_start_remarks(),
+            *remarks,
+        ]
+
+    def _list_place_remarks(self) -> Iterator[str]:
+        """Yield remarks on the frames of a new place, and on a best place at the edge of the box."""
+        was_searched = len(self._placed.places) > 0
+        if was_searched and not self._as_sent.moves_base[self._used_bases].all():
+            yield "targets are written in the new place, in base frames with the numbers of the program"
+        edges = self._find_edges()
+        if edges:
+            yield (
+                f"the best place is at the edge of the box along {edges}: a larger box may have a "
+                "better place"
+            )
+
+    def _list_start_remarks(self) -> Iterator[str]:
+        """Yield a remark on a first target that states no configuration of the arm."""
         targets, first = self._program.targets, int(self._visits.targets[0])
         literal = targets.literals[targets.literal[first]]
         if not self._is_kept and literal.notation.has_pose and not literal.words:
-            start = "bring the arm to the first joints of turns.csv before the program starts: its first "
-            remarks.insert(0, f"{start}target states no configuration")
-        remarks = [*self._list_feed_remarks(), *remarks]
-        if edges := self._find_edges():
-            remarks.insert(
-                0,
-                f"the best place is at the edge of the box along {edges}: a larger box may have a "
-                "better place",
+            yield (
+                "bring the arm to the first joints of turns.csv before the program starts: its first "
+                "target states no configuration"
             )
-        if len(self._placed.places) and not self._as_sent.moves_base[self._used_bases].all():
-            place = "targets are written in the new place, in base frames with the numbers of the program"
-            remarks.insert(0, place)
-        return remarks
 
-    def _list_feed_remarks(self) -> list[str]:
-        """Return remarks on a feed that is unknown, and on approaches that carry no force."""
-        remarks = list[str]()
+    def _list_feed_remarks(self) -> Iterator[str]:
+        """Yield remarks on an unknown feed, on approaches without force, and on turns of the program."""
         motion = self._placed.choice.motion
         if motion.any() and np.isnan(self._pace.feed).all():
-            needed = np.degrees(REFERENCE_FEED * motion.max(axis=0))
-            shown = ", ".join(
-                f"{name} {figure(speed, '.3g')}"
-                for name, speed in zip(self._run_model.model.robot.joint_names, needed.tolist(), strict=True)
-            )
-            remarks.append(
+            yield (
                 "no feed is stated: tool and joints turn by at most `rate` along the path; at 50 mm/s they "
-                f"need {shown} °/s"
+                f"need {self._describe_speeds_at_reference(motion)} °/s"
             )
         if self._approaches.any():
-            remarks.append(
+            yield (
                 f"approaches and retracts carry no force: lines {self._list_lines(self._approaches)}; state "
                 "loads by lines or in a table if they do"
             )
         _, roll = self._task.steady(self._as_sent.path, self._as_sent.same)
         jumps = np.diff(roll, prepend=0.0) * self._as_sent.path.continuous != 0.0
         if jumps.any():
-            remarks.append(
+            yield (
                 "the program turns the tool about the spindle faster than `rate` on the way to lines "
                 f"{self._list_lines(jumps)}: the chosen turn does not follow there"
             )
-        return remarks
+
+    def _describe_speeds_at_reference(self, motion: FloatArray) -> str:
+        """Return the greatest speed of each joint at 50 mm/s [°/s]: "J1 12, J2 7.5"; `motion` is in rad/m."""
+        needed = np.degrees(REFERENCE_FEED * motion.max(axis=0)).tolist()
+        names = self._run_model.model.robot.joint_names
+        return ", ".join(f"{name} {figure(speed, '.3g')}" for name, speed in zip(names, needed, strict=True))
 
     def _list_lines(self, visits: BoolArray) -> str:
         """Return the lines of the moves of some visits (v,), as a person reads them; at most five."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from jointstiff.schemas.fields import Interval
 from jointstiff.schemas.program import (
@@ -33,6 +33,7 @@ from jointstiff.service.tables.table import (
     Column,
     Line,
     Part,
+    Style,
     Table,
     number_formatter,
 )
@@ -140,22 +141,28 @@ def _distances_table(result: ProgramResult) -> Table:
     Its rows are the program without correction and as written. Each quantile has its interval; the last
     column says whether the intervals include the model error.
     """
-    style = style_for(result.assessment.verdict)
-    rows = {
-        "without correction": (result.deflection, result.deflection_ends),
-        "predicted, as written": (result.residual, result.residual_ends),
-    }
-    columns = [Column("quantity", list(rows), text=True)]
-    for field, title in _QUANTILES.items():
-        cells = [_show_quantile(sizes, ends, field) for sizes, ends in rows.values()]
-        columns.append(Column(title, [replace(cell, style=style) for cell in cells], show_cell))
     model_error = model_error_text(result.with_model_error)
-    columns.append(Column("model error", [model_error] * len(rows), text=True))
     return Table(
-        columns,
+        [
+            Column("quantity", ["without correction", "predicted, as written"], text=True),
+            *(_make_quantile_column(result, field) for field in _QUANTILES),
+            Column("model error", [model_error, model_error], text=True),
+        ],
         title="Distance of the loaded tool from its target, mm",
         caption=f"in brackets: {100 * result.confidence:g} % interval",
     )
+
+
+def _make_quantile_column(result: ProgramResult, field: str) -> Column:
+    """Return the column of a quantile of the distances: without correction, then as written.
+
+    `field` is the name of the quantile, a key of `_QUANTILES`.
+    """
+    style = style_for(result.assessment.verdict)
+    without_correction = _show_quantile(result.deflection, result.deflection_ends, field)
+    as_written = _show_quantile(result.residual, result.residual_ends, field)
+    cells = [replace(cell, style=style) for cell in (without_correction, as_written)]
+    return Column(_QUANTILES[field], cells, show_cell)
 
 
 def _show_quantile(sizes: Spread | None, ends: SpreadEnds | None, name: str) -> ShownEstimate:
@@ -179,19 +186,12 @@ def _corrections_table(result: ProgramResult) -> Table:
 
 def _worst_table(result: ProgramResult) -> Table:
     """Return a table of the points with the greatest deflections, before and after the correction."""
-    points, style = result.worst[:_SHOWN_POINTS], style_for(result.assessment.verdict)
-    before, after = [], []
-    for point in points:
-        before.append(show_estimate(point.deflection, _widest_interval(point), _TO_MM, style=style))
-        after.append(show_estimate(point.residual, _widest_residual_interval(point), _TO_MM, style=style))
-    included = [model_error_text(point.interval_with_model_error is not None) for point in points]
+    points = result.worst[:_SHOWN_POINTS]
     columns = [
         Column("point", [point.number for point in points]),
         Column("name", [point.name for point in points], text=True),
         Column("line", [point.line for point in points]),
-        Column("before", before, show_cell, "mm"),
-        Column("after", after, show_cell, "mm"),
-        Column("model error", included, text=True),
+        *_make_distance_columns(points, style_for(result.assessment.verdict)),
     ]
     remarks = ["capped" if point.capped else "" for point in points]
     if any(remarks):
@@ -201,6 +201,23 @@ def _worst_table(result: ProgramResult) -> Table:
         title="Worst points",
         caption=f"distance from the target, with its {100 * result.confidence:g} % interval",
     )
+
+
+def _make_distance_columns(points: Sequence[ProgramPoint], style: Style) -> list[Column]:
+    """Return columns of the tool's distance from its target at points, before and after the correction.
+
+    A last column says whether the intervals include the model error. `style` is that of the cells.
+    """
+    before, after = [], []
+    for point in points:
+        before.append(show_estimate(point.deflection, _widest_interval(point), _TO_MM, style=style))
+        after.append(show_estimate(point.residual, _widest_residual_interval(point), _TO_MM, style=style))
+    included = [model_error_text(point.interval_with_model_error is not None) for point in points]
+    return [
+        Column("before", before, show_cell, "mm"),
+        Column("after", after, show_cell, "mm"),
+        Column("model error", included, text=True),
+    ]
 
 
 def _widest_interval(point: ProgramPoint) -> Interval | None:
@@ -213,27 +230,31 @@ def _widest_residual_interval(point: ProgramPoint) -> Interval | None:
     return point.residual_interval_with_model_error or point.residual_interval
 
 
-def _make_chart(
-    state: str, names: list[str], distances: list[float], intervals: list[Interval | None]
-) -> Chart:
+def _make_chart(state: str, names: list[str], distances: Sequence[_Distance]) -> Chart:
     """Return a chart of the tool's distance from its target at the worst points, in mm.
 
     Args:
         state: state of the program, "without correction" or "as written".
         names: names of the points.
-        distances: distance of the tool at each point [m].
-        intervals: interval of each distance [m]; None where it is not known.
+        distances: distance of the tool at each point.
     """
     return Chart(
         title=f"{state.capitalize()}, worst points",
         names=names,
-        series={state: distances},
+        series={state: [distance.length for distance in distances]},
         factor=_TO_MM,
         unit="mm",
         axis="points",
-        intervals={state: intervals},
+        intervals={state: [distance.interval for distance in distances]},
         quantity="distance to target",
     )
+
+
+class _Distance(NamedTuple):
+    """Distance of the loaded tool from its target at a point."""
+
+    length: float  # [m]
+    interval: Interval | None  # interval of the distance [m]; None where it is not known
 
 
 def make_charts(result: ProgramResult) -> list[Chart]:
@@ -242,19 +263,9 @@ def make_charts(result: ProgramResult) -> list[Chart]:
     if not points:
         return []
     names = [point.name or str(point.number) for point in points]
-    before = _make_chart(
-        "without correction",
-        names,
-        [point.deflection for point in points],
-        [_widest_interval(point) for point in points],
-    )
-    after = _make_chart(
-        "as written",
-        names,
-        [point.residual for point in points],
-        [_widest_residual_interval(point) for point in points],
-    )
-    return [before, after]
+    before = [_Distance(point.deflection, _widest_interval(point)) for point in points]
+    after = [_Distance(point.residual, _widest_residual_interval(point)) for point in points]
+    return [_make_chart("without correction", names, before), _make_chart("as written", names, after)]
 
 
 PROGRAM: Final = Kind[Program, ProgramRequest](

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 from collections import defaultdict
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -77,6 +78,14 @@ class Loads:
     values: FloatArray  # (k, 6) force, then moment; the first row is zero and means no load
     of_visit: IndexArray  # (v,) row of `values` for each visit of a target by a move
     feed: FloatArray | None = None  # (k,) feed of each row [m/s]; NaN where the table states none
+
+    def at_visits(self, visits: IndexArray) -> FloatArray:
+        """Return the loads (m, 6) at some of the visits, given by their indices."""
+        return np.asarray(self.values[self.of_visit[visits]])
+
+    def feed_at_visits(self) -> FloatArray | None:
+        """Return the feed (v,) of all visits [m/s], NaN where the table states none; None without feeds."""
+        return None if self.feed is None else self.feed[self.of_visit]
 
 
 def collect_loads(
@@ -159,22 +168,43 @@ def _find_segments(segments: Sequence[ProcessLoad | schemas.Cut], lines: IndexAr
     Raises:
         RequestError: two segments overlap.
     """
-    # Numbers of the segments in order of their first lines; a segment without lines has all lines.
-    order = sorted(range(len(segments)), key=lambda i: segments[i].first_line or 0)
-    first = np.array([segments[i].first_line or 0 for i in order])
-    last = np.array([segments[i].last_line or MAX_LINE for i in order])
-    overlaps = 1 + np.flatnonzero(first[1:] <= last[:-1])  # segments that begin in the one before
-    if len(overlaps):
-        overlap = overlaps[0]
-        raise RequestError(
-            f"line {first[overlap]} has two loads",
-            where=f"segments[{order[overlap]}]",
-            remedy="give segments of lines that do not overlap",
-        )
-    place_in_order = np.searchsorted(first, lines, side="right") - 1  # last one that begins before the line
-    is_inside = (place_in_order >= 0) & (lines <= last[place_in_order])
-    number_of_segment = np.array(order)[place_in_order] + 1
-    return np.where(is_inside, number_of_segment, 0)
+    ranges = [_LineRange.from_segment(number, segment) for number, segment in enumerate(segments, start=1)]
+    ranges.sort(key=lambda each: each.first)
+    _refuse_overlap(ranges)
+    first = np.array([each.first for each in ranges])
+    last = np.array([each.last for each in ranges])
+    number = np.array([each.number for each in ranges])
+    before = np.searchsorted(first, lines, side="right") - 1  # last range that begins before the line
+    is_inside = (before >= 0) & (lines <= last[before])
+    return np.where(is_inside, number[before], 0)
+
+
+class _LineRange(NamedTuple):
+    """Lines of a program that a segment of loads has."""
+
+    first: int
+    last: int
+    number: int  # number of the segment in the request, from 1
+
+    @classmethod
+    def from_segment(cls, number: int, segment: ProcessLoad | schemas.Cut) -> _LineRange:
+        """Return the lines of a segment; one that states none has all lines."""
+        return cls(segment.first_line or 0, segment.last_line or MAX_LINE, number)
+
+
+def _refuse_overlap(ranges: Sequence[_LineRange]) -> None:
+    """Refuse ranges of lines, in order of their first lines, if a range begins in the range before it.
+
+    Raises:
+        RequestError: names the line that two segments have.
+    """
+    for before, after in pairwise(ranges):
+        if after.first <= before.last:
+            raise RequestError(
+                f"line {after.first} has two loads",
+                where=f"segments[{after.number - 1}]",
+                remedy="give segments of lines that do not overlap",
+            )
 
 
 def read_load_table(
@@ -203,23 +233,48 @@ def read_load_table(
         FilesError: a line of the file has a mistake; the error has the line.
     """
     point_count = int(points.max(initial=0))
-    rows = _split_rows(content, point_count)
-    header = rows[0] if rows else []
+    header, *rows = _split_rows(content, point_count) or [[]]
     columns = _parse_header(header)
     key = _parse_key(header[0])
     if key == "length":
-        return _interpolate_loads(_read_lengths(rows, columns), measure_lengths(), columns)
-    table = _LoadsOfPoints(point_count, columns)
+        return _interpolate_loads(_read_lengths(header, rows, columns), measure_lengths(), columns)
     points_of_label = _number_labels(names, common) if key == "label" else None
-    for line, row in enumerate(rows[1:], start=_FIRST_ROW):
-        is_blank = not any(row)
-        if is_blank:
-            continue
-        first_cell, *cells = row
-        # One label may mean several points.
-        numbers = [first_cell] if points_of_label is None else _find_label(line, first_cell, points_of_label)
-        table.add(line, numbers, cells)
+    table = _LoadsOfPoints(point_count, columns)
+    for row in _iterate_filled_rows(rows):
+        table.add(row, _list_points(row, points_of_label))
     return table.collect(points)
+
+
+class _FilledRow(NamedTuple):
+    """Row of a CSV table of loads that is not blank."""
+
+    line: int  # line of the file
+    key: str  # first cell: a length, or what names the point
+    cells: Sequence[str]  # further cells, with the load
+
+
+def _iterate_filled_rows(rows: Sequence[Sequence[str]]) -> Iterator[_FilledRow]:
+    """Yield the rows below the header of a table that are not blank; `rows` are the cells of all of them."""
+    for line, row in enumerate(rows, start=_FIRST_ROW):
+        is_blank = not any(row)
+        if not is_blank:
+            key, *cells = row
+            yield _FilledRow(line, key, cells)
+
+
+def _list_points(row: _FilledRow, points_of_label: Mapping[str, list[str]] | None) -> list[str]:
+    """Return the numbers, as texts, of the points that a row of a table of loads is for.
+
+    Args:
+        row: row, which names a point by its number or by a label; one label may mean several points.
+        points_of_label: numbers of points by labels; None in a table by numbers.
+
+    Raises:
+        FilesError: the label means no point, or is ambiguous.
+    """
+    if points_of_label is None:
+        return [row.key]
+    return _find_label(row.line, row.key, points_of_label)
 
 
 class _LoadsOfPoints:
@@ -238,24 +293,21 @@ class _LoadsOfPoints:
             point_count + 1, dtype=np.intp
         )  # row of `_loads` by the point's number
 
-    def add(self, line: int, points: Sequence[str], cells: Sequence[str]) -> None:
+    def add(self, row: _FilledRow, points: Sequence[str]) -> None:
         """Add the load of a row for one point, or for all points with the label of the row.
 
-        Args:
-            line: line of the row, for errors.
-            points: numbers of the points, as texts.
-            cells: cells of the row after the first.
+        `points` are the numbers of the points, as texts.
 
         Raises:
             FilesError: a point is not in the program, or has a load already; or a cell is no number.
         """
         for text in points:
-            number, load = _parse_load_row(line, [text, *cells], self._columns)
+            number, load = _parse_load_row(row._replace(key=text), self._columns)
             point = int(number) if number == int(number) else 0
             is_known = 1 <= point <= self._point_count
             if not is_known or self._load_of_point[point] != 0:
                 reason = f"point {text} occurs twice, or is not in the program"
-                raise _table_fault(line, reason, _advise_to_number(self._point_count))
+                raise _table_fault(row.line, reason, _advise_to_number(self._point_count))
             self._load_of_point[point] = len(self._loads)  # the row that `load` gets below
         self._loads.append(load)
 
@@ -335,24 +387,53 @@ def _read_packed_table(
         FilesError: a column is missing or unknown, or a row has a mistake.
         RequestError: the bytes are damaged.
     """
+    table = _unpack_load_table(content)
+    if table.is_by_length:
+        by_length = _LoadsByLength(table.keys, table.loads, table.lines)
+        return _interpolate_loads(by_length, measure_lengths(), table.columns)
+    row_of_point = _number_rows_of_points(table.keys, int(points.max(initial=0)))
+    zero_load = np.zeros(_ROW_WIDTH)  # row 0, for points without a load
+    return _split_feed(np.vstack([zero_load, table.loads]), row_of_point[points], table.columns)
+
+
+class _PackedLoads(NamedTuple):
+    """Table of loads that was packed as numbers."""
+
+    columns: list[_LoadColumn]  # columns after the first
+    is_by_length: bool  # whether the first column has lengths along the path; else it has numbers of points
+    keys: FloatArray  # (k,) lengths [m], or numbers of points
+    loads: FloatArray  # (k, 7) loads in SI units
+    lines: IndexArray  # (k,) lines that the rows would have in a CSV file, for errors
+
+
+def _unpack_load_table(content: bytes) -> _PackedLoads:
+    """Unpack a table of loads, and convert its numbers to SI units.
+
+    Raises:
+        FilesError: a column is missing or unknown, or a number is too great.
+        RequestError: the bytes are damaged.
+    """
     sheet = unpack_sheet(content)
     header = list(sheet.columns)
     columns = _parse_header(header)
     key = _parse_key(header[0])
     if sheet.texts or key == "label":
         raise _table_fault(1, "the packed table has labels", "number the points")
-    keys, *others = sheet.columns.values()  # points or lengths, and the columns of the loads
+    keys, *cells_of_columns = sheet.columns.values()
     lines = _FIRST_ROW + np.arange(len(keys))
-    _refuse_great_numbers(np.stack([keys, *others], axis=1), lines)
-    loads = np.zeros((len(keys), _ROW_WIDTH))
-    for column, cells in zip(columns, others, strict=True):
-        loads[:, column.component] = column.factor * cells
-    if key == "length":
-        places = _parse_length_unit(header[0]) * keys
-        return _interpolate_loads(_LoadsByLength(places, loads, lines), measure_lengths(), columns)
-    load_of_point = _number_rows_of_points(keys, int(points.max(initial=0)))
-    zero_load = np.zeros(_ROW_WIDTH)  # row 0, for points without a load
-    return _split_feed(np.vstack([zero_load, loads]), load_of_point[points], columns)
+    _refuse_great_numbers(np.stack([keys, *cells_of_columns], axis=1), lines)
+    is_by_length = key == "length"
+    if is_by_length:
+        keys = _parse_length_unit(header[0]) * keys
+    return _PackedLoads(columns, is_by_length, keys, _convert_loads(columns, cells_of_columns), lines)
+
+
+def _convert_loads(columns: Sequence[_LoadColumn], cells: Sequence[FloatArray]) -> FloatArray:
+    """Return the loads (k, 7) in SI units; `cells` are the numbers (k,) of each column of the table."""
+    loads = np.zeros((len(cells[0]), _ROW_WIDTH))
+    for column, numbers in zip(columns, cells, strict=True):
+        loads[:, column.component] = column.factor * numbers
+    return loads
 
 
 def _refuse_great_numbers(numbers: FloatArray, lines: IndexArray) -> None:
@@ -421,27 +502,26 @@ def _interpolate_rows(table: _LoadsByLength, lengths: FloatArray) -> FloatArray:
     return np.asarray((1.0 - fraction) * loads[before] + fraction * loads[after])
 
 
-def _read_lengths(rows: Sequence[Sequence[str]], columns: Sequence[_LoadColumn]) -> _LoadsByLength:
+def _read_lengths(
+    header: Sequence[str], rows: Sequence[Sequence[str]], columns: Sequence[_LoadColumn]
+) -> _LoadsByLength:
     """Read the rows of a CSV table by length along the path.
 
     Args:
-        rows: cells of the table, with the header.
+        header: cells of the header, such as `length [mm]`.
+        rows: cells of the rows below the header.
         columns: columns of the table after the first.
 
     Raises:
         FilesError: a row has a mistake.
     """
-    header, *rows_below = rows
     unit = _parse_length_unit(header[0])
     places, loads, lines = list[float](), list[FloatArray](), list[int]()
-    for line, row in enumerate(rows_below, start=_FIRST_ROW):
-        is_blank = not any(row)
-        if is_blank:
-            continue
-        length, load = _parse_load_row(line, row, columns)
+    for row in _iterate_filled_rows(rows):
+        length, load = _parse_load_row(row, columns)
         places.append(unit * length)
         loads.append(load)
-        lines.append(line)
+        lines.append(row.line)
     loads_of_rows = np.array(loads).reshape(-1, _ROW_WIDTH)
     return _LoadsByLength(np.array(places), loads_of_rows, np.array(lines, dtype=np.intp))
 
@@ -545,26 +625,24 @@ def _find_label(line: int, label: str, points_of_label: Mapping[str, list[str]])
     return numbers
 
 
-def _parse_load_row(line: int, row: Sequence[str], columns: Sequence[_LoadColumn]) -> _LoadRow:
+def _parse_load_row(row: _FilledRow, columns: Sequence[_LoadColumn]) -> _LoadRow:
     """Parse a row of a table of loads: its first cell, and the load in SI units.
 
     Args:
-        line: line of the row, for errors.
-        row: cells of the row; the first one has the number of a point, or a length.
+        row: the row; its first cell has the number of a point, or a length.
         columns: columns of the table after the first.
 
     Raises:
         FilesError: a cell is missing, is not a number, or is out of range.
     """
     try:
-        key, *numbers = [float(cell) for cell in row]
+        key, *numbers = [float(cell) for cell in (row.key, *row.cells)]
     except ValueError:
-        raise _table_fault(line, "a cell is not a number", "write numbers with decimal points") from None
+        raise _table_fault(row.line, "a cell is not a number", "write numbers with decimal points") from None
     are_in_range = (np.abs([key, *numbers]) <= _GREATEST).all()
     if len(numbers) != len(columns) or not are_in_range:
-        raise _table_fault(
-            line, "a cell is missing, or a number is out of range", "give a finite number in each column"
-        )
+        reason = "a cell is missing, or a number is out of range"
+        raise _table_fault(row.line, reason, "give a finite number in each column")
     load = np.zeros(_ROW_WIDTH)
     for column, number in zip(columns, numbers, strict=True):
         load[column.component] = column.factor * number

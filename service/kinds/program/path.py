@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
@@ -96,11 +96,13 @@ class ProgramFrames:
         notation, targets = choose_frame_notation(program), program.targets
         world = _read_stated_pose(notation, options.world, "world")
         flange = _read_stated_pose(notation, options.flange, "flange")
-        tools = _find_target_frames(flange, notation, options.tools, targets.frames, targets.tool, "tools")
+        stated_tools = _StatedFrames.read(notation, options.tools, "tools")
+        tools = _find_target_frames(flange, stated_tools, targets.frames, targets.tool)
         # A target in joint angles needs its base only for a load along the axes of the base.
         needs_base = ~targets.given_as_joints | (options.axes == "base")
         base_of_target = np.where(needs_base, targets.base, _NO_FRAME)
-        bases = _find_target_frames(world, notation, options.bases, targets.frames, base_of_target, "bases")
+        stated_bases = _StatedFrames.read(notation, options.bases, "bases")
+        bases = _find_target_frames(world, stated_bases, targets.frames, base_of_target)
         tool_x = None if options.tool_x is None else np.array(options.tool_x)
         return cls(tools, bases, tool_x)
 
@@ -200,13 +202,11 @@ class ProgramFrames:
         tool_in_base = self.base.select_inverse(indices) @ flange @ self.tool.select(indices)
         numbers = np.full((len(indices), NUMBERS), np.nan)
         for notation, rows in program.targets.group_by_notation(indices):
-            if notation.is_joints:
-                continue
-            count = 3 + notation.count  # of the numbers of a position and an orientation
+            count = 0 if notation.is_joints else 3 + notation.count  # of position and orientation
             programmed = program.targets.values[indices[rows], :count]
             if notation.has_pose:
                 numbers[rows, :count] = notation.from_poses(tool_in_base[rows], programmed)
-            else:
+            elif not notation.is_joints:
                 numbers[rows, :count] = _convert_poses_to_axis(notation, tool_in_base[rows], programmed)
         return numbers
 
@@ -230,11 +230,7 @@ class ProgramFrames:
                 where="tool_x",
                 remedy="give `tool_x`, the direction of the tool's x axis in the base",
             )
-        # The program's tool axis points from tip to spindle.
-        tip_to_spindle = np.tile([0.0, 0.0, 1.0], (len(numbers), 1))
-        if notation.orientation is Orientation.TOOL_AXIS:
-            tip_to_spindle = numbers[:, 3:]
-        z_axis = -tip_to_spindle / np.linalg.norm(tip_to_spindle, axis=1, keepdims=True)
+        z_axis = _find_spindle_to_tip(notation, numbers)
         x_axis = _find_perpendicular(self.x_axis, z_axis)
         poses = np.tile(np.eye(4), (len(numbers), 1, 1))
         poses[:, :3, 0] = x_axis
@@ -242,6 +238,20 @@ class ProgramFrames:
         poses[:, :3, 2] = z_axis
         poses[:, :3, 3] = numbers[:, :3] * notation.length
         return poses
+
+
+def _find_spindle_to_tip(notation: Notation, numbers: FloatArray) -> FloatArray:
+    """Return unit vectors (m, 3) along the tool's axis at m targets, from spindle to tip.
+
+    Args:
+        notation: meaning of the numbers.
+        numbers: (m, 3 or 6) position, and perhaps the direction from tip to spindle. Without a direction,
+            the tool points down.
+    """
+    tip_to_spindle = np.tile([0.0, 0.0, 1.0], (len(numbers), 1))
+    if notation.orientation is Orientation.TOOL_AXIS:
+        tip_to_spindle = numbers[:, 3:]
+    return np.asarray(-tip_to_spindle / np.linalg.norm(tip_to_spindle, axis=1, keepdims=True))
 
 
 def _find_perpendicular(direction: FloatArray, z_axis: FloatArray) -> FloatArray:
@@ -293,12 +303,7 @@ def _convert_poses_to_axis(notation: Notation, poses: FloatArray, programmed: Fl
 
 
 def _find_target_frames(
-    reference: FloatArray,
-    notation: Notation,
-    stated_frames: Sequence[ProgramFrame],
-    frames: Sequence[FrameName],
-    frame_of_target: IndexArray,
-    field: str,
+    reference: FloatArray, stated: _StatedFrames, frames: Sequence[FrameName], frame_of_target: IndexArray
 ) -> _Frames:
     """Return the tool or base frames of all targets, with numbers of the program or of the request.
 
@@ -307,124 +312,109 @@ def _find_target_frames(
 
     Args:
         reference: (4, 4) pose [m] to which the frames are relative: world in R0, or the controller's flange.
-        notation: how the program writes the numbers of frames.
-        stated_frames: frames with numbers in the request.
+        stated: frames with numbers in the request.
         frames: frames that the program names.
         frame_of_target: (t,) index of each target's frame in `frames`; `_NO_FRAME` for `reference` itself.
-        field: field of the request, `tools` or `bases`, for errors.
 
     Raises:
-        RequestError: a frame has no numbers, has two sets of numbers, or is not in the program; or its
-            numbers do not form a pose.
+        RequestError: a frame has no numbers, has two sets of numbers, or is not in the program.
     """
-    stated_poses = _read_stated_poses(notation, stated_frames, field)
     # One pose more than frames: `reference` is the last one, where the index `_NO_FRAME` (−1) finds it.
     poses = np.tile(reference, (len(frames) + 1, 1, 1))
-    used_names: set[str | None] = set()
-    used_frames = np.unique(frame_of_target[frame_of_target != _NO_FRAME])
-    for index in used_frames.tolist():
-        frame = frames[index]
-        if frame.pose is not None:
-            _refuse_second_numbers(frame, stated_frames, field)
-            poses[index] = reference @ frame.pose
-        else:  # the program gives no numbers
-            stated_name = _find_stated_frame(frame, stated_poses, field)
-            used_names.add(stated_name)
-            poses[index] = reference @ stated_poses[stated_name]
-    _refuse_unused_frames(stated_frames, used_names, field)
+    used = np.unique(frame_of_target[frame_of_target != _NO_FRAME]).tolist()
+    for index in used:
+        poses[index] = reference @ stated.find_pose(frames[index])
+    stated.refuse_unused([frames[index] for index in used])
     return _Frames(poses, frame_of_target)
 
 
-def _refuse_second_numbers(frame: FrameName, stated_frames: Sequence[ProgramFrame], field: str) -> None:
-    """Refuse a request that states the numbers of a frame which the program itself defines.
+@dataclass(frozen=True, eq=False)
+class _StatedFrames:
+    """Tool or base frames with numbers in the request, for frames of a program without numbers."""
 
-    Args:
-        frame: frame with numbers in the program.
-        stated_frames: frames with numbers in the request; most controllers ignore the case of their names.
-        field: field of the request, `tools` or `bases`, for errors.
+    field: str  # field of the request, `tools` or `bases`, for errors
+    names: Sequence[str | None]  # name of each frame; None for a frame that suits any name
+    # (4, 4) [m] pose of each frame by its name in capitals, because most controllers ignore case
+    poses: Mapping[str | None, FloatArray]
 
-    Raises:
-        RequestError: the request has a frame of this name; the error has its index.
-    """
-    for i, stated in enumerate(stated_frames):
-        if _fold_name(stated.name) == _fold_name(frame.name):
-            reason = f"the program itself defines the numbers of the frame {quote_text(frame.name)}"
-            raise RequestError(reason, where=f"{field}[{i}].name", remedy="omit this frame")
+    @classmethod
+    def read(cls, notation: Notation, frames: Sequence[ProgramFrame], field: str) -> _StatedFrames:
+        """Read the frames of a field of the request; `notation` is the meaning of their numbers.
 
+        Raises:
+            RequestError: two frames have the same name or none, or numbers do not form a pose.
+        """
+        poses: dict[str | None, FloatArray] = {}
+        for i, frame in enumerate(frames):
+            name = _fold_name(frame.name)
+            if name in poses:
+                raise RequestError(
+                    "two frames have the same name, or two frames have no name",
+                    where=f"{field}[{i}].name",
+                    remedy="give each frame only once",
+                )
+            poses[name] = _read_stated_pose(notation, frame.values, f"{field}[{i}].values")
+        return cls(field, [frame.name for frame in frames], poses)
 
-def _read_stated_poses(
-    notation: Notation, stated_frames: Sequence[ProgramFrame], field: str
-) -> dict[str | None, FloatArray]:
-    """Return the pose (4, 4) [m] of each frame of the request by its name in capitals, or None without one.
+    def find_pose(self, frame: FrameName) -> FloatArray:
+        """Return the pose (4, 4) [m] of a frame of the program: by the program, or else by the request.
 
-    Args:
-        notation: how the program writes the numbers of frames.
-        stated_frames: frames with numbers in the request.
-        field: field of the request, `tools` or `bases`, for errors.
+        Raises:
+            RequestError: neither of them has its numbers, or both of them.
+        """
+        if frame.pose is None:
+            return self.poses[self._find_name(frame)]
+        self._refuse_second_numbers(frame)
+        return frame.pose
 
-    Raises:
-        RequestError: two frames have the same name or none, or numbers do not form a pose.
-    """
-    poses: dict[str | None, FloatArray] = {}
-    for i, frame in enumerate(stated_frames):
-        if _fold_name(frame.name) in poses:
-            raise RequestError(
-                "two frames have the same name, or two frames have no name",
-                where=f"{field}[{i}].name",
-                remedy="give each frame only once",
-            )
-        poses[_fold_name(frame.name)] = _read_stated_pose(notation, frame.values, f"{field}[{i}].values")
-    return poses
+    def _find_name(self, frame: FrameName) -> str | None:
+        """Return the name in `poses` under which the request states the numbers of a frame of the program.
 
+        A pose with the name of the frame comes first. A pose without a name, which is None, suits any frame.
 
-def _refuse_unused_frames(
-    stated_frames: Sequence[ProgramFrame], used_names: Collection[str | None], field: str
-) -> None:
-    """Refuse a frame of the request that the program does not use, because its name may be misspelt.
+        Raises:
+            RequestError: the request has no pose for the frame.
+        """
+        name = _fold_name(frame.name)
+        if name in self.poses:
+            return name
+        if None in self.poses:
+            return None
+        raise RequestError(
+            f"the program uses the frame {quote_text(frame.name)}, but does not define its numbers",
+            where=self.field,
+            remedy=f"give the name {frame.name!r} and the numbers in `{self.field}`",
+        )
 
-    Args:
-        stated_frames: frames with numbers in the request.
-        used_names: names in capitals of the frames that the program uses; None for the frame without a name.
-        field: field of the request, `tools` or `bases`, for errors.
+    def _refuse_second_numbers(self, frame: FrameName) -> None:
+        """Refuse a request that states the numbers of a frame which the program itself defines.
 
-    Raises:
-        RequestError: there is such a frame.
-    """
-    for i, frame in enumerate(stated_frames):
-        if _fold_name(frame.name) in used_names:
-            continue
-        if frame.name is None:
-            reason = "a frame without name is not used, because every frame of the program has numbers"
-        else:
-            reason = f"the program does not use the frame {quote_text(frame.name)}"
-        raise RequestError(reason, where=f"{field}[{i}].name", remedy="omit this frame, or correct its name")
+        Raises:
+            RequestError: the request has a frame of this name; the error has its index.
+        """
+        for i, name in enumerate(self.names):
+            if _fold_name(name) == _fold_name(frame.name):
+                reason = f"the program itself defines the numbers of the frame {quote_text(frame.name)}"
+                raise RequestError(reason, where=f"{self.field}[{i}].name", remedy="omit this frame")
 
+    def refuse_unused(self, used: Sequence[FrameName]) -> None:
+        """Refuse a frame of the request that the program does not use, because its name may be misspelt.
 
-def _find_stated_frame(
-    frame: FrameName, stated_poses: Mapping[str | None, FloatArray], field: str
-) -> str | None:
-    """Find the pose that the request states for a frame of the program; return its key in `stated_poses`.
+        `used` are the frames that the program uses.
 
-    A pose with the name of the frame comes first. A pose without a name, whose key is None, suits any frame.
-
-    Args:
-        frame: frame that the program uses, but whose numbers it does not give.
-        stated_poses: poses of the request by their names in capitals.
-        field: field of the request, for errors.
-
-    Raises:
-        RequestError: the request has no pose for the frame.
-    """
-    name = _fold_name(frame.name)
-    if name in stated_poses:
-        return name
-    if None in stated_poses:
-        return None
-    raise RequestError(
-        f"the program uses the frame {quote_text(frame.name)}, but does not define its numbers",
-        where=field,
-        remedy=f"give the name {frame.name!r} and the numbers in `{field}`",
-    )
+        Raises:
+            RequestError: there is such a frame.
+        """
+        used_names = {self._find_name(frame) for frame in used if frame.pose is None}
+        for i, name in enumerate(self.names):
+            if _fold_name(name) in used_names:
+                continue
+            if name is None:
+                reason = "a frame without name is not used, because every frame of the program has numbers"
+            else:
+                reason = f"the program does not use the frame {quote_text(name)}"
+            remedy = "omit this frame, or correct its name"
+            raise RequestError(reason, where=f"{self.field}[{i}].name", remedy=remedy)
 
 
 def _fold_name(name: str | None) -> str | None:
@@ -530,6 +520,13 @@ class _StatedWord(NamedTuple):
     positions: IndexArray  # (k,) positions of the targets in the list of indices that was given
 
 
+class _NumberPlace(NamedTuple):
+    """A number of a target."""
+
+    target: int  # index of the target
+    column: int  # column of the number among the numbers of a target
+
+
 # KUKA's S and T, FANUC's turns, and ABB's cf1, cf4, cf6 and cfx, by the names that the notations use.
 # Bit 2 of KUKA's S is 1 where A5 is below zero (reversed beyond half a turn, which no wrist reaches).
 _WORDS: Final = {
@@ -589,35 +586,31 @@ class StatedConfigurations:
             programmed: (m, 6) controller's angles before the correction [rad].
             corrected: (m, 6) controller's angles after the correction [rad].
         """
-        new_numbers: dict[tuple[int, int], int] = {}  # by index of the target and column of the number
+        new_numbers: dict[_NumberPlace, int] = {}
         for word, column, positions in self._iterate_words(indices):
             targets = indices[positions]
             numbers = self._word_numbers(targets, column)
             before, after = programmed[positions, word.joint], corrected[positions, word.joint]
             is_wrong = word.find_wrong_numbers(numbers, before, after)
-            for k in np.flatnonzero(is_wrong):
-                key = (int(targets[k]), column)
+            for k in np.flatnonzero(is_wrong).tolist():
+                place = _NumberPlace(int(targets[k]), column)
                 # A number with sign bits has several joints: earlier changes of other bits are kept.
-                number = new_numbers.get(key, int(numbers[k]))
-                new_numbers[key] = word.update_number(number, float(after[k]))
-        edits = list[tuple[int, Edit]]()
-        for (target, column), number in new_numbers.items():
-            edits.append((target, self._edit_number(target, column, number)))
-        return edits
+                number = new_numbers.get(place, int(numbers[k]))
+                new_numbers[place] = word.update_number(number, float(after[k]))
+        return [(place.target, self._edit_number(place, number)) for place, number in new_numbers.items()]
 
-    def _edit_number(self, index: int, column: int, number: int) -> Edit:
+    def _edit_number(self, place: _NumberPlace, number: int) -> Edit:
         """Return the edit (start, end, text) of the source for a new number of the configuration.
 
         A number in binary digits, such as KUKA's 'B010', keeps its form.
 
         Args:
-            index: index of the target.
-            column: column of the number among the target's numbers.
+            place: target and column of the number.
             number: new number.
         """
         targets = self._program.targets
-        start, end = targets.spans[index, column].tolist()
-        text = self._program.sources[targets.source[index]].text[start:end]
+        start, end = targets.spans[place.target, place.column].tolist()
+        text = self._program.sources[targets.source[place.target]].text[start:end]
         binary = _BINARY_NUMBER.fullmatch(text)
         if binary is None:
             return start, end, str(number)
@@ -736,32 +729,21 @@ class Visits:
             RequestError: no move is under load, or a load does not fit the program.
             FaultsError: the program has no move, or a target has two loads.
         """
-        moves = program.moves
-        if len(moves.visits) == 0:
-            file = program.sources[0].name
-            raise FaultsError([Fault(file, None, "the program has no move", "send a program with moves")])
-        points = _number_points(moves.visits)
-        names = [program.targets.names[i] for i in points.targets.tolist()] if table is not None else ()
-        lines = moves.line[moves.move_of_visit]
-        loads = collect_loads(
-            options, table, lines, points.of_visit + 1, names, measure_lengths, program.common_names
-        )
+        _refuse_program_without_moves(program)
+        points = _number_points(program.moves.visits)
+        loads = _collect_loads_of_points(program, options, table, points, measure_lengths)
         _refuse_program_without_load(loads, options)
-        load_of_point = loads.of_visit[points.first_visits]
-        has_other_load = loads.of_visit != load_of_point[points.of_visit]
-        reason = "moves visit this target under two different loads"
-        _refuse_targets(program, moves.visits[has_other_load], reason, "use a separate target for each load")
-        is_continuous = ~moves.is_visit_of_joint_move
-        is_continuous[0] = False
+        _refuse_second_loads(program, points, loads)
+        is_loaded_point = loads.of_visit[points.first_visits] > 0
         return cls(
-            targets=moves.visits,
+            targets=program.moves.visits,
             order=points.targets,
             number=points.of_visit,
             first=points.first_visits,
-            continuous=is_continuous,
-            middles=moves.is_middle_of_arc,
+            continuous=_find_continuous_visits(program),
+            middles=program.moves.is_middle_of_arc,
             loads=loads,
-            loaded=np.flatnonzero((load_of_point > 0) | options.absolute),
+            loaded=np.flatnonzero(is_loaded_point | options.absolute),
         )
 
 
@@ -787,6 +769,64 @@ def _number_points(visits: IndexArray) -> _Points:
     number_of_place = np.empty_like(order)
     number_of_place[order] = np.arange(len(order))
     return _Points(targets[order], first_visits[order], number_of_place[place_of_visit])
+
+
+def _collect_loads_of_points(
+    program: Program,
+    options: ProgramOptions,
+    table: bytes | None,
+    points: _Points,
+    measure_lengths: Callable[[], FloatArray],
+) -> Loads:
+    """Return the load at each visit of a target, from a table of loads or from the options.
+
+    Args:
+        program: the program.
+        options: options with loads.
+        table: content of the table of loads, which may name points; None if the loads are in the options.
+        points: visited targets.
+        measure_lengths: function that returns the lengths of the path, as `measure_lengths` does.
+
+    Raises:
+        RequestError: a load does not fit the program.
+    """
+    names = [program.targets.names[i] for i in points.targets.tolist()] if table is not None else ()
+    line_of_visit = program.moves.line[program.moves.move_of_visit]
+    number_of_visit = points.of_visit + 1  # users count points from 1
+    return collect_loads(
+        options, table, line_of_visit, number_of_visit, names, measure_lengths, program.common_names
+    )
+
+
+def _find_continuous_visits(program: Program) -> BoolArray:
+    """Return a mask (v,) of the visits that are reached from the visit before along a line or an arc."""
+    is_continuous = ~program.moves.is_visit_of_joint_move
+    is_continuous[0] = False  # no visit is before the first one
+    return is_continuous
+
+
+def _refuse_program_without_moves(program: Program) -> None:
+    """Refuse a program that visits no target.
+
+    Raises:
+        FaultsError: the program has no move.
+    """
+    if len(program.moves.visits) == 0:
+        file = program.sources[0].name
+        raise FaultsError([Fault(file, None, "the program has no move", "send a program with moves")])
+
+
+def _refuse_second_loads(program: Program, points: _Points, loads: Loads) -> None:
+    """Refuse targets that moves visit under different loads: one correction cannot suit both.
+
+    Raises:
+        FaultsError: the load at a visit differs from that at the first visit of the target.
+    """
+    load_of_point = loads.of_visit[points.first_visits]
+    has_other_load = loads.of_visit != load_of_point[points.of_visit]
+    reason = "moves visit this target under two different loads"
+    remedy = "use a separate target for each load"
+    _refuse_targets(program, program.moves.visits[has_other_load], reason, remedy)
 
 
 def _refuse_program_without_load(loads: Loads, options: ProgramOptions) -> None:
@@ -821,19 +861,23 @@ def measure_lengths(
         RequestError: a frame of the program has no numbers.
     """
     frames = ProgramFrames.from_program(program, options)
-    visits, targets = program.moves.visits, program.targets
+    visits = program.moves.visits
     tool_centres = frames.positions(program, visits)  # in R0; meaningless for targets in joint angles
-    is_joint_target = targets.given_as_joints[visits]
+    is_joint_target = program.targets.given_as_joints[visits]
     if is_joint_target.any():
-        joint_targets = visits[is_joint_target]
-        arm_angles = targets.values[joint_targets, :6] * targets.angle_unit[joint_targets, None]
-        all_joints = inverse.insert_held_joints(arm_angles)
+        all_joints = inverse.insert_held_joints(_read_arm_angles(program, visits[is_joint_target]))
         flange_in_r0 = flange_poses(robot, robot.joint_map.model_angles(all_joints))
-        tool_in_r0 = flange_in_r0 @ frames.tool.select(joint_targets)
+        tool_in_r0 = flange_in_r0 @ frames.tool.select(visits[is_joint_target])
         tool_centres[is_joint_target] = tool_in_r0[:, :3, 3]
     steps = np.linalg.norm(np.diff(tool_centres, axis=0), axis=1)
     steps[program.moves.is_visit_of_joint_move[1:]] = 0.0
     return np.append(0.0, np.cumsum(steps))
+
+
+def _read_arm_angles(program: Program, targets: IndexArray) -> FloatArray:
+    """Return the first six numbers of targets, by index, as joint angles (m, 6) of the controller [rad]."""
+    angle_unit = program.targets.angle_unit[targets, None]
+    return np.asarray(program.targets.values[targets, :6] * angle_unit)
 
 
 def find_path(
@@ -849,15 +893,13 @@ def find_path(
     configurations = StatedConfigurations(program)
     joints = find_wanted_postures(program, options, frames, configurations, robot, inverse, visits.targets)
     _refuse_different_postures(program, visits, joints)
-    loads = visits.loads.values[visits.loads.of_visit[visits.first]]
     with as_request_errors("program"):
-        first_postures = joints[visits.first]
         # The feed follows the visits, so the poses of all visits are needed.
         poses = frames.find_flange_poses(program, visits.targets, robot, joints)
         axes = find_load_axes(options, frames, visits, poses)
-        force, moment = turn_loads_to_base(options, axes, loads)
+        force, moment = turn_loads_to_base(options, axes, visits.loads.at_visits(visits.first))
         load_point, place = find_load_points(options, frames, visits.order)
-        cases = LoadCases(first_postures.copy(), force, moment, load_point, place)
+        cases = LoadCases(joints[visits.first], force, moment, load_point, place)
     return ProgramPath(program, frames, configurations, visits.order, cases)
 
 
@@ -927,23 +969,37 @@ def find_wanted_postures(
     Raises:
         FaultsError: a target is not reached, or its arm configuration is ambiguous.
     """
-    targets = program.targets
-    is_joint_target = targets.given_as_joints[visits]
-    angles = targets.values[visits, :6] * targets.angle_unit[visits, None]
-    programmed_joints = np.where(is_joint_target[:, None], angles, np.nan)
+    is_joint_target = program.targets.given_as_joints[visits]
     _refuse_changed_configuration_letters(program, visits, is_joint_target)
+    arm_angles = _read_arm_angles(program, visits)
+    programmed_joints = np.where(is_joint_target[:, None], arm_angles, np.nan)
     poses = frames.flange_poses(program, visits)
     ranges = configurations.ranges(visits)
-    states_configuration = np.isfinite(ranges).any(axis=(1, 2))
-    # A linear move keeps the arm's configuration; a joint move takes the configuration that is stated.
-    is_joint_move = program.moves.is_visit_of_joint_move
-    takes_stated = is_joint_move & states_configuration & configurations.binds_joint_moves
+    takes_stated = _find_visits_in_stated_configuration(program, configurations, ranges)
     if start is None:
         start = convert_start_joints(options, robot)
     with as_request_errors("robot"):
         joints, unreached = choose_postures(inverse, poses, programmed_joints, ranges, takes_stated, start)
     _refuse_unreached_targets(program, visits, unreached)
     return joints
+
+
+def _find_visits_in_stated_configuration(
+    program: Program, configurations: StatedConfigurations, ranges: FloatArray
+) -> BoolArray:
+    """Return a mask (v,) of the visits at which the arm changes to the configuration that the target states.
+
+    A linear move keeps the arm's configuration; a joint move takes the configuration that is stated.
+
+    Args:
+        program: the program, with v visits of targets.
+        configurations: configurations of the arm that the program states.
+        ranges: (v, 6, 2) least and greatest angle [rad] of each joint by the stated configuration; infinite
+            without one.
+    """
+    states_configuration = np.isfinite(ranges).any(axis=(1, 2))
+    is_joint_move = program.moves.is_visit_of_joint_move
+    return is_joint_move & states_configuration & configurations.binds_joint_moves
 
 
 def _refuse_unreached_targets(program: Program, visits: IndexArray, unreached: IndexArray) -> None:
@@ -995,23 +1051,36 @@ def _refuse_changed_configuration_letters(
     Raises:
         FaultsError: the letters change at targets.
     """
-    literals = program.targets.literals
-    if not any(literal.letters for literal in literals):
+    letters_of_literal = [literal.letters for literal in program.targets.literals]
+    if not any(letters_of_literal):
         return
+    letters = [letters_of_literal[i] for i in program.targets.literal[visits].tolist()]
+    changed = _find_changed_letters(letters, is_joint_target.tolist())
+    remedy = "insert a move to joint angles before this target, or split the program before this target"
+    reason = "the arm changes its configuration (N/F, U/D, T/B)"
+    _refuse_targets(program, visits[changed], reason, remedy)
+
+
+def _find_changed_letters(letters: Sequence[str], is_joint_target: Sequence[bool]) -> list[int]:
+    """Return the visits, by index, at which the letters of the configuration differ from those before.
+
+    Letters before a target in joint angles do not count, because this target determines the posture.
+
+    Args:
+        letters: letters of the target at each visit, such as `NUT`; empty without any.
+        is_joint_target: whether the target at each visit is in joint angles.
+    """
+    changed = []
     last_letters = ""  # of the last pose target with letters since the last joint target
-    changed_targets = []
-    for target, is_joints in zip(visits.tolist(), is_joint_target.tolist(), strict=True):
+    for visit, (letters_here, is_joints) in enumerate(zip(letters, is_joint_target, strict=True)):
         if is_joints:
             last_letters = ""
             continue
-        letters = literals[program.targets.literal[target]].letters
-        is_changed = letters and last_letters and letters != last_letters
+        is_changed = letters_here and last_letters and letters_here != last_letters
         if is_changed:
-            changed_targets.append(target)
-        last_letters = letters or last_letters
-    remedy = "insert a move to joint angles before this target, or split the program before this target"
-    reason = "the arm changes its configuration (N/F, U/D, T/B)"
-    _refuse_targets(program, np.array(changed_targets, dtype=np.intp), reason, remedy)
+            changed.append(visit)
+        last_letters = letters_here or last_letters
+    return changed
 
 
 def find_load_points(
@@ -1144,13 +1213,13 @@ def find_feeds(
         wanted: feed that the request states for all moves [m/s]; None without.
     """
     feed_of_program = read_feeds(program)
-    feed = feed_of_program.copy()
+    feed = feed_of_program
     if wanted is not None:
         is_faster = feed_of_program > SAME_FEED * wanted
         feed = np.where(is_faster, feed_of_program, wanted)
     elif options.cut is not None:
         feed = np.where(np.isnan(feed_of_program), options.cut.feed, feed_of_program)
-    if visits.loads.feed is not None:
-        feed_of_table = visits.loads.feed[visits.loads.of_visit]
+    feed_of_table = visits.loads.feed_at_visits()
+    if feed_of_table is not None:
         feed = np.where(np.isnan(feed_of_table), feed, feed_of_table)
     return np.where(program.moves.is_visit_of_joint_move, np.nan, feed)

@@ -143,9 +143,11 @@ def insert_mark(
     """
     words = [f"corrected {day.isoformat()}", f"verdict: {verdict.replace('_', ' ')}"]
     if kind == "fanuc":  # each remark has 32 characters at most: short words, several remarks
-        counts = [f"{moves - left} of {moves} corrected", f"{left} moves left"] if left else []
-        remarks = [f"{MARK}{run_id[:8]}", *words, *counts]
+        remarks = [f"{MARK}{run_id[:8]}", *words]
+        if left:
+            remarks += [f"{moves - left} of {moves} corrected", f"{left} moves left"]
     else:
-        counts = [f"{moves - left} of {moves} moves corrected, {left} left"] if left else []
-        remarks = [f"{MARK}{run_id} {', '.join([*words, *counts])}"]
+        if left:
+            words.append(f"{moves - left} of {moves} moves corrected, {left} left")
+        remarks = [f"{MARK}{run_id} {', '.join(words)}"]
     return robotprograms.insert_comment(kind, content, remarks)

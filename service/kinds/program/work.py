@@ -541,7 +541,7 @@ def write_compensated_program(
 
 
 class _WrittenTargets(NamedTuple):
-    """What the loaded robot makes of the written numbers of k targets."""
+    """Residuals of k targets with the numbers that were written, by the model of the loaded robot."""
 
     residual: FloatArray  # (k, 6) motion from the wanted to the reached pose [m, rad], axes of R0
     is_changed: BoolArray  # (k,) mask of the targets with a number that was changed

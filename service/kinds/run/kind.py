@@ -84,18 +84,27 @@ def _make_report(run: Run, result: RunResult, view: View) -> Report:
     further: list[Part] = [_fit_summary(result)]
     if result.weight is not None:
         further += _weight_lines(result.weight)
-    evidence: list[Part] = [*detail_lines(result)] if view.details else []
     if result.choice is not None:
-        evidence += _choice_evidence(result.choice, result.links) if view.details else []
         choice_lines = _choice_lines(result.choice, result.links, details=view.details)
+        # Links that bend are a part of the result; a choice of joints alone is a remark.
         if result.links is None:
             further += choice_lines
         else:
             parts += choice_lines
+    advice = list(_advice_lines(run, result, details=view.details))
+    return Report(parts, _list_evidence(run, result, view), advice, further, _list_assumptions(result))
+
+
+def _list_evidence(run: Run, result: RunResult, view: View) -> list[Part]:
+    """Return the parts that show why the result is as it is: details if requested, and the resampling."""
+    evidence: list[Part] = []
+    if view.details:
+        evidence += detail_lines(result)
+    if view.details and result.choice is not None:
+        evidence += _choice_evidence(result.choice, result.links)
     if result.resampling is not None:
         evidence += [Line(""), resampling_table(run, result.resampling, view.unit)]
-    advice = list(_advice_lines(run, result, details=view.details))
-    return Report(parts, evidence, advice, further, _list_assumptions(result))
+    return evidence
 
 
 def _choice_lines(choice: ModelChoice, links: LinksResult | None, *, details: bool) -> list[Part]:
@@ -616,39 +625,44 @@ def _model_remarks(scored: ScoredModel, choice: ModelChoice) -> str:
 def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit) -> Table:
     """Return a table of the fits of resampled configurations: a row for each joint, then the compensation.
 
-    The compensation is the share of the mean deflection that a fit explains, over all configurations.
+    The compensation is the share of the mean deflection that a fit explains, over all configurations; it has
+    no row if it is not known.
     """
-    options = run.request.resampling
+    options, joints = run.request.resampling, resampling.joints
     sample_text = f"{options.size} configurations drawn at random" if options else ""
-    moments = [compute_mean_and_deviation(joint, unit) for joint in resampling.joints]
-    joints, compensation = resampling.joints, resampling.compensation_mean
-    compensation_deviation = resampling.compensation_deviation
-    names: list[str] = [joint.name for joint in joints]
-    if compensation is not None and compensation_deviation is not None:
-        names.append("compensation")
-
-    def make_column(title: str, joint_cells: Sequence[str | Line], last_cell: float | None) -> Column:
-        """Return a column with a cell for each joint and, if there is its row, for the compensation."""
-        has_last_row = len(names) > len(joint_cells)  # the row of the compensation
-        last_cells = [format_percent(last_cell)] if has_last_row else []
-        return Column(title, [*joint_cells, *last_cells], as_line)
-
+    moments = [compute_mean_and_deviation(joint, unit) for joint in joints]
     means = [_bare_cell([_rounded_or_dash(mean, deviation)]) for mean, deviation in moments]
     deviations = [_bare_cell([_rounded_or_dash(deviation, deviation)]) for _, deviation in moments]
-    columns = [
-        Column("joint", names, text=True),
-        make_column("mean", means, compensation),
-        make_column("deviation", deviations, compensation_deviation),
-        make_column("negative", [_share_text(joint.share_negative) for joint in joints], None),
-        make_column("rigid", [_share_text(joint.share_infinite) for joint in joints], None),
-        make_column("undetermined", [_share_text(joint.share_undetermined) for joint in joints], None),
-    ]
+    cells: dict[str, list[str | Line]] = {
+        "joint": [joint.name for joint in joints],
+        "mean": [*means],
+        "deviation": [*deviations],
+        "negative": [_share_text(joint.share_negative) for joint in joints],
+        "rigid": [_share_text(joint.share_infinite) for joint in joints],
+        "undetermined": [_share_text(joint.share_undetermined) for joint in joints],
+    }
+    for title, cell in _list_compensation_cells(resampling).items():
+        cells[title].append(cell)
+    names = Column("joint", cells.pop("joint"), text=True)
     return Table(
-        columns,
+        [names, *[Column(title, column, as_line) for title, column in cells.items()]],
         title=f"{resampling.repetitions} fits of {sample_text}",
         caption=f"{unit.quantity} in {unit.label_of(joints)}: mean and standard deviation over the resampled "
         "fits; compensation: fraction of the deflection explained in all configurations",
     )
+
+
+def _list_compensation_cells(resampling: ResamplingResult) -> dict[str, str]:
+    """Return title of a column → cell of the compensation's row; nothing if the compensation is not known."""
+    mean, deviation = resampling.compensation_mean, resampling.compensation_deviation
+    if mean is None or deviation is None:
+        return {}
+    return {
+        "joint": "compensation",
+        "mean": format_percent(mean),
+        "deviation": format_percent(deviation),
+        **dict.fromkeys(("negative", "rigid", "undetermined"), format_percent(None)),
+    }
 
 
 def _share_text(share: float) -> str:

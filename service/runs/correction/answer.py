@@ -106,17 +106,12 @@ class TableCorrection:
         Raises:
             RequestError: the run has no model, the options contradict each other, or poses and joints do.
         """
-        if options.accuracy_option == "compensates_load":
-            raise RequestError(
-                "the controller already compensates the deflection under load",
-                where="accuracy_option",
-                remedy="switch the controller's accuracy option off, and measure again",
-            )
+        _refuse_compensating_controller(options)
         units, length = options.units, LENGTH[options.units.length]
         model = _build_model(robot, run, options)
-        tool, base = (_read_frame(each, units) for each in (options.tool, options.base))
+        tool, base = _read_frame(options.tool, units), _read_frame(options.base, units)
         refuse_far_point(options.load_point, "load_point", length=length)
-        point = None if options.load_point is None else length * np.array(options.load_point)
+        load_point = None if options.load_point is None else length * np.array(options.load_point)
         waypoints = Waypoints(table.poses, tool, base, table.joints, _read_start(robot, options))
         loads = turn_loads(waypoints.find_axes(options.axes), _state_loads(options, table, waypoints))
         path = FoundPath.find(
@@ -126,11 +121,12 @@ class TableCorrection:
             waypoints,
             loads,
             CorrectionSettings(_read_limits(options), options.confidence),
-            load_point=point,
+            load_point=load_point,
             feed=None if options.feed is None else length * options.feed,
         )
-        points = [each.tolist() for each in (tool[:3, 3], point) if each is not None]
-        return cls(path, options, model, points)
+        tool_point = tool[:3, 3]
+        points = [tool_point] if load_point is None else [tool_point, load_point]
+        return cls(path, options, model, [point.tolist() for point in points])
 
     def conclude(self, blocks: Sequence[CorrectedRows]) -> CorrectedTable:
         """Return the corrected table, from all corrected blocks of rows in order."""
@@ -138,6 +134,20 @@ class TableCorrection:
         reasons = find_reasons(rows, self._points, self._model)
         assessment = assess_with_run("correction", reasons, self._model.assessment)
         return CorrectedTable(rows, assessment, self._model.remarks(confidence), confidence)
+
+
+def _refuse_compensating_controller(options: CorrectionOptions) -> None:
+    """Refuse a correction for a controller that compensates the load, because the load would count twice.
+
+    Raises:
+        RequestError: the controller's accuracy option compensates the deflection under load.
+    """
+    if options.accuracy_option == "compensates_load":
+        raise RequestError(
+            "the controller already compensates the deflection under load",
+            where="accuracy_option",
+            remedy="switch the controller's accuracy option off, and measure again",
+        )
 
 
 def _read_start(robot: Robot, options: CorrectionOptions) -> FloatArray | None:

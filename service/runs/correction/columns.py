@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -70,27 +70,40 @@ def name_joint_columns(columns: Mapping[str, Any], robot: Robot) -> dict[str, An
 def find_joint_columns(names: Sequence[str], robot: Robot) -> dict[str, str]:
     """Return the robot's own names of joints that are columns, in small letters → j1 to jn.
 
-    A joint's own name that is also another column's, such as `x`, is not its name here. Own names such as
-    `j0` to `j5` count if all of them are columns.
+    For a robot with joints `shoulder` and `elbow`: ["x", "Shoulder"] → {"shoulder": "j1"}. An own name that
+    may also be another column, such as `x`, is not translated. Own names `j0` to `j5` could mean other joints
+    than the standard names `j1` to `j6`: they count only if all of them are columns.
 
     Raises:
         RequestError: a joint has two columns.
     """
     given = {name.lower() for name in names}
     numbered = [f"j{number}" for number in range(1, robot.n + 1)]
-    own = dict(zip((name.lower() for name in robot.joint_names), numbered, strict=True))
+    own_names = [name.lower() for name in robot.joint_names]
     reserved = {*POSITION, *ROTATION_VECTOR, *EULER_ANGLES, *QUATERNION, *FORCES, *MOMENTS}
-    if not own.keys() <= given:
+    if not given.issuperset(own_names):
         reserved.update(numbered)
-    found = {name: column for name, column in own.items() if name in given and name not in reserved}
-    for name, column in found.items():
-        if column in given - found.keys():
+    found = dict[str, str]()
+    for name, column in zip(own_names, numbered, strict=True):
+        if name in given and name not in reserved:
+            found[name] = column
+    _refuse_repeated_joint(found, given)
+    return found
+
+
+def _refuse_repeated_joint(column_of_name: Mapping[str, str], given: Collection[str]) -> None:
+    """Refuse a joint that has a column by its own name and another column by its standard name, such as j1.
+
+    Raises:
+        RequestError: names both columns.
+    """
+    for name, column in column_of_name.items():
+        if column in given and column not in column_of_name:
             raise RequestError(
                 f"the columns {name!r} and {column!r} state the same joint",
                 where="columns",
                 remedy="give each joint once",
             )
-    return found
 
 
 def _name_of(header: str) -> str:

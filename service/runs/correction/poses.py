@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,41 +36,67 @@ class PoseTable:
 
     @classmethod
     def from_columns(cls, columns: Mapping[str, Any], units: Units, robot: Robot) -> PoseTable:
-        """Read the columns of a request.
+        """Read the columns of a request: x, y, z, an orientation such as rx, ry, rz; maybe j1 …, fx …, mx ….
 
         Raises:
             RequestError: columns are missing, unknown, have different lengths, or a number is not finite.
         """
-        names = _fold_names(columns)
         joint_names = [f"j{number}" for number in range(1, robot.n + 1)]
+        names = _fold_names(columns)
         _refuse_unknown_names(names, joint_names, robot)
         orientation = choose_orientation(names.keys())
-        required = [*POSITION, *orientation]
-        for group in (joint_names, FORCES, MOMENTS):
-            has_part_of_group = any(name in names for name in group)
-            if has_part_of_group:
-                required += group
-        missing = [name for name in required if name not in names]
-        if missing:
-            raise RequestError(
-                f"the column {missing[0]} is missing", where="columns", remedy="give all columns of a group"
-            )
+        _refuse_incomplete_groups(names, orientation, joint_names)
         _refuse_bad_numbers(columns)
+        table = _Columns({name: columns[original] for name, original in names.items()})
+        poses = np.tile(np.eye(4), (len(table.columns["x"]), 1, 1))
+        poses[:, :3, 3] = LENGTH[units.length] * table.stack(POSITION)
+        poses[:, :3, :3] = read_orientation(orientation, table.stack(orientation), units)
+        joints = None
+        if "j1" in names:
+            joints = joint_factors(robot, units) * table.stack(joint_names)
+        return cls(poses, orientation, joints, table.read_loads(units, len(poses)))
 
-        def stack(group: Sequence[str]) -> FloatArray:
-            """Return the columns of a group, side by side, as an array (N, k)."""
-            return np.array([columns[names[each]] for each in group], dtype=np.float64).T
 
-        poses = np.tile(np.eye(4), (len(columns[names["x"]]), 1, 1))
-        poses[:, :3, 3] = LENGTH[units.length] * stack(POSITION)
-        poses[:, :3, :3] = read_orientation(orientation, stack(orientation), units)
-        joints = joint_factors(robot, units) * stack(joint_names) if "j1" in names else None
-        loads = None
-        if "fx" in names or "mx" in names:
-            force = FORCE[units.force] * stack(FORCES) if "fx" in names else np.zeros((len(poses), 3))
-            moment = stack(MOMENTS) if "mx" in names else np.zeros((len(poses), 3))
-            loads = np.concatenate([force, moment_factor(units, moment) * moment], axis=1)
-        return cls(poses, orientation, joints, loads)
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """Columns of a request by their names in small letters, each of N numbers."""
+
+    columns: Mapping[str, Any]
+
+    def stack(self, names: Sequence[str]) -> FloatArray:
+        """Return k columns as an array (N, k)."""
+        return np.array([self.columns[name] for name in names], dtype=np.float64).T
+
+    def read_loads(self, units: Units, count: int) -> FloatArray | None:
+        """Return force and moment (N, 6) [N, N·m]; zero where one has no columns; None if neither has."""
+        if "fx" not in self.columns and "mx" not in self.columns:
+            return None
+        force = np.zeros((count, 3))
+        if "fx" in self.columns:
+            force = FORCE[units.force] * self.stack(FORCES)
+        moment = np.zeros((count, 3))
+        if "mx" in self.columns:
+            moment = self.stack(MOMENTS)
+        return np.concatenate([force, moment_factor(units, moment) * moment], axis=1)
+
+
+def _refuse_incomplete_groups(
+    names: Collection[str], orientation: Sequence[str], joint_names: Sequence[str]
+) -> None:
+    """Refuse columns without a whole pose, or with a part of a group: joints, fx to fz, or mx to mz.
+
+    Raises:
+        RequestError: names the first column that is missing.
+    """
+    required = [*POSITION, *orientation]
+    for group in (joint_names, FORCES, MOMENTS):
+        if any(name in names for name in group):
+            required += group
+    missing = [name for name in required if name not in names]
+    if missing:
+        raise RequestError(
+            f"the column {missing[0]} is missing", where="columns", remedy="give all columns of a group"
+        )
 
 
 def name_poses(value: Any, name: str, angle: str) -> dict[str, FloatArray]:  # noqa: ANN401 - as of `read_poses`

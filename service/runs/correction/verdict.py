@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final, get_args
 
@@ -84,30 +84,44 @@ def describe_rows(rows: CorrectedRows) -> list[str]:
 def find_reasons(
     rows: CorrectedRows, points: Sequence[Sequence[float]], model: RunModel | PriorModel
 ) -> list[Finding]:
-    """Return reasons to doubt a correction, in addition to those of its run."""
-    count = len(rows)
+    """Return reasons to doubt a correction, in addition to those of its run.
+
+    `points` are places in the flange frame [m], such as the load point, that must be near the flange.
+    """
     has_numbers = rows.has_numbers
+    count, missing = len(rows), int((~has_numbers).sum())
     lengths = np.linalg.norm(rows.deflection[has_numbers], axis=1)
     extrapolated = int((rows.extrapolation[has_numbers] > EXTRAPOLATED).sum())
-    unseen = bool((rows.status == RowStatus.UNSEEN_JOINT).any())
-    reasons = [
-        *find_missing_numbers(
-            count - int(has_numbers.sum()), count, "rows", unseen=unseen, remedy=_choose_remedy(rows)
-        ),
+    has_unseen_joint = bool((rows.status == RowStatus.UNSEEN_JOINT).any())
+    remedy = _choose_remedy(rows)
+    return [
+        *find_missing_numbers(missing, count, "rows", unseen=has_unseen_joint, remedy=remedy),
         *find_implausible_deflection(float(lengths.max(initial=0.0)), model.result),
         *find_far_points(points),
         *find_beyond_campaign(extrapolated, count, "rows"),
+        *_find_capped(rows),
+        *_find_nothing_corrected(rows),
     ]
-    if capped := int((rows.status == RowStatus.CAPPED).sum()):
+
+
+def _find_capped(rows: CorrectedRows) -> Iterator[Finding]:
+    """Yield a reason if corrections were larger than allowed, and were shortened."""
+    capped = int((rows.status == RowStatus.CAPPED).sum())
+    if capped:
         reason, remedy = REASONS["capped"]
-        message = f"{reason} in {capped} of {count} rows"
-        reasons.append(make_reason("corrections_capped", "use_with_care", message, remedy))
+        message = f"{reason} in {capped} of {len(rows)} rows"
+        yield make_reason("corrections_capped", "use_with_care", message, remedy)
+
+
+def _find_nothing_corrected(rows: CorrectedRows) -> Iterator[Finding]:
+    """Yield a reason if no row is corrected, not even by a shortened correction.
+
+    Without any number, the reason on missing numbers says the same.
+    """
     is_corrected = (rows.status == RowStatus.CORRECTED) | (rows.status == RowStatus.CAPPED)
-    # Without any number, the first reason says the same.
-    if has_numbers.any() and not is_corrected.any():
-        message, remedy = "no row is corrected", _choose_remedy(rows) or "read the status of the rows"
-        reasons.append(make_reason("nothing_corrected", "use_with_care", message, remedy))
-    return reasons
+    if rows.has_numbers.any() and not is_corrected.any():
+        remedy = _choose_remedy(rows) or "read the status of the rows"
+        yield make_reason("nothing_corrected", "use_with_care", "no row is corrected", remedy)
 
 
 def _choose_remedy(rows: CorrectedRows) -> str | None:

@@ -210,7 +210,8 @@ def test_numbered_rows_are_aligned_also_next_to_names_in_words():
     named = FORCES.set_axis(LABELS)
     assert read(forces=named, unloaded=UNLOADED, loaded=LOADED) == read(labels=LABELS)
     assert refusal(forces=named, unloaded=UNLOADED, loaded=LOADED.iloc[::-1]) == (
-        "the rows of `loaded` are numbered, but not in order (7, 6, 5, …), and those of `forces` have names "
+        "the rows of `loaded` are numbered, but not in order (7, 6, 5, …), and the rows of "
+        "`forces` have names "
         "in words; remedy: give both the same index, or sort the rows of `loaded` by their numbers"
     )
     other = LOADED.set_axis(range(1, 9))

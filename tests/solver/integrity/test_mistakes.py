@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.catalogue_arms import build_nominal_robots, readings_on
 
-from jointstiff.solver.integrity import inspect_measurements
+from jointstiff.solver.integrity import inspect_measurements, inspect_unloaded
 from jointstiff.solver.mechanics.robot import JointMap, Robot
 
 ROBOTS = {known.name: known for known in build_nominal_robots()}
@@ -66,6 +66,9 @@ MISTAKES = {
     "z y x": (moved(lambda p: p[..., [2, 1, 0]]), FRAME, "are z, y, x of the readings"),
     "y z x": (moved(lambda p: p[..., [1, 2, 0]]), FRAME, "are z, x, y of the readings"),
     "a tracker's frame": (moved(lambda p: p @ TURN.T + [2.5, -1.2, 0.4]), FRAME, "not in R0"),
+    "a left-handed frame": (
+        moved(lambda p: (p @ TURN.T + [2.5, -1.2, 0.4]) * [1, -1, 1]), FRAME, "in a left-handed frame"
+    ),
     "loaded rolled by one": (loaded_of_another_row, ROWS, "the loaded readings of 14 of 14"),
     "loaded minus unloaded": (deflections_as_loaded, "deflection_implausibly_large", "to be deflections"),
     "sign of one joint": (reverse(2), SIGN, "{2} reversed"),
@@ -96,6 +99,67 @@ def test_a_mistake_of_the_whole_set_is_named_by_its_cause_alone(mistake, arm):
     (cause,) = name_cause(known, measurements, degrees=mistake == "radians as degrees")
     assert cause.code == code
     assert words.format(*known.robot.joint_names) in cause.message
+
+
+NEED_LOADS = ("loaded rolled by one", "loaded minus unloaded")
+
+
+@pytest.mark.parametrize("mistake", [name for name in MISTAKES if name not in NEED_LOADS])
+def test_a_mistake_is_named_without_loads_too(mistake):
+    make, code, words = MISTAKES[mistake]
+    known = ROBOTS[ARMS[0]]
+    mistaken = without_loads(make(readings_on(known.robot, seed=11, configurations=14)))
+    (cause,) = name_cause_without_loads(known, mistaken, degrees=mistake == "radians as degrees")
+    assert cause.code == code
+    assert words.format(*known.robot.joint_names) in cause.message
+
+
+def test_another_arm_and_exchanged_targets_are_named_without_loads():
+    known = ROBOTS[ARMS[0]]
+    right = without_loads(readings_on(known.robot, seed=11, configurations=14))
+    assert name_cause_without_loads(known, right) == []
+    causes = name_cause_without_loads(ROBOTS[ARMS[1]], right)
+    assert ARMS[0] in {cause.action.robot for cause in causes}
+    positions = right.position.copy()
+    positions[10] = positions[10][[1, 0, 2]]
+    (cause,) = name_cause_without_loads(known, replace(right, position=positions))
+    assert "are exchanged in the unloaded readings of" in cause.message
+
+
+def without_loads(measurements):
+    """Return the measurements as those of a set by own weight: no target was read under load."""
+    none = np.zeros_like(measurements.present)
+    still = np.zeros_like(measurements.deflection)
+    return replace(measurements, present=none, unloaded_only=~none, deflection=still)
+
+
+def name_cause_without_loads(known, measurements, *, degrees=False):
+    others = [each for each in ROBOTS.values() if each is not known]
+    findings = inspect_unloaded(known.robot, measurements, degrees=degrees, others=others)
+    return [finding for finding in findings if finding.weight != "use"]
+
+
+@pytest.mark.parametrize("joint", range(5))
+def test_a_mistyped_angle_is_named_with_the_angle_that_fits(joint):
+    known = ROBOTS[ARMS[0]]
+    right = readings_on(known.robot, seed=11, configurations=14)
+    joints = right.joints.copy()
+    joints[5, joint] += np.radians(30.0)
+    (cause,) = name_cause(known, replace(right, joints=joints), degrees=True)
+    name, fitting = known.robot.joint_names[joint], float(np.degrees(right.joints[5, joint]))
+    assert (cause.code, cause.observation) == ("target_off_model", right.labels[5])
+    words = cause.message.partition(f"with {name} at ")[2]
+    assert float(words.partition("°")[0]) == pytest.approx(fitting, abs=0.5)
+    assert f"check the angle of {name} for a typing error" in cause.remedy
+
+
+def test_the_remedy_of_a_left_handed_frame_leads_to_the_frame():
+    known = ROBOTS[ARMS[0]]
+    mistaken = MISTAKES["a left-handed frame"][0](readings_on(known.robot, seed=11, configurations=14))
+    (cause,) = name_cause(known, mistaken)
+    assert "reverse the sign of y of all positions" in cause.remedy
+    (after,) = name_cause(known, moved(lambda p: p * [1, -1, 1])(mistaken))
+    assert (after.code, "state the `frame`" in after.remedy) == (FRAME, True)
 
 
 @pytest.mark.parametrize("arm", ARMS)

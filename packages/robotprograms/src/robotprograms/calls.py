@@ -80,10 +80,7 @@ class Calls:
         unknown = [] if is_trusted else self._list_unknown(place.qualify(op.name))
         if not unknown:
             return None
-        self.unknown_routines |= dict.fromkeys(unknown)
-        is_first_call = not self.first_unknown.line or place.at < self.first_unknown
-        if is_first_call:
-            self.first_unknown = place.at
+        self._note_unknown(unknown, place.at)
         quoted = quote_text(unknown[0])
         reason = f"{quoted} is unknown: it may move the robot or change its frames"
         remedy = (
@@ -91,6 +88,13 @@ class Calls:
             f"[{quoted}]"
         )
         return place.make_cause(reason, remedy)
+
+    def _note_unknown(self, routines: list[str], at: At) -> None:
+        """Note that unknown routines are called at a place; the first place in the text is kept."""
+        self.unknown_routines |= dict.fromkeys(routines)
+        is_first_call = not self.first_unknown.line or at < self.first_unknown
+        if is_first_call:
+            self.first_unknown = at
 
     def _list_unknown(self, name: str) -> list[str]:
         """Return the routines that neither the program defines nor the user allows.

@@ -4,45 +4,32 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 
 from robotprograms import language as ir
-from robotprograms.calls import Calls
 from robotprograms.columns import Cause, get_variable
-from robotprograms.control_flow import ControlFlow
 from robotprograms.declarations import UNKNOWN, State, list_read_names
-from robotprograms.effects import Effects
+from robotprograms.effects import FollowedProgram
 from robotprograms.errors import quote_text
 from robotprograms.language import Name
 from robotprograms.places import Place
-from robotprograms.statements import Statements
+from robotprograms.program import At
 
 
 class ChangeCollector:
     """Collects which statements and routines change which names, before states are followed."""
 
-    def __init__(
-        self,
-        statements: Statements,
-        flow: ControlFlow,
-        calls: Calls,
-        effects: Effects,
-        faults: Mapping[int, Cause],
-    ) -> None:
+    def __init__(self, program: FollowedProgram) -> None:
         """Prepare to collect the changes of a program.
 
-        Args:
-            statements: statements of the program; its `changes` are filled.
-            flow: control flow of the program.
-            calls: calls of the program; routines of events are added.
-            effects: effects of the operations.
-            faults: causes by the indices of operations that do not fit.
+        The `changes` of its statements are filled, and routines of events are added to its calls.
         """
-        self._statements, self._ops, self._places = statements, statements.ops, statements.places
+        self._statements = statements = program.statements
+        self._ops, self._places = statements.ops, statements.places
         self._language, self._contents = statements.language, statements.contents
         self._declarations, self._uses = statements.declarations, statements.uses
-        self._changes, self._flow, self._calls, self._effects = statements.changes, flow, calls, effects
-        self._faults = faults
+        self._changes, self._faults = statements.changes, program.faults
+        self._flow, self._calls, self._effects = program.flow, program.calls, program.effects
         self._tool_names: set[str] = set()  # names of the tools of moves
         # indices of operations that change only names which nothing reads, such as counters
         self.unread: set[int] = set()
@@ -157,16 +144,20 @@ class ChangeCollector:
         """
         if not self._language.scopes_by_routine:
             return
-        routines_of_name = defaultdict[str, set[str]](set)
-        for place, op, routine in zip(self._places, self._ops, self._flow.routine_of, strict=False):
-            for name in _list_changed_names(op):
-                routines_of_name[place.qualify(name)].add(routine)
-        for name, routines in routines_of_name.items():
+        for name, routines in self._find_changing_routines().items():
             is_of_controller = name in self._language.active or name.startswith(ir.MODE)
             if len(routines) > 1 and not is_of_controller:
                 reason = f"{name} gets values in several routines, and each routine may have its own variable"
                 line = self._changes.of_name[name][0].line
                 self._changes.anytime[name] = Cause(line, reason, "use a name for each variable")
+
+    def _find_changing_routines(self) -> dict[str, set[str]]:
+        """Return the routines with a statement that changes a name, by the full names."""
+        routines_of_name = defaultdict[str, set[str]](set)
+        for place, op, routine in zip(self._places, self._ops, self._flow.routine_of, strict=False):
+            for name in _list_changed_names(op):
+                routines_of_name[place.qualify(name)].add(routine)
+        return routines_of_name
 
     def _collect_unknown_values(self, place: Place, op: ir.MakeUnknown) -> None:
         """Note why values become unknown at a statement, for each name that the statement changes.
@@ -186,9 +177,17 @@ class ChangeCollector:
         if self._language.calls_by_name:  # names of a statement that is not understood may be called there
             self._flow.anytime_routines |= self._flow.begins.keys() & set(names)
         if op.anytime:
-            changed = [each for name in names for each in self._contents.list_name_and_fields(name)]
-            # A statement without names may change all that other routines may change.
-            self._changes.anytime |= dict.fromkeys(changed or [UNKNOWN], cause)
+            self._make_unknown_anytime(names, cause)
+
+    def _make_unknown_anytime(self, names: Collection[str], cause: Cause) -> None:
+        """Note that a cause makes names unknown at any time, with their fields, such as `P.UF` for `P`.
+
+        Without names, it makes all unknown that other routines may change.
+        """
+        changed = list[str]()
+        for name in names:
+            changed += self._contents.list_name_and_fields(name)
+        self._changes.anytime |= dict.fromkeys(changed or [UNKNOWN], cause)
 
     def _collect_call(self, place: Place, op: ir.Call, passed: Collection[str]) -> None:
         """Note what a call may change: the arguments of the routine, and for an unknown routine all names.
@@ -213,28 +212,34 @@ class ChangeCollector:
     def _note_called_routine(self, place: Place, op: ir.Call) -> None:
         """Note what a call shows about the called routine.
 
-        A routine of the program may be attached to an event here. A routine of another file is a cause why
-        values are unknown, or gets a remark if the user allows it. The name of an event means the routines
-        that are attached to it elsewhere.
+        The routine may be one of the program, of another file, or all routines that are attached elsewhere to
+        the event that the call names.
         """
         cause = self._calls.explain_unknown(place, op)
         is_of_program = op.name in self._flow.begins
         is_event = place.qualify(op.name) in self._calls.attached
-        if is_of_program:
-            if op.event:
-                self._calls.attached_routines.add(str(op.name))
-        elif cause is not None:
-            self._changes.causes.append(cause)
-            runs_at_any_time = op.anytime and not op.event
-            if runs_at_any_time:
-                self._changes.anytime[UNKNOWN] = cause
-        elif not is_event:
-            permission = "the request states that this routine neither moves the robot nor changes frames"
-            if isinstance(op.name, ir.NumberedName):
-                name = place.qualify(op.name)  # with its number
-            else:
-                name = self._statements.restore_spelling(place, op.name)
-            self._statements.columns.add_remark(place.at, f"{name} is called; {permission}")
+        if is_of_program and op.event:
+            self._calls.attached_routines.add(str(op.name))
+        elif cause is not None and not is_of_program:
+            self._note_unknown_routine(op, cause)
+        elif not (is_of_program or is_event):
+            self._remark_allowed_routine(place, op)
+
+    def _note_unknown_routine(self, op: ir.Call, cause: Cause) -> None:
+        """Note that a call may change any value, for a cause: the routine of another file is not allowed."""
+        self._changes.causes.append(cause)
+        runs_at_any_time = op.anytime and not op.event
+        if runs_at_any_time:
+            self._changes.anytime[UNKNOWN] = cause
+
+    def _remark_allowed_routine(self, place: Place, op: ir.Call) -> None:
+        """Add a remark that a routine of another file is called, which the user allows."""
+        if isinstance(op.name, ir.NumberedName):
+            name = place.qualify(op.name)  # with its number
+        else:
+            name = self._statements.restore_spelling(place, op.name)
+        permission = "the request states that this routine neither moves the robot nor changes frames"
+        self._statements.columns.add_remark(place.at, f"{name} is called; {permission}")
 
     def _may_change_arguments(self, op: ir.Call, own: list[str], passed: Collection[str]) -> bool:
         """Return whether a call may change the variables that it passes as arguments.
@@ -338,13 +343,9 @@ class ChangeCollector:
     def _list_read_variables(self) -> set[str]:
         """Return the variables, without fields and indices, whose contents are looked up in states.
 
-        Operations read them, or they are found through the contents of other variables: active frames, names
-        that declarations contain, and targets from which poses are at an offset.
+        Operations read them, or they are found through the contents of other variables.
         """
-        active, declarations = self._language.active, self._declarations
-        names = {*self._changes.lasting, *active, *active.values(), *declarations.list_contained_names()}
-        for place, offset in self._uses.offsets:
-            names |= {place.qualify(offset.name), place.qualify(offset.target)}
+        names = self._statements.list_indirectly_read_names()
         for place, op in zip(self._places, self._ops, strict=True):
             names.update(map(place.qualify, list_read_names(op)))
         return set(map(get_variable, names))
@@ -373,27 +374,35 @@ class ChangeCollector:
                     to_visit.append(caller)
 
     def _summarise_operation(self, i: int, op: ir.Op) -> None:
-        """Note what operation i changes as changes of its routine, and the routines that the operation calls.
-
-        The operation is applied to an empty state: the state then has the names that it changes.
-        """
+        """Note what operation i changes as changes of its routine, and the routines that it calls."""
         routine = self._flow.routine_of[i]
         called = self._calls.list_called(op) if isinstance(op, ir.Call) else []
         for called_routine in called:
             self.callers[called_routine].add(routine)
-        changed: State = {}
         is_call_of_own_routine = isinstance(op, ir.Call) and op.name in called
-        if not is_call_of_own_routine:
-            self._effects.apply(changed, i)
-        for name, (content, at) in changed.items():
-            if isinstance(content, Cause):
-                self._changes.of_routine[routine][name] = content
-                continue
-            # What lasts, such as force control, is ended here: without a reason, the change spoils no move.
-            ends_what_lasts = name in self._changes.lasting
-            reason = "" if ends_what_lasts else f"{name} changes while the program runs"
-            cause = Cause(at.line, reason, "give the value once, in numbers", at.source)
+        if is_call_of_own_routine:  # its changes are those of the called routine, which are noted there
+            return
+        for name, entry in self._find_changed_entries(i).items():
+            cause = entry.cause or self._explain_change(name, entry.place)
             self._changes.of_routine[routine][name] = cause
+
+    def _find_changed_entries(self, i: int) -> State:
+        """Return the names that operation i changes, with their new contents.
+
+        The operation is applied to an empty state: the state then has the names that it changes.
+        """
+        changed: State = {}
+        self._effects.apply(changed, i)
+        return changed
+
+    def _explain_change(self, name: str, at: At) -> Cause:
+        """Return the cause that a name gets a known content while the program runs, by the statement at `at`.
+
+        The cause has no reason if the statement ends what lasts, such as force control: that spoils no move.
+        """
+        ends_what_lasts = name in self._changes.lasting
+        reason = "" if ends_what_lasts else f"{name} changes while the program runs"
+        return Cause(at.line, reason, "give the value once, in numbers", at.source)
 
     def _summarise_faults_and_attachments(self) -> None:
         """Add to the changes of routines what faults, and routines attached to events, change.

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from array import array
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -21,7 +22,7 @@ from robotprograms.errors import (
 )
 from robotprograms.language import Language, Move
 from robotprograms.notation import Numerals
-from robotprograms.own_numbers import copy_numbers, find_name
+from robotprograms.own_numbers import NamePlace, copy_numbers, find_name
 from robotprograms.program import (
     BLOCK,
     NUMBERS,
@@ -84,8 +85,6 @@ _KEY_BITS: Final = 40
 """Bits of the index of a target's first number in the key by which the target is found again."""
 _VALUES_END: Final = NUMBERS + WORDS
 """In a row of all numbers of a target, the place behind its position, orientation and configuration."""
-_AXES_END: Final = _VALUES_END + _MAX_AXES
-"""In such a row, the place behind the external axes; the numbers that all targets share follow."""
 _GROWTH: Final = 40
 """Characters by which the numbers of a target may grow when they are corrected."""
 _MAX_COMMON: Final = 8
@@ -167,7 +166,7 @@ Frames: TypeAlias = tuple[FrameName | Cause, FrameName | Cause]
 
 
 class _TargetRow(NamedTuple):
-    """A target as a row of the array of targets."""
+    """A target as a row of a table."""
 
     source: int  # index of its file
     line: int  # line on which its numbers begin
@@ -176,6 +175,140 @@ class _TargetRow(NamedTuple):
     literal: int  # index of its literal: the meaning of its numbers
     base: int  # index of its base, or _UNKNOWN_FRAME
     tool: int  # index of its tool, or _UNKNOWN_FRAME
+
+
+class _TargetColumns(NamedTuple):
+    """The same numbers of t targets as columns."""
+
+    source: IndexArray  # (t,) indices of their files
+    line: IndexArray  # (t,) lines on which their numbers begin
+    first: IndexArray  # (t,) index of the first number of each statement among those of the file
+    line_of_use: IndexArray  # (t,) lines on which the targets are used first
+    literal: IndexArray  # (t,) indices of their literals
+    base: IndexArray  # (t,) indices of their bases
+    tool: IndexArray  # (t,) indices of their tools
+
+
+class _TargetTable:
+    """Table of targets to which rows are added; an array has the numbers, because long programs have many."""
+
+    def __init__(self) -> None:
+        """Begin without targets."""
+        self._numbers = array("q")  # rows, one after the other
+        self.names: list[str] = []  # full name of each target; empty for a target without a name
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def append(self, row: _TargetRow, name: str) -> int:
+        """Add a target, and return its index."""
+        self._numbers.extend(row)
+        self.names.append(name)
+        return len(self.names) - 1
+
+    def extend(self, columns: _TargetColumns) -> IndexArray:
+        """Add k targets without names, and return their indices (k,)."""
+        first_index, count = len(self.names), len(columns.line)
+        self._numbers.frombytes(np.stack(columns, axis=1).tobytes())
+        self.names += [""] * count
+        return first_index + np.arange(count)
+
+    def get(self, index: int) -> _TargetRow:
+        """Return the row of the target with an index."""
+        begin = _TARGET_WIDTH * index
+        return _TargetRow(*self._numbers[begin : begin + _TARGET_WIDTH])
+
+    def set_frames(self, index: int, base: int, tool: int) -> None:
+        """Change the base and the tool of a target, which are given by their indices."""
+        begin = _TARGET_WIDTH * index
+        row = self.get(index)._replace(base=base, tool=tool)
+        self._numbers[begin : begin + _TARGET_WIDTH] = array("q", row)
+
+    def to_columns(self) -> _TargetColumns:
+        """Return the table as columns."""
+        return _TargetColumns(*_reshape_rows(self._numbers, _TARGET_WIDTH))
+
+
+class _MoveTable:
+    """Table of moves to which rows are added; arrays have the numbers, because long programs have many."""
+
+    def __init__(self) -> None:
+        """Begin without moves."""
+        self._numbers = array("q")  # of each move: line, motion, count of visits up to its end
+        self._visits = array("q")  # indices of the targets of all moves
+        self._feeds = array("d")  # speeds of the tool's centre of all moves [mm/s]; NaN if not known
+
+    @property
+    def visit_count(self) -> int:
+        """Count of the visits of all moves: a circular move visits two targets, any other move one."""
+        return len(self._visits)
+
+    def append(self, line: int, motion: Motion, targets: Sequence[int], feed: float) -> None:
+        """Add a move to targets that are given by their indices."""
+        self._visits.extend(targets)
+        self._numbers.extend((line, _MOTIONS[motion], len(self._visits)))
+        self._feeds.append(feed)
+
+    def extend(self, lines: IndexArray, motion: Motion, targets: IndexArray, feeds: FloatArray) -> None:
+        """Add k moves with one target each, given by its index; all arguments but the motion are (k,)."""
+        ends = len(self._visits) + 1 + np.arange(len(lines))
+        columns = np.broadcast_arrays(lines, _MOTIONS[motion], ends)
+        self._numbers.frombytes(np.stack(columns, axis=1).tobytes())
+        self._visits.frombytes(targets.tobytes())
+        self._feeds.frombytes(feeds.tobytes())
+
+    def to_moves(self) -> Moves:
+        """Return the moves in the order in which they were added."""
+        line, motion, ends = _reshape_rows(self._numbers, _MOVE_WIDTH)
+        (visits,) = _reshape_rows(self._visits, 1)
+        feeds = np.asarray(memoryview(self._feeds), dtype=np.float64)
+        return Moves(line, motion, ends, visits, feeds)
+
+
+class _FrameTable:
+    """Bases and tools, each once, with the numbers by which targets refer to them."""
+
+    def __init__(self) -> None:
+        """Begin without frames."""
+        # by its role (base or tool), and its name or the bytes of its pose
+        self._indices: dict[tuple[str, str | bytes], int] = {}
+        self.frames: list[FrameName] = []
+
+    def index_frames(self, frames: Frames | None) -> _FrameIndices:
+        """Return the indices of a base and a tool, which are added if they are new."""
+        if frames is None:
+            return _FrameIndices(_UNKNOWN_FRAME, _UNKNOWN_FRAME)
+        base, tool = frames
+        return _FrameIndices(self._index_frame("base", base), self._index_frame("tool", tool))
+
+    def _index_frame(self, role: str, frame: FrameName | Cause) -> int:
+        """Return the index of a frame, added if new; `_UNKNOWN_FRAME` if the frame is not known.
+
+        `role` is `base` or `tool`. Frames with a pose are the same if their poses are equal, other frames if
+        their names are.
+        """
+        if isinstance(frame, Cause):
+            return _UNKNOWN_FRAME
+        identity = frame.name if frame.pose is None else frame.pose.tobytes()
+        index = self._indices.setdefault((role, identity), len(self.frames))
+        is_new = index == len(self.frames)
+        if is_new:
+            self.frames.append(frame)
+        return index
+
+
+class _FrameIndices(NamedTuple):
+    """Base and tool of a target by their numbers in a `_FrameTable`."""
+
+    base: int  # index of the base, or _UNKNOWN_FRAME
+    tool: int  # index of the tool, or _UNKNOWN_FRAME
+
+
+class _LeftMove(NamedTuple):
+    """A move that is not corrected."""
+
+    move: ReadMove
+    cause: Cause  # why it is not corrected
 
 
 class _FurtherNumbers(NamedTuple):
@@ -191,6 +324,11 @@ class _UncorrectedMoves(NamedTuple):
     is_uncorrected: BoolArray  # (k,) mask of the moves that are not corrected
     # by the index of a move, numbers that it may get in place of the names of its targets
     own_numbers: dict[int, list[OwnNumbers]]
+
+    def add_own_numbers(self, of_moves: Mapping[int, OwnNumbers]) -> None:
+        """Note numbers that moves may get in place of the name of one more target."""
+        for move, own in of_moves.items():
+            self.own_numbers[move].append(own)
 
 
 class _MovesOfTargets:
@@ -214,6 +352,11 @@ class _MovesOfTargets:
         """Return the indices of the targets that a move visits, in its order."""
         targets: list[int] = self._moves.visits[self._begins[move] : self._moves.ends[move]].tolist()
         return targets
+
+    def list_targets_of_moves(self, moves: Iterable[int]) -> Iterator[int]:
+        """Yield the indices of the targets that moves visit, in the order of the moves."""
+        for move in moves:
+            yield from self.list_targets(move)
 
 
 class Columns:
@@ -242,24 +385,14 @@ class Columns:
         self._own_labels = {numbers.label for numbers in own}  # names of these declared targets
         self.spelled: dict[str, str] = {}  # names as the program writes them
         self._remarks: list[Remark] = []
-        self._left: list[tuple[ReadMove, Cause]] = []  # moves that are not corrected, and why
-        # Columns of targets and moves; arrays of numbers, because long programs have many
-        self._targets = array("q")  # a `_TargetRow` for each target, one after the other
-        self._names: list[str] = []  # names of the targets
-        self._labels: list[str] = []  # the same in the intermediate language, once the targets are settled
-        self._moves = array("q")  # rows of line, motion, count of visits up to the end
-        self._visits = array("q")  # indices of the targets of all moves
-        self._feeds = array("d")  # speeds of the tool's centre of all moves [mm/s]
-        # Indices of what is stored once
-        self._target_indices: dict[int, int] = {}  # by source, first number and literal, as one number
-        self._literals: dict[Literal, int] = {}
-        # each frame with its index, by its role (base or tool), and its name or the bytes of its pose
-        self._frames: dict[tuple[str, str | bytes], tuple[int, FrameName]] = {}
-        # Targets that are not corrected
+        self._left: list[_LeftMove] = []  # moves that are not corrected apart from their targets
+        self._targets, self._moves, self._frames = _TargetTable(), _MoveTable(), _FrameTable()
+        self._target_indices: dict[int, int] = {}  # by the number that `_make_key` makes of a target
+        self._literals: dict[Literal, int] = {}  # each with its index
         self._target_causes: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
         self._unfit: set[int] = set()  # those of them whose numbers themselves are the cause
         # base and tool, by index of the target and line, of moves in other frames than the first move
-        self._other_frames: dict[tuple[int, int], tuple[int, int]] = {}
+        self._other_frames: dict[tuple[int, int], _FrameIndices] = {}
 
     def restore_spelling(self, text: str, source: int, line: int) -> str:
         """Return a text with names as the program spells them near a line; quotations are not changed.
@@ -329,17 +462,16 @@ class Columns:
             cause: why the move cannot be corrected; None if it can be.
             feed: speed of the tool's centre [mm/s]; NaN if it is not known.
         """
-        has_too_many_visits = len(self._visits) + len(op.targets) > MAX_VISITS
+        has_too_many_visits = self._moves.visit_count + len(op.targets) > MAX_VISITS
         if has_too_many_visits or len(self._left) > MAX_VISITS:
             self._refuse_visits(line)
         if cause is not None:
             self._add_uncorrected_move(line, targets, frames, cause)
             return
+        indices = []
         for target, frames_of_target in zip(targets, frames, strict=True):
-            self._visits.append(self._index_target(target, frames_of_target, line))
-        end_of_visits = len(self._visits)
-        self._moves.extend((line, _MOTIONS[op.motion], end_of_visits))
-        self._feeds.append(feed)
+            indices.append(self._index_target(target, frames_of_target, line))
+        self._moves.append(line, op.motion, indices, feed)
 
     def _refuse_visits(self, line: int) -> None:
         """Refuse a program whose moves have too many targets; `line` is that of the first move too many.
@@ -371,7 +503,7 @@ class Columns:
             base = self.restore_spelling(_get_frame_name(base_of_end), 0, line)
             tool = self.restore_spelling(_get_frame_name(tool_of_end), 0, line)
         reason = self.restore_spelling(cause.reason, cause.source, cause.line or line)
-        self._left.append((ReadMove(line, names, base, tool, reason, cause.remedy), cause))
+        self._left.append(_LeftMove(ReadMove(line, names, base, tool, reason, cause.remedy), cause))
         for target in targets:
             is_named = bool(target.label)
             if is_named:
@@ -422,24 +554,16 @@ class Columns:
             frames: base and tool of all these moves.
             feeds: (k,) speeds of the tool's centre [mm/s]; NaN where they are not known.
         """
-        target_indices = len(self._names) + np.arange(len(lines))
-        if target_indices[-1] >= MAX_TARGETS:
+        if len(self._targets) + len(lines) > MAX_TARGETS:
             self._refuse_targets(int(lines[0]))
-        ends_of_visits = len(self._visits) + 1 + np.arange(len(lines))  # each move has one visit
-        if ends_of_visits[-1] > MAX_VISITS:
+        if self._moves.visit_count + len(lines) > MAX_VISITS:
             self._refuse_visits(int(lines[0]))
         (literal,) = (target for target in op.targets if isinstance(target, Literal))
-        literal_index = self._literals.setdefault(literal, len(self._literals))
-        base_frame, tool_frame = frames
-        base, tool = self._index_frame("base", base_frame), self._index_frame("tool", tool_frame)
-        # The columns have the order of `_TargetRow`; single numbers are repeated for all targets.
-        target_columns = np.broadcast_arrays(source, lines, first, lines, literal_index, base, tool)
-        self._targets.frombytes(np.stack(target_columns, axis=1).tobytes())
-        move_columns = np.broadcast_arrays(lines, _MOTIONS[op.motion], ends_of_visits)
-        self._moves.frombytes(np.stack(move_columns, axis=1).tobytes())
-        self._visits.frombytes(target_indices.tobytes())
-        self._feeds.frombytes(feeds.tobytes())
-        self._names += [""] * len(lines)
+        base, tool = self._frames.index_frames(frames)
+        # Single numbers are repeated for all targets.
+        columns = np.broadcast_arrays(source, lines, first, lines, self._index_literal(literal), base, tool)
+        targets = self._targets.extend(_TargetColumns(*columns))
+        self._moves.extend(lines, op.motion, targets, feeds)
 
     def _refuse_targets(self, line: int) -> None:
         """Refuse a program with too many targets; `line` is that of the first target too many.
@@ -460,21 +584,39 @@ class Columns:
             frames: base and tool with which the target is used; None if they are not known.
             line_of_use: line on which the target is used.
         """
-        base_frame, tool_frame = frames or (None, None)
-        base, tool = self._index_frame("base", base_frame), self._index_frame("tool", tool_frame)
-        literal = self._literals.setdefault(target.literal, len(self._literals))
-        next_index = len(self._names)
-        index = self._target_indices.setdefault(self._make_key(target, literal), next_index)
-        is_new = index == next_index
-        if is_new:
-            if index >= MAX_TARGETS:
-                self._refuse_targets(line_of_use)
-            row = _TargetRow(target.source, target.line, target.first, line_of_use, literal, base, tool)
-            self._targets.extend(row)
-            self._names.append(target.label)
+        frame_indices = self._frames.index_frames(frames)
+        literal = self._index_literal(target.literal)
+        key = self._make_key(target, literal)
+        index = self._target_indices.get(key)
+        if index is None:
+            index = self._add_target(target, literal, frame_indices, line_of_use)
+            self._target_indices[key] = index
         elif frames is not None:
-            self._compare_frames(target, index, base, tool, line_of_use)
+            self._note_further_use(target, index, frame_indices, line_of_use)
         return index
+
+    def _index_literal(self, literal: Literal) -> int:
+        """Return the index of a literal, the meaning of a target's numbers; add the literal if it is new."""
+        return self._literals.setdefault(literal, len(self._literals))
+
+    def _add_target(
+        self, target: WrittenNumbers, literal: int, frames: _FrameIndices, line_of_use: int
+    ) -> int:
+        """Add a target at its first use, and return its index.
+
+        Args:
+            target: the target.
+            literal: index of its literal.
+            frames: indices of its base and tool.
+            line_of_use: line of the first use.
+
+        Raises:
+            ProgramError: the program has too many targets.
+        """
+        if len(self._targets) >= MAX_TARGETS:
+            self._refuse_targets(line_of_use)
+        row = _TargetRow(target.source, target.line, target.first, line_of_use, literal, *frames)
+        return self._targets.append(row, target.label)
 
     def _make_key(self, target: WrittenNumbers, literal: int) -> int:
         """Return a number that is the same for the same numbers in the text, read in the same way.
@@ -486,12 +628,9 @@ class Columns:
         file_and_literal = literal * len(self._sources) + target.source
         return file_and_literal << _KEY_BITS | target.first
 
-    def _get_row(self, index: int) -> _TargetRow:
-        """Return what is stored of the target with an index."""
-        begin = _TARGET_WIDTH * index
-        return _TargetRow(*self._targets[begin : begin + _TARGET_WIDTH])
-
-    def _compare_frames(self, target: WrittenNumbers, index: int, base: int, tool: int, used: int) -> None:
+    def _note_further_use(
+        self, target: WrittenNumbers, index: int, frames: _FrameIndices, line_of_use: int
+    ) -> None:
         """Note a further use of a target: with two bases or two tools, the target cannot be corrected.
 
         The frames become those of the target if they were not known at its first use.
@@ -499,32 +638,18 @@ class Columns:
         Args:
             target: the target.
             index: its index.
-            base: index of the base of this use.
-            tool: index of the tool of this use.
-            used: line of this use.
+            frames: indices of the base and the tool of this use.
+            line_of_use: line of this use.
         """
-        row = self._get_row(index)
-        if row.base == _UNKNOWN_FRAME:
-            begin = _TARGET_WIDTH * index
-            self._targets[begin : begin + _TARGET_WIDTH] = array("q", row._replace(base=base, tool=tool))
-        elif (base, tool) != (row.base, row.tool):
+        first_use = self._targets.get(index)
+        if first_use.base == _UNKNOWN_FRAME:
+            self._targets.set_frames(index, frames.base, frames.tool)
+        elif frames != (first_use.base, first_use.tool):
             name = quote_text(target.label)
-            reason = f"target {name} is used with another base or tool on line {row.line_of_use}"
+            reason = f"target {name} is used with another base or tool on line {first_use.line_of_use}"
             remedy = "use a separate target for each base and tool: one correction cannot suit both"
-            self._target_causes.setdefault(index, Cause(used, reason, remedy))
-            self._other_frames[index, used] = base, tool
-
-    def _index_frame(self, role: str, frame: FrameName | Cause | None) -> int:
-        """Return the index of a frame, added if new; `_UNKNOWN_FRAME` if the frame is not known.
-
-        `role` is `base` or `tool`. Frames with a pose are the same if their poses are equal, other frames if
-        their names are.
-        """
-        if not isinstance(frame, FrameName):
-            return _UNKNOWN_FRAME
-        identity = frame.name if frame.pose is None else frame.pose.tobytes()
-        index, _ = self._frames.setdefault((role, identity), (len(self._frames), frame))
-        return index
+            self._target_causes.setdefault(index, Cause(line_of_use, reason, remedy))
+            self._other_frames[index, line_of_use] = frames
 
     def keep_numbers(self, target: WrittenNumbers, cause: Cause, line: int) -> None:
         """Note why the numbers of a target cannot be corrected, and stay as they are; the first cause counts.
@@ -545,13 +670,11 @@ class Columns:
         """
         self._target_indices.clear()  # its memory serves for the columns
         self._keep_used_targets(used)
-        self._labels = self._names
-        self._names = [_get_plain_name(label) if label else "" for label in self._labels]
-        self._filled = self._fill_targets(_reshape_rows(self._targets, _TARGET_WIDTH), external_axes)
-        feeds = np.asarray(memoryview(self._feeds), dtype=np.float64)
-        line, motion, ends = _reshape_rows(self._moves, _MOVE_WIDTH)
-        (visits,) = _reshape_rows(self._visits, 1)
-        self._sorted = _sort_moves(Moves(line, motion, ends, visits, feeds))
+        self._names = [_get_plain_name(label) if label else "" for label in self._targets.names]
+        self._filled = self._fill_targets(external_axes)
+        # Routines were interpreted one after the other, so that moves of nested routines are out of order.
+        self._sorted = self._moves.to_moves().sort_by_line()
+        self._moves_of_targets = _MovesOfTargets(self._sorted, len(self._filled))
         self._name_own_numbers()
 
     def _keep_used_targets(self, used: Mapping[str, At]) -> None:
@@ -564,7 +687,7 @@ class Columns:
             used: by the full name of each variable that is used so, the place of the use.
         """
         copied = {own.label: own for own in self._own}  # by the names of targets
-        for index, name in enumerate(self._names):
+        for index, name in enumerate(self._targets.names):
             if not name:  # the target is numbers in a move: nothing else can use it
                 continue
             cause = self._explain_kept_numbers(name, copied, used)
@@ -666,23 +789,33 @@ class Columns:
             can_replace_names: whether a move may get numbers in place of the name of a target that has to
                 stay. Such a move can be corrected, and does not pass the cause on to its other targets.
         """
-        moves_of_targets = _MovesOfTargets(self._sorted, len(self._filled))
         found = _UncorrectedMoves(np.zeros(len(self._sorted), dtype=np.bool_), defaultdict(list))
         kept = set(self._target_causes)  # targets whose numbers have to stay
         to_visit = [*kept]
         while to_visit:
             target = to_visit.pop()
-            for move in moves_of_targets.list_moves(target):
-                own = self._copy_numbers_to_move(target, move) if can_replace_names else None
-                if own is not None:
-                    found.own_numbers[move].append(own)
-                    continue
-                found.is_uncorrected[move] = True
-                for other in moves_of_targets.list_targets(move):
-                    if other not in kept:
-                        kept.add(other)
-                        to_visit.append(other)
+            moves = self._moves_of_targets.list_moves(target)
+            copies = self._copy_numbers_to_moves(target, moves) if can_replace_names else {}
+            found.add_own_numbers(copies)
+            uncorrected = [move for move in moves if move not in copies]
+            found.is_uncorrected[uncorrected] = True
+            for other in self._moves_of_targets.list_targets_of_moves(uncorrected):
+                if other not in kept:
+                    kept.add(other)
+                    to_visit.append(other)
         return found
+
+    def _copy_numbers_to_moves(self, target: int, moves: Iterable[int]) -> dict[int, OwnNumbers]:
+        """Return the numbers that moves get in place of a target's name, by the indices of these moves.
+
+        A move is left out if the numbers cannot take the place of the name there.
+        """
+        copies = dict[int, OwnNumbers]()
+        for move in moves:
+            own = self._copy_numbers_to_move(target, move)
+            if own is not None:
+                copies[move] = own
+        return copies
 
     def _copy_numbers_to_move(self, target: int, move: int) -> OwnNumbers | None:
         """Return the numbers that a move gets in place of a target's name, as the declaration has to stay.
@@ -694,23 +827,49 @@ class Columns:
             target: index of the target.
             move: index of the move.
         """
-        label = self._labels[target]
+        label = self._targets.names[target]
         is_named = bool(label)
         if not is_named or target in self._unfit:
             return None
         line = int(self._sorted.line[move])
-        first_file = self._sources[0]
-        declaring_file = self._sources[self._filled.source[target]]
-        first_number = int(self._filled.spans[target, 0, 0])
-        numbers = copy_numbers(self._language, declaring_file, first_number)
-        place = find_name(self._language, first_file, line, _strip_name(label))
+        numbers = self._copy_declared_numbers(target)
+        place = find_name(self._language, self._sources[0], line, _strip_name(label))
         if numbers is None or place is None or not self._fits_in_line(numbers, move):
             return None
         cause = self._target_causes.get(target, _explain_shared_target(line))
-        reason = self.restore_spelling(cause.reason, cause.source, cause.line or line)
-        name = show_text(first_file.text[place.begin : place.end])
+        return self._make_own_numbers(label, line, numbers, place, cause)
+
+    def _copy_declared_numbers(self, target: int) -> str | None:
+        """Return the text of the numbers, as in `[[100,0,50],...]`, in the declaration of a target.
+
+        Return None if the text is more than constant numbers. `target` is an index.
+        """
+        declaring_file = self._sources[self._filled.source[target]]
+        first_number = int(self._filled.spans[target, 0, 0])
+        return copy_numbers(self._language, declaring_file, first_number)
+
+    def _make_own_numbers(
+        self, label: str, line: int, numbers: str, place: NamePlace, cause: Cause
+    ) -> OwnNumbers:
+        """Return numbers that take the place of a target's name.
+
+        Args:
+            label: full name of the target.
+            line: line of the move, in the first file.
+            numbers: text of the numbers.
+            place: place of the name in the first file.
+            cause: why the numbers of the declaration have to stay.
+        """
         return OwnNumbers(
-            place.begin, place.end, name, numbers, line, label, reason, cause.remedy, other_line=cause.line
+            start=place.begin,
+            end=place.end,
+            name=show_text(self._sources[0].text[place.begin : place.end]),
+            numbers=numbers,
+            line=line,
+            label=label,
+            reason=self.restore_spelling(cause.reason, cause.source, cause.line or line),
+            remedy=cause.remedy,
+            other_line=cause.line,
         )
 
     def _fits_in_line(self, numbers: str, move: int) -> bool:
@@ -735,23 +894,29 @@ class Columns:
         Raises:
             ProgramError: no move of the program can be corrected.
         """
-        targets, moves = self._filled, self._sorted
-        is_corrected = self._find_corrected_moves(targets, moves)
-        left = sorted(self._left, key=lambda move_and_cause: move_and_cause[0].line)
-        left_moves = tuple(move for move, _ in left)
-        has_no_moves = not (left or is_corrected.any())
-        faults = self._list_faults(causes if has_no_moves else [cause for _, cause in left])
-        if has_no_moves and not faults:
-            remedy = "send a program with moves to targets given by numbers"
-            faults = [Fault(self._sources[0].name, None, "the program has no target", remedy)]
+        is_corrected = ~self._find_uncorrected_moves(can_replace_names=False).is_uncorrected
+        left = self._list_left_moves(is_corrected)
+        left_moves = tuple(each.move for each in left)
+        faults = self._list_faults([each.cause for each in left])
         if not is_corrected.any():
-            raise ProgramError(faults, left=left_moves)
+            reasons = faults if left else self._explain_no_move(causes)
+            raise ProgramError(reasons, left=left_moves)
+        targets, moves = self._filled, self._sorted
         if left:
             moves, targets = _select_moves(moves, targets, is_corrected)
         remarks = tuple(sorted(self._remarks, key=lambda remark: remark.line))
         return Program(
             self._format, self._sources, targets, moves, remarks, left_moves, tuple(faults), self._own
         )
+
+    def _explain_no_move(self, causes: Sequence[Cause]) -> list[Fault]:
+        """Return why a program has no move: its statements are not understood, or it has no target.
+
+        `causes` are those of statements that are not understood.
+        """
+        remedy = "send a program with moves to targets given by numbers"
+        no_target = Fault(self._sources[0].name, None, "the program has no target", remedy)
+        return self._list_faults(causes) or [no_target]
 
     def _list_faults(self, causes: Sequence[Cause]) -> list[Fault]:
         """Return causes as faults for the user, each fault once, in order of their lines."""
@@ -763,27 +928,35 @@ class Columns:
         reason = self.restore_spelling(cause.reason, cause.source, cause.line)
         return Fault(self._sources[cause.source].name, cause.line, reason, cause.remedy)
 
-    def _find_corrected_moves(self, targets: Targets, moves: Moves) -> BoolArray:
-        """Return a mask (k,) of the moves that can be corrected; note the other moves in `_left`.
+    def _list_left_moves(self, is_corrected: BoolArray) -> list[_LeftMove]:
+        """Return all moves that are not corrected, in order of their lines.
 
-        A move cannot be corrected if one of its targets has a cause against a correction.
+        A move may not be corrected for a reason of its own, or because of its targets: `is_corrected` (k,) is
+        the mask of the moves without such targets.
         """
-        is_uncorrected = self._find_uncorrected_moves(can_replace_names=False).is_uncorrected
-        begins = np.append(0, moves.ends[:-1])
-        for move in np.flatnonzero(is_uncorrected).tolist():
-            line = int(moves.line[move])
-            visited = moves.visits[begins[move] : moves.ends[move]].tolist()
-            cause = self._find_cause_of_move(visited, line)
-            reason = self.restore_spelling(cause.reason, 0, line)
-            if not cause.line:  # it is reported at the line of the move
-                cause = Cause(line, reason, cause.remedy)
-            end = visited[-1]  # the target at the end of the move
-            frames_of_target = (targets.base[end], targets.tool[end])
-            base, tool = self._other_frames.get((end, line), frames_of_target)
-            base_name, tool_name = targets.frames[base].name, targets.frames[tool].name
-            read_move = ReadMove(line, targets.names[end], base_name, tool_name, reason, cause.remedy)
-            self._left.append((read_move, cause))
-        return ~is_uncorrected
+        not_corrected = np.flatnonzero(~is_corrected).tolist()
+        left = [*self._left, *map(self._explain_left_move, not_corrected)]
+        return sorted(left, key=lambda each: each.move.line)
+
+    def _explain_left_move(self, index: int) -> _LeftMove:
+        """Return a move that is not corrected because of its targets, with its frames and the cause."""
+        line = int(self._sorted.line[index])
+        visited = self._moves_of_targets.list_targets(index)
+        cause = self._find_cause_of_move(visited, line)
+        reason = self.restore_spelling(cause.reason, 0, line)
+        if not cause.line:  # it is reported at the line of the move
+            cause = Cause(line, reason, cause.remedy)
+        end = visited[-1]  # the target at the end of the move
+        base, tool = self._find_frames_of_use(end, line)
+        move = ReadMove(line, self._filled.names[end], base.name, tool.name, reason, cause.remedy)
+        return _LeftMove(move, cause)
+
+    def _find_frames_of_use(self, target: int, line: int) -> tuple[FrameName, FrameName]:
+        """Return the base and the tool with which the move on a line uses a target, given by its index."""
+        targets = self._filled
+        frames_of_target = _FrameIndices(int(targets.base[target]), int(targets.tool[target]))
+        base, tool = self._other_frames.get((target, line), frames_of_target)
+        return targets.frames[base], targets.frames[tool]
 
     def _find_cause_of_move(self, visited: Sequence[int], line: int) -> Cause:
         """Return why a move is not corrected: the cause of the first of its targets, by index, that has one.
@@ -795,33 +968,35 @@ class Columns:
                 return self._target_causes[target]
         return _explain_shared_target(line)
 
-    def _fill_targets(self, columns: IndexArray, external_axes: ExternalAxes) -> Targets:
+    def _fill_targets(self, external_axes: ExternalAxes) -> Targets:
         """Return the targets with their numbers; note those that cannot be corrected because of them.
 
-        Args:
-            columns: (7, t) what is stored of all targets, in the order of `_TargetRow`.
-            external_axes: what the user states on external axes and other groups.
+        `external_axes` is what the user states on external axes and other groups.
         """
-        source, line, first, _line_of_use, literal, base, tool = columns
-        count = len(line)
-        targets = Targets(
+        columns = self._targets.to_columns()
+        targets = self._make_unread_targets(columns)
+        further = self._read_numbers(targets, columns.first)
+        self._keep_invalid_targets(targets)
+        is_changed = _find_changed_numbers(further.common)
+        self._keep_unfit_targets(is_changed, targets.line, _TOOL_CHANGES, _ONE_TABLE_EACH)
+        self._keep_displaced_targets(targets, further.axes, external_axes)
+        return targets
+
+    def _make_unread_targets(self, columns: _TargetColumns) -> Targets:
+        """Return the t targets, whose numbers are not read from the text yet: NaN, with the places −1."""
+        count = len(columns.line)
+        return Targets(
             names=self._names,
-            source=source,
-            line=line,
-            literal=literal,
+            source=columns.source,
+            line=columns.line,
+            literal=columns.literal,
             literals=list(self._literals),
-            base=base,
-            tool=tool,
-            frames=[frame for _, frame in self._frames.values()],
+            base=columns.base,
+            tool=columns.tool,
+            frames=self._frames.frames,
             values=np.full((count, _VALUES_END), np.nan),
             spans=np.full((count, _VALUES_END, 2), -1, dtype=np.int32),
         )
-        further = self._read_numbers(targets, first)
-        self._keep_invalid_targets(targets)
-        is_changed = _find_changed_numbers(further.common)
-        self._keep_unfit_targets(is_changed, line, _TOOL_CHANGES, _ONE_TABLE_EACH)
-        self._keep_displaced_targets(targets, further.axes, external_axes)
-        return targets
 
     def _read_numbers(self, targets: Targets, first: IndexArray) -> _FurtherNumbers:
         """Fill `values` and `spans` of all targets from the text, and return their further numbers.
@@ -831,16 +1006,18 @@ class Columns:
             first: (t,) index of the first number of each target's statement among those of its file.
         """
         literals, count = targets.literals, len(targets)
-        # Only as many columns as some target needs: with all of them, large programs take twice the memory.
-        axis_count = max((min(len(each.external), _MAX_AXES) for each in literals), default=0)
-        common_count = max((min(len(each.common), _MAX_COMMON) for each in literals), default=0)
-        axes, common = np.full((count, axis_count), np.nan), np.full((count, common_count), np.nan)
-        ordinals = _arrange_ordinals(literals)
+        of_values = _arrange_ordinals([_list_value_ordinals(each) for each in literals])
+        of_axes = _arrange_ordinals([each.external[:_MAX_AXES] for each in literals])
+        of_common = _arrange_ordinals([each.common[:_MAX_COMMON] for each in literals])
+        axes = np.full((count, of_axes.shape[1]), np.nan)
+        common = np.full((count, of_common.shape[1]), np.nan)
         for file, block in _divide_by_file(targets.source):
-            numbers = self._look_up_numbers(file, block, first, ordinals, targets)
-            axes_of_block = numbers[:, _VALUES_END : _VALUES_END + axis_count]
-            axes[block] = np.where(axes_of_block > _NO_AXIS, np.nan, axes_of_block)
-            common[block] = numbers[:, _AXES_END : _AXES_END + common_count]
+            statements = _NumbersOfStatements(self._numerals[file], first[block], targets.literal[block])
+            targets.values[block] = statements.read(of_values)
+            targets.spans[block] = statements.find_places(of_values)
+            axes[block] = statements.read(of_axes)
+            common[block] = statements.read(of_common)
+        axes[axes > _NO_AXIS] = np.nan
         return _FurtherNumbers(axes, common)
 
     def _keep_invalid_targets(self, targets: Targets) -> None:
@@ -868,35 +1045,6 @@ class Columns:
         has_many_axes = np.array([len(each.external) > _MAX_AXES for each in targets.literals], np.bool_)
         is_moved = is_moved | has_many_axes[targets.literal]  # further axes are not read
         self._keep_unfit_targets(is_moved, targets.line, _AXIS_MOVES, _CARRY_NOTHING)
-
-    def _look_up_numbers(
-        self, file: int, block: IndexArray, first: IndexArray, ordinals: IndexArray, targets: Targets
-    ) -> FloatArray:
-        """Look up the numbers of a block of targets in the text, and fill `targets.values` and `.spans`.
-
-        Args:
-            file: index of the file in which the numbers are.
-            block: (b,) indices of the targets.
-            first: (t,) index of the first number of each target's statement among those of the file.
-            ordinals: (literals, n) rows of `_arrange_ordinals`: for each literal, the index of each number
-                among those of the statement; -1 for a number that the literal does not have.
-            targets: all targets; the rows of the block are filled with position, orientation and
-                configuration.
-
-        Returns:
-            (b, n) all numbers of the block, with external axes; NaN for those that a target does not have.
-        """
-        numerals = self._numerals[file]
-        ordinals_of_block = ordinals[targets.literal[block]]
-        is_written = ordinals_of_block >= 0
-        indices = np.where(is_written, ordinals_of_block + first[block, None], 0)  # in the file
-        numbers = np.where(is_written, numerals.values[indices], np.nan)
-        starts = np.where(is_written, numerals.starts[indices], -1)
-        ends = np.where(is_written, numerals.ends[indices], -1)
-        targets.values[block] = numbers[:, :_VALUES_END]
-        targets.spans[block, :, 0] = starts[:, :_VALUES_END]
-        targets.spans[block, :, 1] = ends[:, :_VALUES_END]
-        return numbers
 
     def _keep_unfit_targets(self, is_unfit: BoolArray, line: IndexArray, reason: str, remedy: str) -> None:
         """Note the targets whose numbers cannot be corrected, for a reason in these numbers themselves.
@@ -934,23 +1082,52 @@ def _divide_by_file(source: IndexArray) -> Iterator[tuple[int, IndexArray]]:
             yield file, start + np.flatnonzero(source_of_block == file)
 
 
-def _arrange_ordinals(literals: Sequence[Literal]) -> IndexArray:
-    """Return where the numbers of each literal are in its statement; -1 where it has no such number.
+class _NumbersOfStatements(NamedTuple):
+    """Numbers in b statements of a file, to be read by the literals of these statements."""
 
-    A literal says what the numbers in the text of a target mean: in `{X 1,Y 2,...}`, X has the ordinal 0 and
-    Y the ordinal 1 among the numbers of the statement. The ordinals of each literal are a row of the result.
-    Its columns are position and orientation, the arm's configuration, external axes, and numbers that all
-    targets have to share.
+    numerals: Numerals  # all numbers of the file
+    first: IndexArray  # (b,) index of the first number of each statement among those of the file
+    literal: IndexArray  # (b,) index of the literal of each statement: the meaning of its numbers
+
+    def read(self, ordinals: IndexArray) -> FloatArray:
+        """Return numbers (b, n); NaN for those that a statement does not have.
+
+        `ordinals` (literals, n) say which numbers of a statement these are, by its literal; -1 for none.
+        """
+        indices = self._find_indices(ordinals)
+        return np.where(indices >= 0, self.numerals.values[indices], np.nan)
+
+    def find_places(self, ordinals: IndexArray) -> IndexArray:
+        """Return the first and last + 1 character (b, n, 2) of the numbers of `read`; -1 for none."""
+        indices = self._find_indices(ordinals)
+        places = np.stack([self.numerals.starts[indices], self.numerals.ends[indices]], axis=2)
+        return np.where(indices[:, :, None] >= 0, places, -1)
+
+    def _find_indices(self, ordinals: IndexArray) -> IndexArray:
+        """Return the index (b, n) of each number among those of the file; -1 for none."""
+        ordinals_of_statements = ordinals[self.literal]
+        is_written = ordinals_of_statements >= 0
+        return np.where(is_written, ordinals_of_statements + self.first[:, None], -1)
+
+
+def _list_value_ordinals(literal: Literal) -> list[int]:
+    """Return the ordinals of position, orientation and configuration among the numbers of a statement.
+
+    For `{X 1,Y 2,Z 3,A 4,B 5,C 6,S 2,T 10}`, these are 0 to 5, one -1 because seven numbers have a place, and
+    then 6 and 7 for the configuration, with -1 in its last places.
     """
-    ordinals = np.full((len(literals), _AXES_END + _MAX_COMMON), -1)
-    for row, literal in zip(ordinals, literals, strict=True):
-        configuration = [ordinal for _, ordinal in literal.words]
-        external, common = literal.external[:_MAX_AXES], literal.common[:_MAX_COMMON]
-        row[: len(literal.numbers)] = literal.numbers
-        row[NUMBERS : NUMBERS + len(configuration)] = configuration
-        row[_VALUES_END : _VALUES_END + len(external)] = external
-        row[_AXES_END : _AXES_END + len(common)] = common
-    return ordinals
+    numbers = [*literal.numbers, *[-1] * NUMBERS][:NUMBERS]
+    configuration = [ordinal for _, ordinal in literal.words]
+    return [*numbers, *configuration, *[-1] * WORDS][:_VALUES_END]
+
+
+def _arrange_ordinals(ordinals: Sequence[Sequence[int]]) -> IndexArray:
+    """Return lists of ordinals as rows of an array (count, n), filled with -1 up to the longest list."""
+    width = max(map(len, ordinals), default=0)
+    rows = np.full((len(ordinals), width), -1)
+    for row, ordinals_of_row in zip(rows, ordinals, strict=True):
+        row[: len(ordinals_of_row)] = ordinals_of_row
+    return rows
 
 
 def _find_external_axes(axes: FloatArray, external_axes: ExternalAxes) -> tuple[BoolArray, BoolArray]:
@@ -991,25 +1168,6 @@ def _find_changed_numbers(numbers: FloatArray) -> BoolArray:
     return np.asarray((~is_equal).any(axis=1), dtype=np.bool_)
 
 
-def _sort_moves(moves: Moves) -> Moves:
-    """Return the moves in order of their lines, with their visits.
-
-    Routines were interpreted one after the other, so that moves of nested routines were out of order.
-    """
-    order = np.argsort(moves.line, kind="stable")  # old index of each move, in the new order
-    new_index = np.empty_like(order)  # new index of each move, in the old order
-    new_index[order] = np.arange(len(order))
-    order_of_visits = np.argsort(new_index[moves.move_of_visit], kind="stable")
-    visit_counts = np.diff(moves.ends, prepend=0)  # (k,)
-    return Moves(
-        line=moves.line[order],
-        motion=moves.motion[order],
-        ends=np.cumsum(visit_counts[order]),
-        visits=moves.visits[order_of_visits],
-        feed=moves.feed[order],
-    )
-
-
 def _select_moves(moves: Moves, targets: Targets, selected: BoolArray) -> tuple[Moves, Targets]:
     """Select moves, and the targets that they visit.
 
@@ -1021,18 +1179,9 @@ def _select_moves(moves: Moves, targets: Targets, selected: BoolArray) -> tuple[
     Returns:
         The selected moves, whose visits have the new indices of the targets; the targets.
     """
-    is_selected_visit = selected[moves.move_of_visit]
-    visits = moves.visits[is_selected_visit]
-    used_targets, new_visits = np.unique(visits, return_inverse=True)
-    visit_counts = np.diff(moves.ends, prepend=0)  # (k,)
-    kept = Moves(
-        line=moves.line[selected],
-        motion=moves.motion[selected],
-        ends=np.cumsum(visit_counts[selected]),
-        visits=new_visits,
-        feed=moves.feed[selected],
-    )
-    return kept, targets.select(used_targets)
+    kept = moves.select(selected)
+    used_targets, new_visits = np.unique(kept.visits, return_inverse=True)
+    return replace(kept, visits=new_visits), targets.select(used_targets)
 
 
 def _name_other_line(own: OwnNumbers) -> str:

@@ -17,12 +17,21 @@ from robotprograms.columns import (
     get_structure_name,
     split_full_name,
 )
-from robotprograms.declarations import NOT_SET, UNKNOWN, UNREACHED, Changes, Content, Declarations, State
+from robotprograms.declarations import (
+    NOT_SET,
+    UNKNOWN,
+    UNREACHED,
+    Changes,
+    Content,
+    Declarations,
+    Entry,
+    State,
+)
 from robotprograms.errors import quote_text
 from robotprograms.language import Language, Value
 from robotprograms.notation import Numerals, calculate
-from robotprograms.places import OTHER_FILES, Place, find_place, has_whole_index
-from robotprograms.program import At, FrameName, Literal
+from robotprograms.places import OTHER_FILES, Place, has_whole_index
+from robotprograms.program import FrameName, Literal
 
 
 class Contents:
@@ -65,23 +74,29 @@ class Contents:
         can change all else, with one exception: the stored frames of the controller, and data that several
         programs share, are safe if no file of the program writes them.
         """
-        language, declarations = self._language, self._declarations
-        is_constant = name in declarations.constants or name == UNREACHED
-        if is_constant or name in self._changes.lasting:
+        language = self._language
+        if self._is_out_of_reach(name):
             return True
-        owner = split_full_name(name).owner
-        is_of_routine = owner not in {"", OTHER_FILES}
-        is_field_of_position = language.is_own(name) and "." in name
-        if is_of_routine or is_field_of_position:
-            return True
-        is_of_program = language.is_own(name) or get_structure_name(name) in declarations.private
+        is_written = bool(self._changes.find(name))
+        is_of_program = language.is_own(name) or get_structure_name(name) in self._declarations.private
         if is_of_program:
-            return not self._changes.find(name)
+            return not is_written
         if language.is_reached is None or language.is_reached(name):
             return False
-        is_stored = language.is_frame(name) or name in declarations.shared
-        is_written = bool(self._changes.find(name))
+        is_stored = language.is_frame(name) or name in self._declarations.shared
         return not (is_stored and is_written)
+
+    def _is_out_of_reach(self, name: str) -> bool:
+        """Return whether no routine of another file can change a name, whatever the program does.
+
+        So it is for constants, local variables of a routine, fields of a position of the program, such as
+        `P[1].UF`, and what this module itself keeps in states.
+        """
+        is_constant = name in self._declarations.constants
+        is_own_entry = name == UNREACHED or name in self._changes.lasting
+        is_of_routine = split_full_name(name).owner not in {"", OTHER_FILES}
+        is_field_of_position = self._language.is_own(name) and "." in name
+        return is_constant or is_own_entry or is_of_routine or is_field_of_position
 
     def evaluate(self, place: Place, name: str, value: Value, state: State) -> Content:
         """Return the content that a variable gets if a statement assigns a value to it.
@@ -101,13 +116,20 @@ class Contents:
                 return self._evaluate_stated(place, value, state)
             case ir.Element():
                 return self._evaluate_element(place, value, state)
-        # A copy of another variable, or a value that is known by its name only
-        named_value = place.qualify(value.name)
-        if not has_whole_index(named_value):
+            case _:
+                return self._evaluate_name(place, value, state)
+
+    def _evaluate_name(self, place: Place, value: ir.Copy | ir.Named, state: State) -> Content:
+        """Return the content of another variable that is copied, or the name of a value that has only a name.
+
+        Return the cause if the name has an index that is not a whole number, such as `BASE_DATA[1.5]`.
+        """
+        name = place.qualify(value.name)
+        if not has_whole_index(name):
             return place.make_cause("the number of a frame is not a whole number")
         if isinstance(value, ir.Copy):
-            return self._follow_copy(value, named_value, state)
-        return named_value
+            return self._follow_copy(value, name, state)
+        return name
 
     def _evaluate_stated(self, place: Place, value: ir.Stated, state: State) -> Content:
         """Calculate a frame whose numbers are expressions of numbers and pi; return a name for the frame.
@@ -123,13 +145,7 @@ class Contents:
         pi = self._find_pi(place, state)
         if isinstance(pi, Cause):
             return pi
-        written_numbers = (repr(place.read_number(ordinal)) for ordinal in value.ordinals)
-        calculated = list[float]()
-        for expression in value.expressions:
-            with_numbers = re.sub(ir.A_NUMBER, lambda _: next(written_numbers), expression)
-            number = calculate(re.sub(r"\bpi\b", pi, with_numbers))
-            if number is not None:
-                calculated.append(number)
+        calculated = _calculate_numbers(place, value, pi)
         name = f"{value.name} of line {place.line}"
         if len(calculated) == len(value.expressions):
             self.named[name] = FrameName(name, value.notation.to_pose(calculated))
@@ -149,7 +165,7 @@ class Contents:
         is_own_variable = is_assigned or is_local or pi in self._declarations.initial
         if not is_own_variable:
             return "pi"
-        content, _ = self.look_up(state, pi)
+        content = self.look_up(state, pi).content
         if not isinstance(content, WrittenNumbers):
             return place.make_cause("the program changes 'pi' while it runs")
         return repr(self.read_number(content))
@@ -171,17 +187,17 @@ class Contents:
             name: full name of the variable that is copied.
             state: content of each variable before the copy.
         """
-        content, _ = self.look_up(state, name)
+        content = self.look_up(state, name).content
         if not copy.indirect:
             return content
         if isinstance(content, str):  # the name of the second variable
-            content, _ = self.look_up(state, content)
+            content = self.look_up(state, content).content
         # The second variable may contain the name of a frame whose numbers are stored and may have changed.
         if isinstance(content, str) and self._language.is_frame(content):
-            content, _ = self.look_up(state, content)
+            content = self.look_up(state, content).content
         return content
 
-    def look_up(self, state: State, name: str) -> tuple[Content, At]:
+    def look_up(self, state: State, name: str) -> Entry:
         """Return the content of a name in a state, and where the statement is that set this content.
 
         The first of these contents counts: that of a constant; one that the name may get at any time; that
@@ -189,50 +205,74 @@ class Contents:
         """
         if name == UNKNOWN:  # without an unknown call, there is no cause
             return state.get(name, NOT_SET)
-        if name in self._changes.lasting:  # nothing lasts that may move targets, unless a statement says so
-            cause = self._changes.anytime.get(name)
-            return (cause, find_place(cause)) if cause else state.get(name, NOT_SET)
-        content = self._find_fixed_content(name)
-        if content is not None:
-            return content, _find_place_of_content(content)
-        may_unknown_routines_change = not self.is_protected(name)
-        content = self._changes.anytime.get(name)
-        if content is None and may_unknown_routines_change:
-            content = self._changes.anytime.get(UNKNOWN)
-        if content is None and name in state:
+        if name in self._changes.lasting:
+            return self._look_up_lasting(state, name)
+        fixed_content = self._find_fixed_content(name)
+        if fixed_content is not None:
+            return Entry.from_content(fixed_content)
+        is_protected = self.is_protected(name)
+        cause = self._find_change_at_any_time(name, is_protected=is_protected)
+        if cause is None and name in state:
             return state[name]
-        if content is None and may_unknown_routines_change and UNKNOWN in state:
-            content, _ = state[UNKNOWN]
-        content = content or self._find_initial_content(name)
+        if cause is None and not is_protected:
+            cause = state.get(UNKNOWN, NOT_SET).cause
+        content = cause or self._find_initial_content(name)
         if isinstance(content, Cause) and self._language.is_frame(name):
             content = content._replace(shows=name)
-        return content, _find_place_of_content(content)
+        return Entry.from_content(content)
+
+    def _look_up_lasting(self, state: State, name: str) -> Entry:
+        """Return the content of a name of what may last, such as force control: a cause while it is on.
+
+        Nothing lasts that may move targets, unless a statement says so.
+        """
+        cause = self._changes.anytime.get(name)
+        if cause is not None:
+            return Entry.from_content(cause)
+        return state.get(name, NOT_SET)
+
+    def _find_change_at_any_time(self, name: str, *, is_protected: bool) -> Cause | None:
+        """Return why a name may get another content at any time, for example by an interrupt; else None.
+
+        `is_protected` says whether routines of other files leave the name as it is.
+        """
+        cause = self._changes.anytime.get(name)
+        if cause is None and not is_protected:
+            cause = self._changes.anytime.get(UNKNOWN)
+        return cause
 
     def _evaluate_element(self, place: Place, value: ir.Element, state: State) -> Content:
         """Return the content of an element of a table whose number is the value of a variable.
 
-        Return the cause why the element is unknown unless the number is whole and certain. Only a variable of
-        the routine, or a constant, is certain: other programs may set any other variable.
+        Return the cause why the element is unknown unless the number is whole and certain.
 
         Args:
             place: place of the statement.
             value: name of the table with `%s` for the number, and name of the variable.
             state: content of each variable before the statement.
         """
-        variable = place.qualify(value.number)
-        content, _ = self.look_up(state, variable)
-        if isinstance(content, Cause) and content.line:
-            return content
-        is_of_routine = bool(split_full_name(variable).owner)
-        is_certain = is_of_routine or variable in self._declarations.fixed
-        if not is_certain or not isinstance(content, WrittenNumbers) or len(content.literal.numbers) != 1:
-            return place.make_cause(f"the number {quote_text(value.number)} of a frame is not certain")
-        number = self.read_number(content)
+        number = self._find_certain_number(place, value.number, state)
+        if isinstance(number, Cause):
+            return number
         if not number.is_integer():
             return place.make_cause("the number of a frame is not a whole number")
         element = value.table % f"{number:g}"
-        content_of_element, _ = self.look_up(state, element)
-        return content_of_element
+        return self.look_up(state, element).content
+
+    def _find_certain_number(self, place: Place, variable: str, state: State) -> float | Cause:
+        """Return the number that a variable contains, or the cause why the number is not certain.
+
+        Only a variable of the routine, or a constant, is certain: other programs may set any other variable.
+        """
+        name = place.qualify(variable)
+        content = self.look_up(state, name).content
+        if isinstance(content, Cause) and content.line:
+            return content
+        is_of_routine = bool(split_full_name(name).owner)
+        is_certain = is_of_routine or name in self._declarations.fixed
+        if is_certain and isinstance(content, WrittenNumbers) and len(content.literal.numbers) == 1:
+            return self.read_number(content)
+        return place.make_cause(f"the number {quote_text(variable)} of a frame is not certain")
 
     def _find_fixed_content(self, name: str) -> Content | None:
         """Return the content that a name has in all states, or None if its content depends on the state.
@@ -251,9 +291,13 @@ class Contents:
         return None
 
     def _find_initial_content(self, name: str) -> Content:
-        """Return the content of a name when the program begins.
+        """Return the content of a name when the program begins; the first one of these counts.
 
-        If a statement changes the name, the content is unknown: the program may run a second time.
+        1. What a declaration gives, unless a statement changes the name: the program may run a second time.
+        2. The frame that is active before the first line, for a name such as `$BASE`.
+        3. The cause that a statement changes the name.
+        4. The name itself, for a frame that is stored in the controller, such as `BASE_DATA[2]`.
+        5. The cause that the numbers are not given.
         """
         changes = self._changes.find(name)
         declared = None if changes else self._find_declared_content(name)
@@ -305,6 +349,19 @@ class Contents:
         return bool(np.array_equal(first.read(self._numerals), second.read(self._numerals)))
 
 
-def _find_place_of_content(content: Content) -> At:
-    """Return the place of the statement that a content names as its cause; no place for other contents."""
-    return find_place(content) if isinstance(content, Cause) else At()
+def _calculate_numbers(place: Place, value: ir.Stated, pi: str) -> list[float]:
+    """Return the values of expressions such as `pi/2`; one that cannot be calculated is left out.
+
+    Args:
+        place: place of the statement, which has the numbers of the expressions.
+        value: expressions with a sign in place of each number.
+        pi: text in place of `pi`.
+    """
+    written_numbers = (repr(place.read_number(ordinal)) for ordinal in value.ordinals)
+    calculated = list[float]()
+    for expression in value.expressions:
+        with_numbers = re.sub(ir.A_NUMBER, lambda _: next(written_numbers), expression)
+        number = calculate(re.sub(r"\bpi\b", pi, with_numbers))
+        if number is not None:
+            calculated.append(number)
+    return calculated

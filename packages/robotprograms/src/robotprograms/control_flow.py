@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass, field
 from itertools import chain
-from typing import Final
+from typing import Final, NamedTuple
 
 from robotprograms import language as ir
 from robotprograms.language import Misread, Op
@@ -34,55 +34,98 @@ class _OpenBlock:
     has_default: bool = False  # whether the block has a default branch, so that one branch is always taken
 
 
+class FlowFault(NamedTuple):
+    """Fault of an operation that does not fit, such as an end without a beginning."""
+
+    reason: str
+    remedy: str
+
+
+@dataclass(slots=True)
 class ControlFlow:
     """Control flow of a program: the operations that may follow each operation, besides the next one.
 
-    A successor that is never reached does no harm, but a missing successor would: any branch may be skipped.
-    Behind a beginning without an end, and in a routine with an end that has no beginning, no move is certain.
+    Operations are given by their indices. A successor that is never reached does no harm, but a missing
+    successor would: any branch may be skipped. Behind a beginning without an end, and in a routine with an
+    end that has no beginning, no move is certain.
     """
 
+    # successors of each operation besides the next one
+    successors: defaultdict[int, list[int]] = field(default_factory=lambda: defaultdict(list))
+    begins: dict[str, int] = field(default_factory=dict)  # beginning of each routine
+    ends: dict[int, str] = field(default_factory=dict)  # routine that ends at each operation
+    routine_of: list[str] = field(default_factory=list)  # routine of each operation
+    # operations of each routine
+    bodies: defaultdict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
+    anytime_routines: set[str] = field(default_factory=set)  # routines that may run at any time
+    shared_routines: set[str] = field(default_factory=set)  # routines that other programs may call
+    endless: set[int] = field(default_factory=set)  # ends of loops that only a jump leaves
+    faults: dict[int, FlowFault] = field(default_factory=dict)  # operations that do not fit, and why
+    # fault that makes moves uncertain, by the operation where this begins
+    uncertain: dict[int, int] = field(default_factory=dict)
+    faulty_routines: dict[str, int] = field(default_factory=dict)  # fault of each routine that has one
+
+
+def find_control_flow(ops: list[Op], names: list[str]) -> ControlFlow:
+    """Find beginning and end of all branches, loops and routines, and the labels of all jumps.
+
+    Args:
+        ops: operations in the order of the text; missing ends are appended to them.
+        names: name of each operation that is a `Flow`; empty for other operations.
+
+    Raises:
+        UnmatchedEnd: branches, loops or routines are nested too deep.
+    """
+    return _FlowFinder(ops, names).find()
+
+
+class _FlowFinder:
+    """Finder of the control flow of a program: the operations are added one after the other."""
+
     def __init__(self, ops: list[Op], names: list[str]) -> None:
-        """Find beginning and end of all branches, loops and routines, and the labels of all jumps.
+        """Begin without a control flow.
 
         Args:
             ops: operations in the order of the text; missing ends are appended to them.
             names: name of each operation that is a `Flow`; empty for other operations.
-
-        Raises:
-            UnmatchedEnd: branches, loops or routines are nested too deep.
         """
-        self.faults: dict[int, tuple[str, str]] = {}  # reason and remedy of each operation that does not fit
-        # index of the fault that makes moves uncertain, by the index of the operation where this begins
-        self.uncertain: dict[int, int] = {}
-        self.faulty_routines: dict[str, int] = {}  # index of the fault of each routine that has one
-        self.successors: defaultdict[int, list[int]] = defaultdict(list)  # successors besides the next one
-        self.begins: dict[str, int] = {}  # index of the beginning of each routine
-        self.ends: dict[int, str] = {}  # routine that ends at each index
-        self.routine_of: list[str] = []  # routine of each operation
-        self.bodies: defaultdict[str, list[int]] = defaultdict(list)  # indices of each routine's operations
-        self.anytime_routines: set[str] = set()  # routines that may run at any time
-        self.shared_routines: set[str] = set()  # routines that other programs may call
-        self.endless: set[int] = set()  # indices of the ends of loops that only a jump leaves
+        self._flow = ControlFlow()
+        self._ops, self._last = ops, len(ops) - 1  # operations of the text, and the index of the last one
         self._names = names
         self._open_blocks: list[_OpenBlock] = []  # blocks whose end was not reached yet
         self._open_routines = [""]  # routines whose end was not reached yet; "" for text outside of routines
         # indices of labels, by routine and name: a name may occur twice
         self._labels: dict[str, dict[str, list[int]]] = defaultdict(lambda: defaultdict(list))
         self._jumps: list[int] = []  # indices of jumps
-        self._ops, self._last = ops, len(ops) - 1  # operations of the text, and the index of the last one
-        for i, op in enumerate(ops):
+
+    def find(self) -> ControlFlow:
+        """Return the control flow of all operations.
+
+        Raises:
+            UnmatchedEnd: branches, loops or routines are nested too deep.
+        """
+        for i, op in enumerate(self._ops):
             if isinstance(op, ir.Flow):
                 self._add_operation(i, op)
-            self.routine_of.append(self.ends.get(i, self._open_routines[-1]))
+            self._note_routine(i)
         self._append_missing_ends()
-        for i, name in enumerate(self.routine_of):
-            self.bodies[name].append(i)
         self._link_jumps()
-        for routine, fault in self.faulty_routines.items():
-            if routine in self.begins:
-                self.uncertain[self.begins[routine]] = fault
+        self._distrust_faulty_routines()
         if self._can_continue_after_error():
             self._add_error_exits()
+        return self._flow
+
+    def _note_routine(self, i: int) -> None:
+        """Note the routine of operation i: the one that ends there, or the innermost one that is open."""
+        routine = self._flow.ends.get(i, self._open_routines[-1])
+        self._flow.routine_of.append(routine)
+        self._flow.bodies[routine].append(i)
+
+    def _distrust_faulty_routines(self) -> None:
+        """Note that no move of a routine with a fault is certain."""
+        for routine, fault in self._flow.faulty_routines.items():
+            if routine in self._flow.begins:
+                self._flow.uncertain[self._flow.begins[routine]] = fault
 
     def _can_continue_after_error(self) -> bool:
         """Return whether an error or an interrupt may end a routine at any of its operations.
@@ -90,8 +133,8 @@ class ControlFlow:
         This may happen in a program with a handler that has no name, which handles errors, and in a program
         with a `resume`, which ends the routines that a handler interrupted.
         """
-        for routine in self.anytime_routines:
-            begin = self.begins[routine]
+        for routine in self._flow.anytime_routines:
+            begin = self._flow.begins[routine]
             op = self._ops[begin]
             is_handler = isinstance(op, ir.Flow) and op.kind == "handler"
             has_name = bool(self._names[begin])
@@ -111,7 +154,7 @@ class ControlFlow:
             self._ops.append(ir.Flow(kind))
             end = len(self._ops) - 1
             self._end_block(end, kind)
-            self.routine_of.append(self.ends.get(end, self._open_routines[-1]))
+            self._note_routine(end)
 
     def _distrust_labels(self, routine: str, fault: int) -> None:
         """Note that no move behind any label of a routine is certain: text that was cut off may jump there.
@@ -120,7 +163,7 @@ class ControlFlow:
         """
         places_by_name = self._labels[routine]
         for label in chain(*places_by_name.values()):
-            self.uncertain.setdefault(label, fault)
+            self._flow.uncertain.setdefault(label, fault)
 
     def _link_jumps(self) -> None:
         """Let the program continue at its label behind each jump.
@@ -129,24 +172,24 @@ class ControlFlow:
         routine, may lead to each label of the routine. A jump in a routine without labels is a fault.
         """
         for jump in self._jumps:
-            routine, name = self.routine_of[jump], self._names[jump]
+            routine, name = self._flow.routine_of[jump], self._names[jump]
             places_by_name = self._labels[routine]
             places = places_by_name.get(name)
             if places is None:
                 places = list(chain(*places_by_name.values()))
             if not places:
                 self._note_fault(jump, routine, "the label of a jump does not exist", "write the label")
-            self.successors[jump] += places
+            self._flow.successors[jump] += places
 
     def _add_error_exits(self) -> None:
         """Let the program continue at the end of a routine behind each of the routine's operations.
 
         An error or an interrupt may occur anywhere; the caller may then continue behind the call.
         """
-        for end, routine in self.ends.items():
-            *operations_before_end, _ = self.bodies[routine]
+        for end, routine in self._flow.ends.items():
+            *operations_before_end, _ = self._flow.bodies[routine]
             for index in operations_before_end:
-                self.successors[index].append(end)
+                self._flow.successors[index].append(end)
 
     def _add_operation(self, i: int, op: ir.Flow) -> None:
         """Add operation `op`, which has index i, to the control flow.
@@ -157,14 +200,8 @@ class ControlFlow:
         Raises:
             UnmatchedEnd: the operation is nested too deep.
         """
-        begins_block = op.kind in ir.ROUTINES | ir.BLOCKS
-        if begins_block and len(self._open_blocks) >= _MAX_DEPTH:
-            reason = f"branches and loops are nested more than {_MAX_DEPTH} deep"
-            raise UnmatchedEnd(i, reason, "move inner branches and loops to routines of their own")
-        if op.kind in ir.BLOCKS:
-            self._open_blocks.append(_OpenBlock(op.kind, i))
-        elif op.kind in ir.ROUTINES:
-            self._open_blocks.append(self._begin_routine(i, op))
+        if op.kind in ir.ROUTINES | ir.BLOCKS:
+            self._begin_block(i, op)
         elif op.kind == "label":
             self._labels[self._open_routines[-1]][self._names[i]].append(i)
         elif op.kind == "jump":
@@ -175,6 +212,21 @@ class ControlFlow:
             self._leave_block(i, op.kind)
         else:
             self._end_block(i, op.kind)
+
+    def _begin_block(self, i: int, op: ir.Flow) -> None:
+        """Begin a branch, a loop or a routine at index i; its end is looked for from there on.
+
+        Raises:
+            UnmatchedEnd: it is nested too deep.
+        """
+        if len(self._open_blocks) >= _MAX_DEPTH:
+            reason = f"branches and loops are nested more than {_MAX_DEPTH} deep"
+            raise UnmatchedEnd(i, reason, "move inner branches and loops to routines of their own")
+        if op.kind in ir.ROUTINES:
+            self._begin_routine(i, op)
+            self._open_blocks.append(_OpenBlock("routine", i))
+        else:
+            self._open_blocks.append(_OpenBlock(op.kind, i))
 
     def _leave_block(self, i: int, kind: str) -> None:
         """Note that the operation with index i leaves the innermost loop or routine, or begins a round.
@@ -194,25 +246,24 @@ class ControlFlow:
                 block.exits.append(i)
             return
 
-    def _begin_routine(self, i: int, op: ir.Flow) -> _OpenBlock:
-        """Note that a routine begins at index i, and return it as a block whose end is not reached yet.
+    def _begin_routine(self, i: int, op: ir.Flow) -> None:
+        """Note that a routine begins at index i.
 
         A handler without a name gets one. A second routine of the same name gets another name, and no move of
         the two routines is certain.
         """
         name = self._names[i] or f"handler {i}"
-        if name in self.begins:
+        if name in self._flow.begins:
             reason, remedy = "a routine is defined twice", "define each routine once; send one program"
             self._note_fault(i, name, reason, remedy)
             name = f"{name} again {i}"
-            self.faulty_routines[name] = i
-        self.begins[name] = i
+            self._flow.faulty_routines[name] = i
+        self._flow.begins[name] = i
         if op.kind != "routine":  # a handler
-            self.anytime_routines.add(name)
+            self._flow.anytime_routines.add(name)
         if op.shared:
-            self.shared_routines.add(name)
+            self._flow.shared_routines.add(name)
         self._open_routines.append(name)
-        return _OpenBlock("routine", i)
 
     def _end_block(self, i: int, kind: str) -> None:
         """End a branch, a loop or a routine at index i, or begin another branch there.
@@ -244,14 +295,14 @@ class ControlFlow:
         reason = "this line ends a branch, a loop or a routine that does not begin before it"
         remedy = "write both ends of branches, loops and routines"
         may_end_routine = kind == "close_or_end"
-        is_only_first_line_missing = may_end_routine and not self.begins and i == self._last
+        is_only_first_line_missing = may_end_routine and not self._flow.begins and i == self._last
         if is_only_first_line_missing and not self._has_changes_behind_first_move(i):
-            self.faults[i] = (reason, remedy)
+            self._flow.faults[i] = FlowFault(reason, remedy)
             return
         self._note_fault(i, self._open_routines[-1], reason, remedy)
         if may_end_routine:  # an end before it may have ended a routine too early
-            for routine in self.begins:
-                self.faulty_routines.setdefault(routine, i)
+            for routine in self._flow.begins:
+                self._flow.faulty_routines.setdefault(routine, i)
 
     def _has_changes_behind_first_move(self, end: int) -> bool:
         """Return whether an operation between the first move and the index `end` may change a value.
@@ -267,12 +318,7 @@ class ControlFlow:
         return False
 
     def _end_open_block(self, i: int, kind: str, block: _OpenBlock) -> None:
-        """End the innermost block, a branch, loop or routine, at index i, or begin its next branch there.
-
-        Add to `successors` where the program may continue: behind the beginning of the block at each branch
-        or, if the block may be skipped, at its end; behind each branch, and behind jumps out of it, at its
-        end.
-        """
+        """End the innermost block, a branch, loop or routine, at index i, or begin its next branch there."""
         begins_next_branch = kind in {"branch", "default"}
         if begins_next_branch:
             block.other_branches.append(i)
@@ -280,17 +326,30 @@ class ControlFlow:
             return
         self._open_blocks.pop()
         if block.kind == "routine":
-            self.ends[i] = self._open_routines.pop()
+            self._flow.ends[i] = self._open_routines.pop()
+        self._link_branches(i, block)
+        if block.kind in ir.LOOPS:
+            self._link_rounds(i, block)
+
+    def _link_branches(self, end: int, block: _OpenBlock) -> None:
+        """Add to `successors` how the program continues at the branches and at the end of a block.
+
+        In `IF a … ELSE … ENDIF`, the line of IF may be followed by the text behind ELSE, and the line before
+        ELSE by that behind ENDIF. Jumps out of the block continue at its end, too.
+
+        Args:
+            end: index of the block's end.
+            block: branch, loop or routine.
+        """
+        successors = self._flow.successors
         # The text of a branch ends where the next one begins: from there, the program continues at the end.
         ends_of_branches = block.other_branches
         for index in (*ends_of_branches, *block.exits):
-            self.successors[index].append(i)
-        self.successors[block.begin] += block.other_branches
+            successors[index].append(end)
+        successors[block.begin] += block.other_branches
         may_be_skipped = block.kind in {"if", "switch", "loop"} and not block.has_default
         if may_be_skipped:
-            self.successors[block.begin].append(i)
-        if block.kind in ir.LOOPS:
-            self._link_rounds(i, block)
+            successors[block.begin].append(end)
 
     def _link_rounds(self, end: int, loop: _OpenBlock) -> None:
         """Let each round of a loop continue with the next one, from the loop's end and from jumps to it.
@@ -300,20 +359,21 @@ class ControlFlow:
             loop: the loop; `loop.repetitions` are the indices of jumps to the next round.
         """
         for index in (end, *loop.repetitions):
-            self.successors[index].append(loop.begin)
+            self._flow.successors[index].append(loop.begin)
         has_condition_at_end = loop.kind == "repeat"
         if has_condition_at_end:  # so that a jump to the next round may also leave the loop
             for index in loop.repetitions:
-                self.successors[index].append(end)
+                self._flow.successors[index].append(end)
         if loop.kind == "forever":
-            self.endless.add(end)
+            self._flow.endless.add(end)
 
     def _note_fault(self, i: int, routine: str, reason: str, remedy: str) -> None:
         """Note that operation i does not fit, so that no move of the routine is certain."""
-        self.faults.setdefault(i, (reason, remedy))
-        self.faulty_routines.setdefault(routine, i)
+        self._flow.faults.setdefault(i, FlowFault(reason, remedy))
+        self._flow.faulty_routines.setdefault(routine, i)
 
     def _note_missing_end(self, block: _OpenBlock) -> None:
         """Note that a branch or a loop has no end, so that no move behind its beginning is certain."""
-        self.faults.setdefault(block.begin, ("a branch or a loop has no end", "write its end"))
-        self.uncertain.setdefault(block.begin, block.begin)
+        fault = FlowFault("a branch or a loop has no end", "write its end")
+        self._flow.faults.setdefault(block.begin, fault)
+        self._flow.uncertain.setdefault(block.begin, block.begin)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass, field
 from sys import intern
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 from robotprograms import language as ir
 from robotprograms.columns import (
@@ -17,7 +17,7 @@ from robotprograms.columns import (
     split_full_name,
 )
 from robotprograms.language import Name, Value
-from robotprograms.places import Place
+from robotprograms.places import Place, find_place
 from robotprograms.program import At, Literal
 
 UNKNOWN: Final = "\0everything"
@@ -27,9 +27,29 @@ UNREACHED: Final = "\0never"
 
 Content: TypeAlias = WrittenNumbers | Cause | str
 """Content of a variable: numbers, the cause why the numbers are unknown, or the name of another value."""
-State: TypeAlias = "dict[str, tuple[Content, At]]"
-"""Content of each name, and where the statement is that set this content."""
-NOT_SET: Final = ("", At())
+
+
+class Entry(NamedTuple):
+    """Content of a variable at some point of the program."""
+
+    content: Content
+    place: At  # place of the statement that set the content; no place for a content that none set
+
+    @classmethod
+    def from_content(cls, content: Content) -> Entry:
+        """Return the entry of a content whose place is known for a cause only: that of its statement."""
+        place = find_place(content) if isinstance(content, Cause) else At()
+        return cls(content, place)
+
+    @property
+    def cause(self) -> Cause | None:
+        """Cause why the content is unknown; None if it is known."""
+        return self.content if isinstance(self.content, Cause) else None
+
+
+State: TypeAlias = dict[str, Entry]
+"""Contents of all variables at some point of the program, by their full names."""
+NOT_SET: Final = Entry("", At())
 """Entry of a state for a name that no statement has set."""
 Fields: TypeAlias = tuple[tuple[str, Content], ...]
 """Endings of the names of a position's fields, each with its content."""

@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from robotprograms import language as ir
-from robotprograms.calls import Calls
+from robotprograms.calls import Calls, Work
 from robotprograms.columns import Cause
 from robotprograms.control_flow import ControlFlow
-from robotprograms.declarations import UNKNOWN, State
-from robotprograms.places import Place, find_place
+from robotprograms.declarations import UNKNOWN, Entry, State
+from robotprograms.places import Place
 from robotprograms.statements import Statements
+
+
+class FollowedProgram(NamedTuple):
+    """A program, and what is known of it before its execution is followed."""
+
+    statements: Statements  # operations, declarations and uses of names
+    flow: ControlFlow  # operations that may follow each operation
+    faults: dict[int, Cause]  # why operations do not fit, by their indices
+    calls: Calls  # routines that a call may start
+    effects: Effects  # what an operation changes in the contents of variables
+    work: Work  # count of the steps by which the program is followed
 
 
 class Effects:
@@ -65,7 +78,9 @@ class Effects:
         # Force control and the like count while they are on, as a cause against moves: any other content
         # means that they are off.
         is_switched_off = name in self._changes.lasting and not isinstance(content, Cause)
-        state[name] = ("" if is_switched_off else content, place.at)
+        if is_switched_off:
+            content = ""
+        state[name] = Entry(content, place.at)
 
     def _call_unknown_routines(self, state: State, op: ir.Call, place: Place) -> None:
         """Forget what unknown routines may change that a call starts; without such routines, do nothing.
@@ -88,7 +103,7 @@ class Effects:
             return
         self._forget_names(state, cause)
         if op.may_last:  # the routine may also have switched force control or the like on
-            state[ir.MODE] = (cause, find_place(cause))
+            state[ir.MODE] = Entry.from_content(cause)
 
     def _make_unknown(self, state: State, op: ir.MakeUnknown, place: Place) -> None:
         """Give variables the cause why they are unknown as their content in a state.
@@ -99,7 +114,7 @@ class Effects:
         if not op.names:
             self._forget_names(state, cause)
         for name in self._list_made_unknown(op, place):
-            state[name] = (cause, place.at)
+            state[name] = Entry(cause, place.at)
 
     def _forget_names(self, state: State, cause: Cause) -> None:
         """Remove the names that an unknown routine may change from a state, and store the cause there.
@@ -109,4 +124,4 @@ class Effects:
         forgotten = [name for name in state if not self._contents.is_protected(name)]
         for name in forgotten:
             del state[name]
-        state[UNKNOWN] = (cause, find_place(cause))
+        state[UNKNOWN] = Entry.from_content(cause)

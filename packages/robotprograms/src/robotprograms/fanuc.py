@@ -182,7 +182,7 @@ class _PositionsOfMove(NamedTuple):
     """Positions of a move such as `C P[1] P[2] 100mm/sec FINE`, and the text behind them."""
 
     # where the numbers n of its positions P[n] are, as indices among the numbers of the statement
-    ordinals: list[int]
+    ordinals: tuple[int, ...]
     tail: Line  # text behind the first position, without Skip and the second position: `100mm/sec FINE`
 
 
@@ -195,26 +195,44 @@ def _translate_move(line: Line) -> list[Op]:
     Raises:
         Misread: the number of positions is wrong, or the text behind them may be a further statement.
     """
+    positions = _read_positions(line)
     skip = _SKIP.search(line["tail"])
-    ordinals, tail = _read_positions(line)
-    # A position states its own base UF and tool UT, which have to be active.
-    move = ir.Move(
-        _MOTIONS[line["letter"]],
-        targets=tuple(ir.NumberedName("P[%s]", ordinal) for ordinal in ordinals),
-        bases=tuple(ir.Copy(ir.NumberedName("P[%s].UF", ordinal), indirect=True) for ordinal in ordinals),
-        tools=tuple(ir.Copy(ir.NumberedName("P[%s].UT", ordinal), indirect=True) for ordinal in ordinals),
-        matched_frames=("UFRAME_NUM", "UTOOL_NUM"),
-        reason=_explain_tail(line, tail, may_be_skipped=skip is not None),
-        remedy=_REMEDY,
-        feed=_read_feed(tail),
-    )
-    programs_called_near_target = re.findall(r"\bCALL ?(\w++)", tail.text.upper())
-    calls = [ir.Call(name, anytime=True, event=name) for name in programs_called_near_target]
+    reason = _explain_tail(line, positions.tail, may_be_skipped=skip is not None)
+    move = _make_move(_MOTIONS[line["letter"]], positions, reason)
+    ops = [*_list_calls_near_target(positions.tail), move]
     if skip is None:
-        return [*calls, move]
+        return ops
     # `Skip,LBL[5]`: the program continues at the label if the condition of Skip is not met.
     label = line.part("tail").cut(*skip.span("label"))
-    return [*calls, move, *ir.make_skippable([_jump_to(label)])]
+    return [*ops, *ir.make_skippable([_jump_to(label)])]
+
+
+def _make_move(motion: Motion, positions: _PositionsOfMove, reason: str) -> ir.Move:
+    """Return a move to positions P[n]; with a reason, it is not corrected.
+
+    Each position states its own base P[n].UF and tool P[n].UT, which have to be active (`matched_frames`).
+    """
+    targets, bases, tools = list[ir.Name](), list[ir.Value](), list[ir.Value]()
+    for ordinal in positions.ordinals:
+        targets.append(ir.NumberedName("P[%s]", ordinal))
+        bases.append(ir.Copy(ir.NumberedName("P[%s].UF", ordinal), indirect=True))
+        tools.append(ir.Copy(ir.NumberedName("P[%s].UT", ordinal), indirect=True))
+    return ir.Move(
+        motion,
+        tuple(targets),
+        tuple(bases),
+        tuple(tools),
+        matched_frames=("UFRAME_NUM", "UTOOL_NUM"),
+        reason=reason,
+        remedy=_REMEDY,
+        feed=_read_feed(positions.tail),
+    )
+
+
+def _list_calls_near_target(tail: Line) -> list[Op]:
+    """Return the calls of programs near the target of a move, as in `TB .10sec,CALL GRIP` behind it."""
+    names = re.findall(r"\bCALL ?(\w++)", tail.text.upper())
+    return [ir.Call(name, anytime=True, event=name) for name in names]
 
 
 def _explain_tail(line: Line, tail: Line, *, may_be_skipped: bool) -> str:
@@ -245,23 +263,35 @@ def _read_positions(line: Line) -> _PositionsOfMove:
     Raises:
         Misread: an arc has one position, or another move has two.
     """
-    tail = line.part("tail")
-    ordinals = [line.ordinals[0]]
+    first, second, tail = line.ordinals[0], line.part("second"), line.part("tail")
     is_arc = line["letter"] == "C"
-    is_second_behind_offset = is_arc and not line["second"]
-    part, before = (tail, f"{_OFFSETS} ?") if is_second_behind_offset else (line.part("second"), " ?")
-    found = re.search(rf"{before}(?P<position>P\[\0\])", part.text)
-    if (found is not None) != is_arc:
+    if is_arc and not second.text:
+        second, tail = _cut_out_second_position(tail)
+    has_second = second.text != ""
+    if has_second != is_arc:
         need = "an arc needs two positions, the second one on the next line"
         raise Misread(f"{need}; any other move needs one position")
-    if found:
-        second = found.span("position")
-        ordinals += part.cut(*second).ordinals
-        if is_second_behind_offset:
-            tail = tail.substitute(*second, " ")
-    for skip in reversed([*_SKIP.finditer(tail.text)]):
+    return _PositionsOfMove((first, *second.ordinals), _remove_skips(tail))
+
+
+def _cut_out_second_position(tail: Line) -> tuple[Line, Line]:
+    """Cut the position P[2] out of the text `Offset,PR[1] P[2] 100mm/sec FINE`.
+
+    Returns:
+        The position, which is empty if there is none behind an offset; the text without it.
+    """
+    found = re.search(rf"{_OFFSETS} ?(?P<position>P\[\0\])", tail.text)
+    if found is None:
+        return tail.cut(0, 0), tail
+    begin, end = found.span("position")
+    return tail.cut(begin, end), tail.substitute(begin, end, " ")
+
+
+def _remove_skips(tail: Line) -> Line:
+    """Return the text behind the positions of a move without `Skip,LBL[5]`."""
+    for skip in reversed([*_SKIP.finditer(tail.text)]):  # the last one first: places before it stay the same
         tail = tail.substitute(*skip.span(), "")
-    return _PositionsOfMove(ordinals, tail)
+    return tail
 
 
 def _read_feed(tail: Line) -> ir.Feed | None:
@@ -430,13 +460,26 @@ def _declare_position(line: Line) -> list[Op]:
         target = _read_arm_position(groups)
     except Misread as fault:
         return [ir.MakeUnknown(frozenset({name}), fault.reason, fault.remedy)]
-    ops: list[Op] = [ir.Assign(name, target, "variable")]
-    for kind, active in (("UF", "UFRAME_NUM"), ("UT", "UTOOL_NUM")):
-        ordinals = groups.of_arm[kind].ordinals
-        has_number = bool(ordinals)  # else it is `F`, which means the active frame
-        frame = ir.NumberedName(f"{kind} %s", ordinals[0]) if has_number else active
-        ops.append(ir.Assign(line.fill_name(f"P[%s].{kind}"), ir.Named(frame), "constant"))
-    return ops
+    base = _name_frame("UF", groups.of_arm["UF"], "UFRAME_NUM")
+    tool = _name_frame("UT", groups.of_arm["UT"], "UTOOL_NUM")
+    return [
+        ir.Assign(name, target, "variable"),
+        ir.Assign(line.fill_name("P[%s].UF"), base, "constant"),
+        ir.Assign(line.fill_name("P[%s].UT"), tool, "constant"),
+    ]
+
+
+def _name_frame(kind: str, field: _Field, active: str) -> ir.Named:
+    """Return the frame that a field of a position names: `UF 1` for `UF : 1`, the active one for `UF : F`.
+
+    Args:
+        kind: UF (base) or UT (tool).
+        field: the field, with the number of the frame or the letter F.
+        active: name of the active frame of this kind.
+    """
+    if field.ordinals:
+        return ir.Named(ir.NumberedName(f"{kind} %s", field.ordinals[0]))
+    return ir.Named(active)
 
 
 class _Groups(NamedTuple):
@@ -456,20 +499,32 @@ def _split_groups(line: Line) -> _Groups:
     fields_of_group = dict[str, _Fields]()
     group = _ARM
     ordinals = iter(line.ordinals[1:])  # without that of n
-    place, end = line.text.index("{") + 1, len(line.text) - len("};")
-    while place < end:
-        match = _FIELD.match(line.text, place)  # `GP1:`, which begins a group, or a field with its name
-        if match is None:
-            raise Misread("a field of the position is unknown", _RECORD_AGAIN)
-        place = match.end()
+    for match in _match_fields(line.text):
+        name, begins_group = match["name"], match["group"] is not None
         group = match["group"] or group
         fields = fields_of_group.setdefault(group, {})
-        name, begins_group = match["name"], match["group"] is not None
         if name in fields or (begins_group and fields):
             raise Misread("a field or a group occurs twice in a position", _RECORD_AGAIN)
         if name:
             fields[name] = _make_field(match, ordinals)
     return _Groups(fields_of_group.get(_ARM, {}), _list_ordinals_of_others(fields_of_group))
+
+
+def _match_fields(position: str) -> Iterator[re.Match[str]]:
+    """Yield the parts of a position between its braces: each is a field such as `UF:1`, or a head `GP1:`.
+
+    A head has the number `group`, a field has a `name`.
+
+    Raises:
+        Misread: a part is neither a field nor a head.
+    """
+    place, end = position.index("{") + 1, len(position) - len("};")
+    while place < end:
+        match = _FIELD.match(position, place)
+        if match is None:
+            raise Misread("a field of the position is unknown", _RECORD_AGAIN)
+        yield match
+        place = match.end()
 
 
 def _make_field(match: re.Match[str], ordinals: Iterator[int]) -> _Field:
@@ -495,31 +550,53 @@ def _list_ordinals_of_others(fields_of_group: Mapping[str, _Fields]) -> tuple[in
 def _read_arm_position(groups: _Groups) -> Literal:
     """Return the target of the arm that a position states: X, Y, Z, W, P, R or joint angles J1 ... J6.
 
-    The numbers of other groups of axes count as external axes, and so do E1, E2 and so on.
-
     Raises:
         Misread: the position was not recorded, is incomplete, or is not in mm and degrees.
     """
     fields = groups.of_arm
     _refuse_incomplete_position(fields)
+    coordinates = _read_coordinates(fields)
+    configuration = fields.get("CONFIG", _Field())
+    return Literal(
+        coordinates.notation,
+        coordinates.ordinals,
+        external=_list_external_axes(groups),
+        words=_read_turns(configuration),
+        letters=_read_letters(configuration),
+    )
+
+
+class _Coordinates(NamedTuple):
+    """Coordinates of the arm that a position states."""
+
+    notation: Notation  # POSE, or JOINTS for joint angles
+    ordinals: tuple[int, ...]  # of the six numbers
+
+
+def _read_coordinates(fields: _Fields) -> _Coordinates:
+    """Read the coordinates of the arm from its fields, such as `X = 100.0 mm` and `W = 180.0 deg`.
+
+    Raises:
+        Misread: the fields are neither X, Y, Z, W, P, R nor J1 ... J6, or not in mm and degrees.
+    """
     for notation, names, units in _FIELDS:
-        numbers = [fields.get(name, _Field()) for name in names]
-        if not all(number.ordinals for number in numbers):
+        stated = [fields.get(name, _Field()) for name in names]
+        if not all(field.ordinals for field in stated):
             continue
-        if [number.text for number in numbers] != units.split():
+        if [field.text for field in stated] != units.split():
             remedy = "write the program with the controller set to mm"
             raise Misread("the position is not in mm and deg", remedy)
-        axes = [fields[name] for name in sorted(fields) if re.fullmatch(r"E\d", name)]
-        external_axes = tuple(ordinal for axis in axes for ordinal in axis.ordinals)
-        configuration = fields.get("CONFIG", _Field())
-        return Literal(
-            notation,
-            tuple(number.ordinals[0] for number in numbers),
-            external_axes + groups.ordinals_of_others,
-            _read_turns(configuration),
-            _read_letters(configuration),
-        )
+        return _Coordinates(notation, tuple(field.ordinals[0] for field in stated))
     raise Misread("the position is neither X, Y, Z, W, P, R nor J1 ... J6", _RECORD_AGAIN)
+
+
+def _list_external_axes(groups: _Groups) -> tuple[int, ...]:
+    """Return the ordinals of the external axes of a position: E1, E2 and so on, and all other groups."""
+    ordinals = list[int]()
+    for name in sorted(groups.of_arm):
+        if re.fullmatch(r"E\d", name):
+            ordinals += groups.of_arm[name].ordinals
+    return (*ordinals, *groups.ordinals_of_others)
 
 
 def _refuse_incomplete_position(fields: _Fields) -> None:
@@ -594,9 +671,9 @@ def _add_main_program(statements: Statements, source: Source) -> None:
         ProgramError: a section is missing or misplaced, or a line is not in the controller's form.
     """
     sections = _find_sections(statements, 0, source)
-    starts, ends = _find_positions(statements, source, sections)
+    starts, ends = _find_positions(statements, source, sections).to_arrays()
     statements.add_statements(0, starts, ends, translate=_POSITION_LANGUAGE.translate)
-    starts, ends = _spans_to_arrays(sections.instructions)
+    starts, ends = sections.instructions.to_arrays()
     statements.add_statements(0, starts, ends)
     if _FOLLOWS_CONVEYOR.search(source.text, 0, sections.end_of_head):
         reason = "the program follows a conveyor: its targets move with the conveyor's frame"
@@ -611,7 +688,7 @@ def _add_called_program(statements: Statements, index: int, source: Source) -> N
     """
     sections = _find_sections(statements, index, source)
     is_for_other_groups = _OTHER_GROUPS.search(source.text, 0, sections.end_of_head) is not None
-    starts, ends = _spans_to_arrays(sections.instructions)
+    starts, ends = sections.instructions.to_arrays()
     translate = _translate_other_groups if is_for_other_groups else None
     statements.add_statements(index, starts, ends, translate=translate)
 
@@ -636,13 +713,57 @@ def _translate_other_groups(masked: str) -> list[tuple[int, Op]]:
     return ops
 
 
+class _Spans:
+    """Places of statements in a file, in its order."""
+
+    def __init__(self) -> None:
+        """Begin without statements."""
+        self._borders = array("q")  # first and last + 1 character of each statement, one after the other
+
+    def add(self, start: int, end: int) -> None:
+        """Add a statement by its first and its last + 1 character."""
+        self._borders.extend((start, end))
+
+    def extend_last(self, end: int) -> None:
+        """Let the last statement end with the character before the index `end`."""
+        self._borders[-1] = end
+
+    def read_last(self, text: str) -> str | None:
+        """Return the last statement, which is a part of the text of the file; None if there is none."""
+        return text[self._borders[-2] : self._borders[-1]] if self._borders else None
+
+    def to_arrays(self) -> tuple[IndexArray, IndexArray]:
+        """Return the first character (k,) and the last + 1 character (k,) of each statement."""
+        starts, ends = np.asarray(memoryview(self._borders), dtype=np.intp).reshape(-1, 2).T
+        return starts, ends
+
+
+class _LineOfFile(NamedTuple):
+    """Line of a file."""
+
+    number: int  # 1 for the first line
+    start: int  # index of its first character
+    text: str  # without the end of the line
+
+    @property
+    def end(self) -> int:
+        """Index behind its last character."""
+        return self.start + len(self.text)
+
+
+def _list_lines(source: Source) -> Iterator[_LineOfFile]:
+    """Yield the lines of a file."""
+    spans = zip(iterate_integers(source.starts), iterate_integers(source.ends), strict=True)
+    for number, (start, end) in enumerate(spans, 1):
+        yield _LineOfFile(number, start, source.text[start:end].rstrip("\r\n"))
+
+
 class _Sections(NamedTuple):
     """Sections of a file, such as /MN."""
 
     heads: dict[str, int]  # index behind the head of each section, by its name
-    # first and last + 1 character of each instruction, one after the other; the heads of /PROG and /POS,
-    # where the program begins and ends, are instructions, too
-    instructions: array[int]
+    # the lines of /MN, and the heads of /PROG and /POS, where the program begins and ends
+    instructions: _Spans
 
     @property
     def end_of_head(self) -> int:
@@ -662,28 +783,35 @@ def _find_sections(statements: Statements, index: int, source: Source) -> _Secti
         source: the file.
 
     Raises:
-        ProgramError: a section is missing or misplaced.
+        ProgramError: a section is missing or misplaced, or there is text behind the last one.
     """
-    heads = dict[str, int]()
+    heads, instructions = dict[str, int](), _Spans()
     section = ""  # the present one
-    instructions = array("q")
-    lines = zip(iterate_integers(source.starts), iterate_integers(source.ends), strict=True)
-    for line, (start, end) in enumerate(lines, 1):
-        text = source.text[start:end].rstrip("\r\n")
-        if head := _SECTION.match(text):
+    for line in _list_lines(source):
+        if head := _SECTION.match(line.text):
             section = head["name"]
-            _refuse_misplaced_section(statements, index, line, section, heads)
-            heads[section] = start + len(text)
+            _refuse_misplaced_section(statements, index, line.number, section, heads)
+            heads[section] = line.end
             begins_or_ends_program = section in {"PROG", "POS"} and "PROG" in heads
             if begins_or_ends_program:
-                instructions.extend((start, start + len(text)))
-        elif section == "END" and text.strip():
-            remedy = "send each program as a file of its own"
-            statements.refuse(line, "there is text after /END", remedy, index)
-        elif section == "MN" and text.strip():
-            _add_instruction(source, instructions, start, text)
+                instructions.add(line.start, line.end)
+        elif section == "END":
+            _refuse_text_behind_end(statements, index, line)
+        elif section == "MN":
+            _add_instruction(source, instructions, line)
     _check_sections(statements, index, heads)
     return _Sections(heads, instructions)
+
+
+def _refuse_text_behind_end(statements: Statements, index: int, line: _LineOfFile) -> None:
+    """Refuse a line behind /END in the file with this index, unless the line is blank.
+
+    Raises:
+        ProgramError: the line has a text.
+    """
+    if line.text.strip():
+        remedy = "send each program as a file of its own"
+        statements.refuse(line.number, "there is text after /END", remedy, index)
 
 
 def _refuse_misplaced_section(
@@ -717,77 +845,51 @@ def _check_sections(statements: Statements, index: int, sections: Collection[str
         statements.refuse(None, reason, "send the whole program", index)
 
 
-def _spans_to_arrays(spans: array[int]) -> tuple[IndexArray, IndexArray]:
-    """Return the starts (k,) and the ends (k,) of spans, which are stored one after the other."""
-    starts, ends = np.asarray(memoryview(spans), dtype=np.intp).reshape(-1, 2).T
-    return starts, ends
-
-
-def _add_instruction(source: Source, spans: array[int], start: int, text: str) -> None:
-    """Add a line of /MN, such as `  12:L P[1] 100mm/sec FINE ;`, to the instructions.
+def _add_instruction(source: Source, instructions: _Spans, line: _LineOfFile) -> None:
+    """Add a line of /MN, such as `  12:L P[1] 100mm/sec FINE ;`, to the instructions of a file.
 
     The instruction is the text behind the number and the colon. A line without a number, such as
-    `    :  P[2] 100mm/sec FINE ;`, continues an instruction before it that has no semicolon at its end.
-    Comments are left out. A line in another form is an instruction of its own, which is not understood.
-
-    Args:
-        source: the file.
-        spans: first and last + 1 character of each instruction so far, one after the other.
-        start: first character of the line.
-        text: the line.
+    `    :  P[2] 100mm/sec FINE ;`, continues an instruction before it that has no semicolon at its end. A
+    line in another form is an instruction of its own, which is not understood. Comments, blank lines, and
+    lines `--` that end a block of logic are left out.
     """
-    ends_block_of_logic = text.lstrip().startswith("--")
-    if ends_block_of_logic:
-        return
-    end = start + len(text)
-    head = _LINE.match(text)  # the number of the line, which may be missing, and the colon
-    has_form_of_controller = head is not None or _SECOND_POSITION.match(text) is not None
-    if not has_form_of_controller:
-        spans.extend((start, end))
-        return
+    head = _LINE.match(line.text)  # the number of the line, which may be missing, and the colon
     begin_of_body = head.end() if head else 0
-    is_comment = text[begin_of_body:].lstrip().startswith(("!", "//", "--"))
-    if is_comment:
+    has_form_of_controller = head is not None or _SECOND_POSITION.match(line.text) is not None
+    is_comment = line.text[begin_of_body:].lstrip().startswith(("!", "//", "--"))
+    is_left_out = line.text.lstrip().startswith("--") or (has_form_of_controller and is_comment)
+    if is_left_out or not line.text.strip():
         return
     has_number = head is not None and head["number"] != ""
-    if has_number or _is_last_complete(source, spans):
-        spans.extend((start + begin_of_body, end))
+    is_instruction_of_its_own = has_number or not has_form_of_controller
+    if is_instruction_of_its_own or _is_last_complete(source, instructions):
+        instructions.add(line.start + begin_of_body, line.end)
     else:  # the line continues the last instruction
-        spans[-1] = end
+        instructions.extend_last(line.end)
 
 
-def _is_last_complete(source: Source, spans: array[int]) -> bool:
-    """Return whether the last instruction ends with a semicolon, or there is none so far.
-
-    `spans` has first and last + 1 character of each instruction, one after the other.
-    """
-    if not spans:
-        return True
-    last_instruction = source.text[spans[-2] : spans[-1]]
-    return last_instruction.rstrip().endswith(";")
+def _is_last_complete(source: Source, instructions: _Spans) -> bool:
+    """Return whether the last instruction of a file ends with a semicolon, or there is none so far."""
+    last_instruction = instructions.read_last(source.text)
+    return last_instruction is None or last_instruction.rstrip().endswith(";")
 
 
-def _find_positions(
-    statements: Statements, source: Source, sections: _Sections
-) -> tuple[IndexArray, IndexArray]:
+def _find_positions(statements: Statements, source: Source, sections: _Sections) -> _Spans:
     """Find the positions in the section /POS, such as `P[1:"home"]{ GP1: ... };`.
-
-    Returns:
-        (k,) first character of each position; (k,) last character + 1 of each position.
 
     Raises:
         ProgramError: there is a text between positions, or a position has no end.
     """
     begin, end = sections.heads["POS"], sections.heads["END"] - len("/END")
-    spans = array("q")
+    positions = _Spans()
     # The section is read as pieces: each is a text from a letter P to the next `};`, or another text.
     for piece in _POSITION.finditer(source.text, begin, end):
         position = piece["position"]  # None for another text
         if position is None or not _BEGIN_OF_POSITION.match(position):
             reason = f"{quote_text(piece[0])} between positions is unknown or has no end"
             statements.refuse(source.find_line(piece.start()), reason, _RECORD_AGAIN)
-        spans.extend(piece.span())
-    return _spans_to_arrays(spans)
+        positions.add(*piece.span())
+    return positions
 
 
 LANGUAGE: Final = ir.Language(

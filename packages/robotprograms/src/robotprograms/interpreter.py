@@ -12,15 +12,16 @@ moves        moves in their states; frames: their bases and tools
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from robotprograms import language as ir
 from robotprograms.calls import Calls, Work
 from robotprograms.collecting import ChangeCollector
 from robotprograms.columns import Cause, Columns
-from robotprograms.control_flow import ControlFlow, UnmatchedEnd
-from robotprograms.effects import Effects
+from robotprograms.control_flow import ControlFlow, UnmatchedEnd, find_control_flow
+from robotprograms.effects import Effects, FollowedProgram
 from robotprograms.errors import quote_text
 from robotprograms.language import Language
 from robotprograms.moves import MoveRecorder
@@ -75,16 +76,11 @@ def interpret(
     work = Work(statements.refuse)
     calls = Calls(flow, statements.changes, work, permissions.allowed, trusted=permissions.trusts_routines)
     effects = Effects(statements, flow, calls)
-    # First without regard to the order of execution: which names can change, and by what.
-    collector = ChangeCollector(statements, flow, calls, effects, faults)
-    collector.collect()
+    program = FollowedProgram(statements, flow, faults, calls, effects, work)
+    routines = _collect_changes(program)
     moves = MoveRecorder(statements, flow, calls)
     moves.collect_targets()
-    # Then along all paths of execution: what names contain at each move.
-    bodies = _list_bodies(flow, collector.unread)
-    liveness = TrafficFinder(statements, calls, effects).find_liveness(bodies, flow)
-    propagation = Propagation(statements, flow, calls, effects, faults, work, liveness, moves.record)
-    propagation.run(bodies, collector.callers)
+    _follow_execution(program, routines, moves)
     moves.trace_uses()
     moves.remark_conditions()
     moves.note_assumption()
@@ -92,9 +88,32 @@ def interpret(
     return Interpretation(statements.columns, statements.uses.used, statements.changes.causes)
 
 
-def _list_bodies(flow: ControlFlow, unread: Collection[int]) -> dict[str, list[int]]:
-    """Return the indices of the operations of each routine, without those that change unread names only."""
-    return {routine: [i for i in body if i not in unread] for routine, body in flow.bodies.items()}
+class _ChangedRoutines(NamedTuple):
+    """Routines of a program, as far as they can matter for moves."""
+
+    bodies: dict[str, list[int]]  # operations of each routine, by index, that can matter for moves
+    callers: Mapping[str, Set[str]]  # routines that call each routine
+
+
+def _collect_changes(program: FollowedProgram) -> _ChangedRoutines:
+    """Find which names can change, and by what, without regard to the order of execution.
+
+    The changes are noted in the statements. Operations that change only names which nothing reads, such as
+    counters, are left out of the routines.
+    """
+    collector = ChangeCollector(program)
+    collector.collect()
+    bodies = {}
+    for routine, body in program.flow.bodies.items():
+        bodies[routine] = [i for i in body if i not in collector.unread]
+    return _ChangedRoutines(bodies, collector.callers)
+
+
+def _follow_execution(program: FollowedProgram, routines: _ChangedRoutines, moves: MoveRecorder) -> None:
+    """Follow all paths of execution, and record each move with what the names contain there."""
+    traffic = TrafficFinder(program.statements, program.calls, program.effects)
+    liveness = traffic.find_liveness(routines.bodies, program.flow)
+    Propagation(program, liveness, moves.record).run(routines.bodies, routines.callers)
 
 
 def _read_statements(
@@ -123,17 +142,11 @@ def _find_control_flow(statements: Statements) -> ControlFlow:
     Raises:
         ProgramError: branches, loops or routines are nested too deep.
     """
+    _settle_bounds(statements)
     ops, places = statements.ops, statements.places
-    names = list[str]()  # full name of each operation that begins a routine, marks a label or jumps; else ""
-    for i, (place, op) in enumerate(zip(places, ops, strict=True)):
-        if not isinstance(op, ir.Flow):
-            names.append("")
-            continue
-        names.append(place.qualify(op.name))
-        numbers_of_statement = place.values[place.first :]
-        ops[i] = op.settle_bounds(numbers_of_statement)
+    names = _name_flow_operations(statements)
     try:
-        flow = ControlFlow(ops, names)
+        flow = find_control_flow(ops, names)
     except UnmatchedEnd as fault:
         place = places[fault.place]
         statements.refuse(place.line, fault.reason, fault.remedy, place.source)
@@ -141,6 +154,25 @@ def _find_control_flow(statements: Statements) -> ControlFlow:
     last_place = places[-1:]
     places += last_place * missing_ends
     return flow
+
+
+def _settle_bounds(statements: Statements) -> None:
+    """Let each loop be one that runs at least once if the numbers of its statement say so.
+
+    `FOR i=1 TO 3` runs; `FOR i=1 TO n` may be skipped.
+    """
+    for i, (place, op) in enumerate(zip(statements.places, statements.ops, strict=True)):
+        if isinstance(op, ir.Flow):
+            numbers_of_statement = place.values[place.first :]
+            statements.ops[i] = op.settle_bounds(numbers_of_statement)
+
+
+def _name_flow_operations(statements: Statements) -> list[str]:
+    """Return the full name of each operation that begins a routine, marks a label or jumps; else ""."""
+    names = list[str]()
+    for place, op in zip(statements.places, statements.ops, strict=True):
+        names.append(place.qualify(op.name) if isinstance(op, ir.Flow) else "")
+    return names
 
 
 def _note_faults(statements: Statements, flow: ControlFlow) -> dict[int, Cause]:

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from robotprograms import language as ir
-from robotprograms.arrays import BoolArray
+from robotprograms.arrays import BoolArray, IndexArray
 from robotprograms.columns import IN_MODULE, OF_ROUTINE
 from robotprograms.errors import capitalise
 from robotprograms.language import UNKNOWN_STATEMENT, Line, Misread, Op
@@ -67,6 +67,8 @@ _RESERVED: Final = (
 _REMEDY: Final = "write X, Y, Z, A, B, C (or A1 ... A6) in numbers, and send the .dat that declares them"
 _FRAME_REMEDY: Final = "give the whole frame in numbers, or as BASE_DATA[i] or TOOL_DATA[i]"
 _NAME: Final = r"\$?[^\W\d]\w*+"
+_NUMBER_AS_INDEX: Final = f"[{ir.A_NUMBER}]"
+"""The index of `A[3]` in the normal form of a statement, where NUL is in place of each number."""
 _NOT_WHOLE: Final = (
     "the target is neither a whole pose nor all joint angles in numbers, or the text after it is unknown"
 )
@@ -118,16 +120,19 @@ def _read_feed(setting: Line) -> ir.Value | None:
     match = _OWN_FEED.fullmatch(setting.text)
     if match is None:
         return None
-    if match["structure"]:
+    if match["structure"]:  # {CP 0.2,ORI1 200}
         return _read_feed_in_structure(setting.cut(*match.span("structure")))
     if match["value"]:  # the 0.2 of $VEL.CP=0.2
-        values = setting.cut(*match.span("value"))
-    elif match["data"]:  # the 0.2,... of SVEL_CP(0.2,...), whose first argument is the feed
-        values = setting.cut(*match.span("data"))
-    else:
-        return _UNKNOWN_FEED
-    feed, *_ = values.split()
-    return _read_speed(feed) or _UNKNOWN_FEED
+        return _read_first_speed(setting.cut(*match.span("value")))
+    if match["data"]:  # the 0.2,... of SVEL_CP(0.2,...), whose first argument is the feed
+        return _read_first_speed(setting.cut(*match.span("data")))
+    return _UNKNOWN_FEED
+
+
+def _read_first_speed(values: Line) -> ir.Value:
+    """Return the first one of some values, such as `0.2,100`, as a speed; unknown if it is computed."""
+    first_value, *_ = values.split()
+    return _read_speed(first_value) or _UNKNOWN_FEED
 
 
 def _read_feed_in_structure(structure: Line) -> ir.Value:
@@ -237,19 +242,26 @@ def _translate_value(name: ir.Name, value: Line) -> list[Op]:
     The name gets a pose or joint angles in numbers, frames, a single number, or a copy of another variable.
     Any other value, such as `P1=P2` or `N=N+1`, is not followed: then the name has an unknown value.
     """
-    fields = _read_structure(value)
-    if pose := _find_target_in_fields(fields):
-        return [ir.Assign(name, pose)]
-    if isinstance(name, str) and (ops := _set_all_frame_data(name, fields)):
-        return ops
-    is_name = re.fullmatch(_NAME, value.text) is not None
-    if name == "FDAT_ACT" and is_name:  # FDAT_ACT=FP1: active frames of an inline form
-        return _copy_frames("FDAT_ACT", value.text)
     if value.is_number:
         return [ir.Assign(name, Literal(_NUMBER, value.ordinals))]
-    if name in {"$BASE", "$TOOL"} and (ops := _activate_frame(str(name), value)):
-        return ops
-    return [*_read_value(value, value.text), _forget_name(name)]
+    fields = _read_structure(value)
+    if target := _find_target_in_fields(fields):
+        return [ir.Assign(name, target)]
+    frames = list[Op]()
+    if isinstance(name, str):
+        frames = _set_all_frame_data(name, fields) or _copy_active_frame(name, value)
+    return frames or [*_read_value(value, value.text), _forget_name(name)]
+
+
+def _copy_active_frame(name: str, value: Line) -> list[Op]:
+    """Translate the assignment of a variable to the active frames: `$BASE=MY_FRAME`, or `FDAT_ACT=FP1`.
+
+    FDAT_ACT has the active base and tool of an inline form. The list is empty for any other name or value.
+    """
+    is_variable = re.fullmatch(_NAME, value.text) is not None
+    if name == "FDAT_ACT" and is_variable:
+        return _copy_frames("FDAT_ACT", value.text)
+    return _activate_frame(name, value) if name in {"$BASE", "$TOOL"} else []
 
 
 def _set_all_frame_data(name: str, fields: dict[str, int | str]) -> list[Op]:
@@ -272,19 +284,22 @@ def _activate_frame(active: str, value: Line) -> list[Op]:
 
     `active` is the name of the variable. The list is empty for any other value.
     """
-    text = value.text
-    if re.fullmatch(_NAME, text):  # $BASE=MY_FRAME
-        return [ir.Use(frozenset({text})), ir.Assign(active, ir.Copy(text))]
-    by_variable = _TABLE.fullmatch(text)  # $BASE=BASE_DATA[i]
+    if re.fullmatch(_NAME, value.text):  # $BASE=MY_FRAME
+        return [ir.Use(frozenset({value.text})), ir.Assign(active, ir.Copy(value.text))]
+    by_variable = _TABLE.fullmatch(value.text)  # $BASE=BASE_DATA[i]
     if by_variable and f"${by_variable['role']}" == active:
         index = by_variable["index"]
         return [*value.read_expression(index), _copy_element(by_variable["role"], index)]
-    by_number = _ELEMENT.fullmatch(text)  # $BASE=FRAMES[3]
+    by_number = _ELEMENT.fullmatch(value.text)  # $BASE=FRAMES[3]
     if by_number and by_number["array"] != _OTHER_TABLE[active]:
-        array = by_number["array"]
-        frame = value.fill_name(f"{array}[%s]")
-        return [ir.Use(frozenset({array})), ir.Assign(active, ir.Copy(frame))]
+        return _activate_element(active, by_number["array"], value)
     return []
+
+
+def _activate_element(active: str, array: str, element: Line) -> list[Op]:
+    """Translate `$BASE=FRAMES[3]`: element 3 of the array FRAMES becomes the frame `active`, here $BASE."""
+    frame = element.fill_name(f"{array}[%s]")
+    return [ir.Use(frozenset({array})), ir.Assign(active, ir.Copy(frame))]
 
 
 def _copy_element(role: str, index: str) -> Op:
@@ -304,42 +319,53 @@ def _forget_name(name: ir.Name) -> Op:
 def _translate_declaration(line: Line) -> list[Op]:
     """Translate a declaration such as `DECL POS P1={X 1,...},P2,A[3]` (the line's group `names`: from P1 on).
 
-    Each name becomes a local variable of its routine. It also gets its value, if there is one; a value of a
-    single element, as in `A[1]=5`, makes the value of the whole array unknown.
-
     Raises:
         Misread: the declaration is not understood.
     """
-    ops: list[Op] = []
+    ops = list[Op]()
     for part in line.part("names").split():
-        declared = _DECLARED_NAME.fullmatch(part.text)  # name, index in brackets and value behind `=`
-        if declared is None or re.fullmatch(_RESERVED, declared["name"]):
-            raise Misread("the declaration is unknown")
-        name, index = declared["name"], declared["index"]
-        ops += [ir.Local(frozenset({name})), *line.read_expression(index or "")]
-        value = part.cut(*declared.span("value"))
-        is_element = index is not None
-        if value.text and is_element:
-            ops += [*_read_value(line, value.text), _forget_name(name)]
-        elif value.text:
-            ops += _declare_value(line, name, value)
+        ops += _declare_variable(line, part)
     return ops
+
+
+def _declare_variable(declaration: Line, part: Line) -> list[Op]:
+    """Translate the part of a declaration that declares one variable, such as `P1={X 1,...}` or `A[3]`.
+
+    The name becomes a local variable of its routine. It also gets its value, if there is one; a value of a
+    single element, as in `A[1]=5`, makes the value of the whole array unknown.
+
+    Raises:
+        Misread: the part is not understood.
+    """
+    declared = _DECLARED_NAME.fullmatch(part.text)  # name, index in brackets and value behind `=`
+    if declared is None or re.fullmatch(_RESERVED, declared["name"]):
+        raise Misread("the declaration is unknown")
+    name, index = declared["name"], declared["index"] or ""
+    ops: list[Op] = [ir.Local(frozenset({name})), *declaration.read_expression(index)]
+    value = part.cut(*declared.span("value"))
+    if not value.text:
+        return ops
+    is_element = declared["index"] is not None
+    if is_element:
+        return [*ops, *_read_value(declaration, value.text), _forget_name(name)]
+    return [*ops, *_declare_value(declaration, name, value)]
 
 
 def _declare_value(declaration: Line, name: str, value: Line) -> list[Op]:
     """Translate the value that a declaration gives to a name, as in `DECL GLOBAL CONST INT N=3`.
 
     A number of a variable in a .dat is unknown when the program runs: another program may have set it since.
-    Only a CONST keeps its number. Poses and frames are taken as they are declared.
+    Only a CONST keeps its number. Poses and frames are taken as they are declared. Other programs know the
+    names of a GLOBAL declaration, too: they are shared.
     """
     words_before_names = declaration.text.removesuffix(declaration["names"])
     is_shared = re.search(r"\bGLOBAL\b", words_before_names) is not None
     is_constant = re.search(r"\bCONST\b", words_before_names) is not None
-    if value.is_number and not is_constant:
-        return [_forget_name(name)]
-    if value.is_number:
+    if value.is_number and is_constant:
         number = Literal(_NUMBER, value.ordinals)
         return [ir.Assign(name, number, declares="constant", shared=is_shared)]
+    if value.is_number:
+        return [_forget_name(name)]
     ops = list[Op]()
     for op in _translate_value(name, value):
         ops.append(op._replace(shared=is_shared) if isinstance(op, ir.Assign) else op)
@@ -373,12 +399,11 @@ def _translate_assignment(line: Line) -> list[Op]:
         Misread: a system variable that may move targets is set, or the index of a frame is computed.
     """
     name, index = line["name"], line["index"]
-    is_index_a_number = index.startswith("[\0]")  # NUL is in place of each number
-    if name in {"BASE_DATA", "TOOL_DATA"} and not is_index_a_number:
-        raise Misread(f"the index of {name} is computed", _FRAME_REMEDY)
-    if is_index_a_number and not name.startswith("$"):
+    _refuse_computed_index_of_frame(name, index)
+    is_element_of_own_array = index.startswith(_NUMBER_AS_INDEX) and not name.startswith("$")
+    if is_element_of_own_array:
         element = line.fill_name(f"{name}[%s]", "index")
-        field_of_element = index.removeprefix("[\0]")
+        field_of_element = index.removeprefix(_NUMBER_AS_INDEX)
         return _assign(line, element, field_of_element)
     if field_of_frames := _set_field_of_frames(line):
         return field_of_frames
@@ -387,6 +412,16 @@ def _translate_assignment(line: Line) -> list[Op]:
     if _MAY_MOVE_TARGETS.match(line.text):
         raise Misread(f"the controller's variable {name} may move targets", "omit the statement")
     return _assign(line, name, index)
+
+
+def _refuse_computed_index_of_frame(name: str, index: str) -> None:
+    """Refuse an assignment to `BASE_DATA[i]`: an element of the controller's tables whose index is no number.
+
+    Raises:
+        Misread: the name and the index are those of such an element.
+    """
+    if name in {"BASE_DATA", "TOOL_DATA"} and not index.startswith(_NUMBER_AS_INDEX):
+        raise Misread(f"the index of {name} is computed", _FRAME_REMEDY)
 
 
 def _choose_number_of_active_frame(line: Line) -> list[Op]:
@@ -410,19 +445,34 @@ def _assign(line: Line, target: ir.Name, index: str) -> list[Op]:
         index: text behind it, such as `.X` or `[i].X`; empty if the whole `target` is set. If it is not
             empty, the value of the whole `target` is unknown behind the line.
     """
-    name, value = line["name"], line["value"]
-    uses = _read_indices(line, index)
-    if name in _TURNS_TOOL and value not in {"FALSE", "#VAR"}:
-        effect = "after this line the arm does not reach the orientations that the program states"
-        uses.append(ir.Note(f"{line.quote()}: {effect}"))
+    name = line["name"]
+    uses = [*_read_indices(line, index), *_note_turned_tool(line)]
     is_system_variable = name.startswith("$") and name not in {"$BASE", "$TOOL"}
-    if not (index or is_system_variable):
-        return [*uses, *_translate_value(target, line.part("value"))]
-    # Of the controller's other variables, only the feed matters: no target depends on their values.
-    changes: list[Op] = [] if is_system_variable else [_forget_name(target)]
-    if name == "$VEL" and (feed := _read_feed(line)):
-        changes = [ir.Assign(ir.FEED, feed)]
-    return [*uses, *_read_value(line, value), *changes]
+    if is_system_variable:
+        return [*uses, *_read_value(line, line["value"]), *_set_active_feed(line)]
+    if index:
+        return [*uses, *_read_value(line, line["value"]), _forget_name(target)]
+    return [*uses, *_translate_value(target, line.part("value"))]
+
+
+def _note_turned_tool(line: Line) -> list[Op]:
+    """Return the remark on an assignment such as `$ORI_TYPE=#CONSTANT`, which turns the tool; else nothing.
+
+    With the values FALSE and #VAR, the tool has the orientations that the program states.
+    """
+    if line["name"] not in _TURNS_TOOL or line["value"] in {"FALSE", "#VAR"}:
+        return []
+    effect = "after this line the arm does not reach the orientations that the program states"
+    return [ir.Note(f"{line.quote()}: {effect}")]
+
+
+def _set_active_feed(line: Line) -> list[Op]:
+    """Return the assignment of the active feed by a line such as `$VEL.CP=0.2`; nothing for another variable.
+
+    Of the controller's variables that are no frames, only the feed matters: no target depends on the others.
+    """
+    feed = _read_feed(line) if line["name"] == "$VEL" else None
+    return [ir.Assign(ir.FEED, feed)] if feed else []
 
 
 def _read_indices(line: Line, index: str) -> list[Op]:
@@ -480,6 +530,11 @@ class _Targets(NamedTuple):
     are_all_known: bool  # whether each target of the text is one of these
     uses: list[Op]  # uses of other names
 
+    def are_complete(self, motion: Motion) -> bool:
+        """Return whether all targets of a move are known: two of an arc, one of any other motion."""
+        count = 2 if motion is Motion.CIRCULAR else 1
+        return self.are_all_known and len(self.known) == count
+
 
 def _translate_move(line: Line) -> list[Op]:
     """Translate a move such as `LIN P1 WITH $VEL.CP=0.2 C_DIS` or `CIRC P1,P2,CA 180`.
@@ -490,10 +545,8 @@ def _translate_move(line: Line) -> list[Op]:
     Raises:
         Misread: there is no target, or the settings of the move are unknown.
     """
-    motion, is_relative, rest = _MOTIONS[line["motion"]], bool(line["relative"]), line.part("rest")
-    if is_relative:
-        rest = rest.cut(0, len(_strip_axes_of_step(rest.text)))
-    target_text, setting_text = _split_at_with(rest)
+    motion = _MOTIONS[line["motion"]]
+    target_text, setting_text = _split_at_with(_read_rest(line))
     if not target_text.text:
         raise Misread(_NOT_WHOLE)
     settings = _read_settings(setting_text)
@@ -501,14 +554,37 @@ def _translate_move(line: Line) -> list[Op]:
         return [*settings.uses, ir.MoveToStored(target_text.text)]
     targets = _read_targets(target_text)
     uses = [*settings.uses, *targets.uses]
-    count = 2 if motion is Motion.CIRCULAR else 1
-    has_all_targets = targets.are_all_known and len(targets.known) == count
-    if is_relative or not has_all_targets:
-        reason = "the target is relative to the position before the move" if is_relative else _NOT_WHOLE
+    reason = _explain_uncorrected(line, targets)
+    if reason:
         return [*uses, *_translate_uncorrected_move(motion, target_text, settings, reason)]
-    # Each target of the move has the same base and the same tool.
+    return [*uses, _make_move(motion, targets.known, settings)]
+
+
+def _explain_uncorrected(line: Line, targets: _Targets) -> str:
+    """Return why a move to these targets is not corrected; empty if it is.
+
+    The groups of the line are `motion` and `relative`: it is not corrected as in `LIN_REL {X 10}` (a step),
+    or in `LIN {X 10}` (a part of a pose).
+    """
+    if line["relative"]:
+        return "the target is relative to the position before the move"
+    return "" if targets.are_complete(_MOTIONS[line["motion"]]) else _NOT_WHOLE
+
+
+def _read_rest(line: Line) -> Line:
+    """Return the text behind the motion of a move; of a relative move, without the axes of its step.
+
+    For `LIN_REL {X 10} #TOOL` it is `{X 10}`. The groups of the line are `relative` and `rest`.
+    """
+    rest = line.part("rest")
+    return rest.cut(0, len(_strip_axes_of_step(rest.text))) if line["relative"] else rest
+
+
+def _make_move(motion: Motion, targets: tuple[Literal | ir.Name, ...], settings: _Settings) -> ir.Move:
+    """Return a move to targets, which all have the same base and the same tool."""
+    count = len(targets)
     bases, tools = (settings.base,) * count, (settings.tool,) * count
-    return [*uses, ir.Move(motion, targets.known, bases, tools, feed=settings.feed_of_move)]
+    return ir.Move(motion, targets, bases, tools, feed=settings.feed_of_move)
 
 
 def _strip_axes_of_step(text: str) -> str:
@@ -527,8 +603,7 @@ def _read_targets(targets_of_move: Line) -> _Targets:
     for part in targets_of_move.split():
         is_angle_of_arc = len(targets) == 2 and part.text.startswith("CA ")
         if is_angle_of_arc:
-            note = ir.Note("the arc ends at its angle CA, not at the second of its targets")
-            uses += [*part.read_expression(part.text.removeprefix("CA ")), note]
+            uses += _read_angle_of_arc(part)
         elif _STORED_POSITION.fullmatch(part.text):
             raise Misread("the arc goes through a position stored in the controller")
         else:
@@ -537,36 +612,46 @@ def _read_targets(targets_of_move: Line) -> _Targets:
     return _Targets(known, len(known) == len(targets), uses)
 
 
+def _read_angle_of_arc(part: Line) -> list[Op]:
+    """Translate the angle `CA 180` of an arc into the uses of its expression, and a remark."""
+    uses = part.read_expression(part.text.removeprefix("CA "))
+    return [*uses, ir.Note("the arc ends at its angle CA, not at the second of its targets")]
+
+
 def _translate_uncorrected_move(motion: Motion, target: Line, settings: _Settings, reason: str) -> list[Op]:
     """Translate a move whose numbers are not corrected, because its target is relative or not whole.
-
-    A target `P1:{X 10}` is a place 10 mm from P1. The correction of P1 shifts such a move, too: so the move
-    names P1 in `offset_from`, and in its reason.
 
     Args:
         motion: kind of the motion.
         target: target of the move, or its step.
         settings: settings of the move.
-        reason: why the move is not corrected, unless its target is such a place.
+        reason: why the move is not corrected, unless its target is at an offset from another one, such as
+            `P1:{X 10}`.
     """
     target_or_step = _strip_axes_of_step(target.text)
     near = _NEAR.fullmatch(target_or_step)  # another target, and the offset from it
     structure = near["offset"] if near else target_or_step  # such as `{X 10,Y 5}`
     list_of_expressions = _SEPARATED.sub(",", structure)
     uses = target.read_expression(list_of_expressions)
-    if near is None or re.fullmatch(_RESERVED, near["target"]):
-        return ir.make_uncorrected_move(uses, reason, _REMEDY)
-    name = near["target"]
-    move = ir.Move(
+    if near and not re.fullmatch(_RESERVED, near["target"]):
+        return [*uses, _make_move_near_target(motion, near["target"], settings)]
+    return ir.make_uncorrected_move(uses, reason, _REMEDY)
+
+
+def _make_move_near_target(motion: Motion, name: str, settings: _Settings) -> ir.Move:
+    """Return the move to a place such as `P1:{X 10}`, 10 mm from the target P1, which is not corrected.
+
+    A correction of P1 shifts the move, too: so the move names P1 in `offset_from`, and in its reason.
+    """
+    return ir.Move(
         motion,
-        (),
-        (settings.base,),
-        (settings.tool,),
+        targets=(),
+        bases=(settings.base,),
+        tools=(settings.tool,),
         reason=f"the target is at an offset from {name}",
         remedy=_REMEDY,
         offset_from=(name,),
     )
-    return [*uses, move]
 
 
 def _split_at_with(move: Line) -> tuple[Line, Line]:
@@ -591,7 +676,7 @@ def _strip_blends(part: Line) -> Line:
     return part.cut(0, end)
 
 
-def _read_settings(settings: Line) -> _Settings:
+def _read_settings(text: Line) -> _Settings:
     """Translate the settings of a move, such as `$VEL.CP=0.2,$BASE=FRAME1` behind the word WITH.
 
     A move without the word has an empty text, and no settings.
@@ -599,23 +684,35 @@ def _read_settings(settings: Line) -> _Settings:
     Raises:
         Misread: a setting is unknown, calls a routine, or takes only one of base and tool from frame data.
     """
-    if not settings.text:
+    if not text.text:
         return _Settings([], {}, None)
-    uses = list[Op]()
-    own_frames = list[_OwnFrame]()
+    uses, own_frames = list[Op](), list[_OwnFrame]()
     feed = None  # the last one counts: a number may follow a structure
-    for setting in settings.split():
+    for setting in text.split():
         feed = _read_feed(setting) or feed
         own_frame = _read_own_frame(setting)
-        if own_frame is not None:
+        if own_frame is None:
+            uses += _translate_other_setting(setting)
+        else:
             own_frames.append(own_frame)
             uses += own_frame.uses
-        else:
-            uses += _translate_other_setting(setting)
+    _refuse_unusual_settings(own_frames, uses)
+    return _Settings(uses, {own.role: own.frame for own in own_frames}, feed)
+
+
+def _refuse_unusual_settings(own_frames: list[_OwnFrame], uses: list[Op]) -> None:
+    """Refuse settings of a move that call a routine, or take only one of base and tool from frame data.
+
+    Args:
+        own_frames: frames that the settings make active for the move.
+        uses: uses of names in the settings.
+
+    Raises:
+        Misread: the settings are such ones.
+    """
     if _takes_part_of_frame_data(own_frames) or ir.calls_routine(uses):
         reason = "the settings after WITH call a routine, or set only one of tool and base"
         raise Misread(reason, _SET_BEFORE_MOVE)
-    return _Settings(uses, {own.role: own.frame for own in own_frames}, feed)
 
 
 def _translate_other_setting(setting: Line) -> list[Op]:
@@ -671,9 +768,10 @@ def _is_harmless_setting(setting: str) -> bool:
 
 
 def _translate_spline(line: Line) -> list[Op]:
-    """Translate the beginning of a block of splines, which may have a feed and frames of its own.
+    """Translate the beginning of a block of splines, `SPLINE WITH $VEL.CP=0.2`, which may have its own feed.
 
-    Base and tool become unknown if the block sets them.
+    The end of the block makes the feed before the block active again: a variable keeps it. Base and tool
+    become unknown if the block sets them.
 
     Raises:
         Misread: the statement has a target, or unknown settings.
@@ -682,15 +780,18 @@ def _translate_spline(line: Line) -> list[Op]:
     if targets.text:
         raise Misread(UNKNOWN_STATEMENT)
     settings = _read_settings(setting_text)
-    # The end of the block makes the feed before the block active again.
     ops = [*settings.uses, ir.Assign(_FEED_OF_BLOCK, ir.Copy(ir.FEED))]
     if settings.feed:
         ops.append(ir.Assign(ir.FEED, settings.feed))
     if settings.frames:
-        reason = "the block of splines has frames of its own"
-        remedy = "set $BASE and $TOOL before the block"
-        ops.append(ir.MakeUnknown(frozenset({"$BASE", "$TOOL"}), reason, remedy))
+        ops.append(_forget_active_frames("the block of splines has frames of its own"))
     return ops
+
+
+def _forget_active_frames(reason: str) -> Op:
+    """Return the operation behind which base and tool are unknown, for a reason, until a line sets them."""
+    remedy = "set $BASE and $TOOL before the block"
+    return ir.MakeUnknown(frozenset({"$BASE", "$TOOL"}), reason, remedy)
 
 
 def _translate_sensor(line: Line) -> list[Op]:
@@ -731,20 +832,35 @@ def _translate_attachment(line: Line) -> list[Op]:
     and `action` (STOPIT()). A `TRIGGER WHEN DISTANCE=0 DELAY=20 DO GRIP() PRIO=-1` has no number and no
     `when`.
     """
-    is_trigger = line.text.startswith("TRIGGER")
-    event: ir.Name = "TRIGGER" if is_trigger else ""
-    if line["number"]:  # by this number, another statement switches the interrupt on
-        event = line.fill_name("INTERRUPT %s", "number")
+    # The priority is an expression as well: `GRIP() PRIO=-1` is read as `GRIP()+-1`.
     action = re.sub(r" ?\bPRIO=", "+", line["action"])
-    uses = [*line.read_expression(line["when"]), *line.read_expression(action)]
+    uses_and_calls = [*line.read_expression(line["when"]), *line.read_expression(action)]
+    is_trigger = line.text.startswith("TRIGGER")
     ops = list[Op]()
-    for op in ir.mark_anytime(uses, event):
-        if isinstance(op, ir.Call):
-            only_stops_the_robot = op.name == "IR_STOPM"  # BAS
-            # KSS: a trigger acts on the path of the move behind it, which is planned before, with its frames.
-            op = op._replace(harmless=op.harmless or only_stops_the_robot, behind_next=is_trigger)
-        ops.append(op)
+    for op in ir.mark_anytime(uses_and_calls, _name_event(line)):
+        ops.append(_complete_call(op, is_trigger=is_trigger) if isinstance(op, ir.Call) else op)
     return ops
+
+
+def _name_event(line: Line) -> ir.Name:
+    """Return the name of the event of an interrupt, `INTERRUPT 3`, or of a trigger, `TRIGGER`.
+
+    Another statement, `INTERRUPT ON 3`, switches the interrupt on by this name. It is empty for an interrupt
+    whose number is computed.
+    """
+    if line["number"]:
+        return line.fill_name("INTERRUPT %s", "number")
+    return "TRIGGER" if line.text.startswith("TRIGGER") else ""
+
+
+def _complete_call(call: ir.Call, *, is_trigger: bool) -> ir.Call:
+    """Return the call of an interrupt or a trigger with what the controller's manuals state of it.
+
+    BAS: the routine IR_STOPM only stops the robot, and is harmless. KSS: a trigger acts on the path of the
+    move behind it, which is planned before, with its frames.
+    """
+    only_stops_robot = call.name == "IR_STOPM"
+    return call._replace(harmless=call.harmless or only_stops_robot, behind_next=is_trigger)
 
 
 def _translate_unknown_attachment(line: Line) -> list[Op]:
@@ -762,17 +878,15 @@ def _translate_triggered_assignment(line: Line) -> list[Op]:
     assignment = line.part("action")
     name, _, _ = assignment.text.partition("=")
     reason = f"{name} changes at a trigger"
-    ops = line.language.apply_rules(assignment)
-    assigned = [op for op in ops if isinstance(op, ir.Assign)]
-    changes: list[Op] = [
-        ir.MakeUnknown(frozenset({op.name}), reason, _REMEDY, anytime=True) for op in assigned
-    ]
-    for op in ops:
-        if isinstance(op, ir.MakeUnknown):  # a value that is computed
-            changes.append(op._replace(anytime=True))
-        elif not isinstance(op, ir.Assign):
-            changes.append(op)
-    return changes
+    changes, others = list[Op](), list[Op]()
+    for op in line.language.apply_rules(assignment):
+        if isinstance(op, ir.Assign):
+            changes.append(ir.MakeUnknown(frozenset({op.name}), reason, _REMEDY, anytime=True))
+        elif isinstance(op, ir.MakeUnknown):  # a value that is computed
+            others.append(op._replace(anytime=True))
+        else:
+            others.append(op)
+    return [*changes, *others]
 
 
 def _translate_bas(line: Line) -> list[Op]:
@@ -921,11 +1035,6 @@ def _add_file(
 ) -> None:
     """Add the statements of one file: a program (.src), or data (.dat) such as `DECL GLOBAL POS P1={...}`.
 
-    The first line of a .dat, `DEFDAT PART PUBLIC`, has the name of the program PART that the data belong to.
-    Of the data of another program than the first one, this program knows only those in lines with the word
-    GLOBAL. The other lines matter only if the .src of the other program was sent: they are then data of its
-    own, apart from those of this program.
-
     Args:
         statements: statements of all files, to which those of this file are added.
         sources: all files.
@@ -936,18 +1045,36 @@ def _add_file(
         ProgramError: the file is a .dat that belongs to another program.
     """
     source = sources[index]
-    first_line = _DATA.search(source.text) if index else None
+    first_line = _DATA.search(source.text) if index else None  # `DEFDAT PART` of a .dat
     kind = _choose_kind_of_declarations(source, first_line)
     starts, ends = source.starts, source.ends
     if first_line and _is_of_another_program(statements, sources, index, first_line):
         is_global = _find_global_lines(source)
-        is_program_sent = bool(statements.owners.get(index))
-        if is_program_sent:
-            statements.add_statements(index, starts[~is_global], ends[~is_global], declares=kind)
+        _add_own_data_of_program(statements, index, starts[~is_global], ends[~is_global], kind)
         starts, ends = starts[is_global], ends[is_global]
     is_data = source.name.lower().endswith(".dat") and len(sources) > 1
     translate = partial(_translate_renamed, renamed=new_names) if new_names else None
     statements.add_statements(index, starts, ends, declares=kind if is_data else "", translate=translate)
+
+
+def _add_own_data_of_program(
+    statements: Statements, index: int, starts: IndexArray, ends: IndexArray, kind: str
+) -> None:
+    """Add the lines of a .dat without the word GLOBAL, which only the program that they belong to knows.
+
+    The program is another one than the first file. The lines matter only if its .src was sent: they are then
+    data of its own, apart from those of the first file.
+
+    Args:
+        statements: statements of all files.
+        index: index of the .dat among the files.
+        starts: (k,) first character of each line.
+        ends: (k,) last character + 1 of each line.
+        kind: which programs may change the data, as `_choose_kind_of_declarations` returns it.
+    """
+    is_program_sent = bool(statements.owners.get(index))
+    if is_program_sent:
+        statements.add_statements(index, starts, ends, declares=kind)
 
 
 def _choose_kind_of_declarations(source: Source, first_line: re.Match[str] | None) -> str:
@@ -983,16 +1110,14 @@ def _is_of_another_program(
     Raises:
         ProgramError: the other program is not sent, and the data are not PUBLIC.
     """
-    if _is_config(sources[index]):
-        return False
-    main, *others = _list_programs(sources) or [""]
+    main, *others = map(capitalise, _list_programs(sources) or [""])
     owner = first_line["program"]
-    if not main or capitalise(owner) == capitalise(main):
+    is_of_all_or_unknown = _is_config(sources[index]) or not main
+    if is_of_all_or_unknown or capitalise(owner) == main:
         return False
-    is_owner_sent = capitalise(owner) in map(capitalise, others)
-    is_public = first_line["public"] is not None
-    if not (is_public or is_owner_sent):
-        reason = f"the file declares data of {owner}, not of {main}"
+    is_known_here = first_line["public"] is not None or capitalise(owner) in others
+    if not is_known_here:
+        reason = f"the file declares data of {owner}, not of {_list_programs(sources)[0]}"
         remedy = "send the .dat file of this .src file"
         statements.refuse(sources[index].find_line(first_line.start()), reason, remedy, index)
     return True
@@ -1072,23 +1197,39 @@ def _rename_local_routines(sources: tuple[Source, ...]) -> dict[int, dict[str, s
     Returns:
         By the index of each file, the new names of routines by their names in this file.
     """
-    routines = dict[int, _RoutinesOfFile]()
+    routines_of_file = _list_routines_of_programs(sources)
+    new_names = dict[int, dict[str, str]]()
+    for index, routines in routines_of_file.items():
+        # A call of a routine that is local to other files means no routine that was sent.
+        elsewhere = _find_routines_local_elsewhere(index, routines_of_file)
+        new_names[index] = {name: f"{name}{IN_MODULE}99" for name in elsewhere}
+        is_first_file = index == 0  # its routines keep their names, as messages show them
+        if not is_first_file:
+            new_names[index] |= {name: f"{name}{IN_MODULE}{index}" for name in routines.local}
+    return new_names
+
+
+def _list_routines_of_programs(sources: tuple[Source, ...]) -> dict[int, _RoutinesOfFile]:
+    """List the routines of each file that is a program (.src), not data (.dat), by the index of the file."""
+    routines_of_file = dict[int, _RoutinesOfFile]()
     for index, source in enumerate(sources):
         is_program = _DATA.search(source.text) is None
         if is_program:
-            routines[index] = _list_routines(source)
-    visible = set[str]().union(*(of_file.visible for of_file in routines.values()))
-    new_names = dict[int, dict[str, str]]()
-    for index, own in routines.items():
-        # A call of a routine that is local to other files means no routine that was sent.
-        elsewhere = set[str]()
-        for other, of_file in routines.items():
-            if other != index:
-                elsewhere |= of_file.local - visible - own.every
-        new_names[index] = {name: f"{name}{IN_MODULE}99" for name in elsewhere}
-        if index > 0:  # routines of the first file keep their names, as messages show them
-            new_names[index] |= {name: f"{name}{IN_MODULE}{index}" for name in own.local}
-    return new_names
+            routines_of_file[index] = _list_routines(source)
+    return routines_of_file
+
+
+def _find_routines_local_elsewhere(index: int, routines_of_file: dict[int, _RoutinesOfFile]) -> set[str]:
+    """Return the names of routines that only other files than the one with this index know.
+
+    A name of a routine that is visible in all files, or that the file itself defines, is none of them.
+    """
+    local, visible = set[str](), set[str]()
+    for other, routines in routines_of_file.items():
+        visible |= routines.visible
+        if other != index:
+            local |= routines.local
+    return local - visible - routines_of_file[index].every
 
 
 def _translate_renamed(masked: str, renamed: dict[str, str]) -> list[tuple[int, Op]]:
@@ -1123,17 +1264,17 @@ def _note_owners_of_names(statements: Statements, sources: tuple[Source, ...]) -
     """
     data = _collect_data(sources)
     statements.shared_names = frozenset(data.shared)
+    # A name that is private to the first program means something else in each further program.
     private_of_main = data.private.get(_find_program(sources[0]), set())
     for index, source in enumerate(sources[1:], 1):
         program = _find_program(source)
-        if not program or _DATA.search(source.text):
+        is_data = _DATA.search(source.text) is not None
+        if not program or is_data:
             continue
         owner_of_private = dict.fromkeys(data.private.get(program, ()), f"file{index}")
-        # A name that is private to the first program means something else in each further program, too.
         statements.owners[index] = dict.fromkeys(private_of_main, OTHER_FILES) | owner_of_private
         if owner_of_private:
-            for index_of_dat in data.files[program]:
-                statements.owners[index_of_dat] = owner_of_private
+            statements.owners.update(dict.fromkeys(data.files[program], owner_of_private))
 
 
 def _find_program(source: Source) -> str:

@@ -501,26 +501,48 @@ class Language:
     def translate(self, masked: str) -> list[tuple[int, Op]]:
         """Translate a statement into operations, each with its number of lines below the first line.
 
-        `masked` is the statement with NUL in place of each number. After a statement that is not understood,
-        the values that it may change are unknown.
+        After a statement that is not understood, the values that it may change are unknown.
+
+        Args:
+            masked: the statement with NUL in place of each number.
 
         Raises:
             Misread: braces are nested too deep.
         """
         line = self.normalise(masked)
         _refuse_deep_braces(line.text)
+        if not line.text:  # a comment, or an empty line
+            return []
         try:
-            ops = self.apply_rules(line) if line.text else []
-        except Misread as fault:
-            lines = self._translate_lines(masked, line, fault) if self.calls_by_name else []
-            return lines or self._translate_unknown(masked, line, fault)
-        # Each word of a motion, such as LIN, must have become a move: no move may be overlooked.
+            ops = self.apply_rules(line)
+        except Misread as error:
+            return self._translate_misread(masked, line, self._complete_fault(line, error))
+        if self._overlooks_move(line, ops):
+            fault = self._complete_fault(line, Misread("a move is in a place where no move is expected"))
+            return self._translate_unknown(masked, line, fault)
+        return [(line.line_offset, op) for op in ops]
+
+    def _complete_fault(self, line: Line, fault: Misread) -> Misread:
+        """Return a fault with the statement in its reason; if it has no remedy, with that of the language."""
+        return Misread(f"{line.quote()}: {fault.reason}", fault.remedy or self.remedy)
+
+    def _overlooks_move(self, line: Line, ops: list[Op]) -> bool:
+        """Return whether a statement has more words of motions, such as LIN, than moves in its operations."""
         count_of_moves = sum(isinstance(op, Move | MoveToStored) for op in ops)
         words_of_motions = self._motion.findall(_QUOTED.sub("", line.text))
-        if len(words_of_motions) > count_of_moves:
-            unexpected = Misread("a move is in a place where no move is expected")
-            return self._translate_unknown(masked, line, unexpected)
-        return [(line.line_offset, op) for op in ops]
+        return len(words_of_motions) > count_of_moves
+
+    def _translate_misread(self, masked: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
+        """Translate a statement that no rule understands: as statements on its lines, or as an unknown one.
+
+        Args:
+            masked: the statement with NUL in place of each number.
+            line: its normal form.
+            fault: why it is not understood, with the statement in its reason.
+        """
+        may_be_several = self.calls_by_name and len(masked.splitlines()) > 1
+        ops = self._translate_lines(masked, fault) if may_be_several else []
+        return ops or self._translate_unknown(masked, line, fault)
 
     def apply_rules(self, line: Line) -> list[Op]:
         """Translate a statement by the first rule whose pattern fits the whole statement.
@@ -574,7 +596,7 @@ class Language:
         name = line.fill_name("%s", "name") if is_numbered_label else line["name"]
         return [*uses, Flow(kind, name)]
 
-    def _translate_lines(self, masked: str, whole: Line, fault: Misread) -> list[tuple[int, Op]]:
+    def _translate_lines(self, masked: str, fault: Misread) -> list[tuple[int, Op]]:
         """Translate a text that is not understood as one statement, as several statements on lines.
 
         In RAPID, `MoveL p1,v100,z10,tool1` without its semicolon and the line below it are one text. Moves in
@@ -582,33 +604,34 @@ class Language:
 
         Args:
             masked: the text with NUL in place of each number.
-            whole: its normal form.
-            fault: why the whole is not understood.
+            fault: why the whole is not understood, for the moves in it.
 
         Returns:
-            Operations, each with its number of lines below the first line; empty if the text has a single
-                line,
-            or if one of its lines is no statement.
+            Operations, each with its number of lines below the first line; empty if one of the lines is no
+            statement.
         """
-        reason, remedy = f"{whole.quote()}: {fault.reason}", fault.remedy or self.remedy
-        texts = masked.splitlines(keepends=True)
-        if len(texts) == 1:
-            return []
         ops = list[tuple[int, Op]]()
-        passed_numbers = 0  # count of the numbers in the lines before
-        for line_offset, text in enumerate(texts):
-            line = self.normalise(text)
-            # Numbers are counted from the beginning of the whole text.
-            line = replace(line, ordinals=tuple(passed_numbers + ordinal for ordinal in line.ordinals))
-            passed_numbers += text.count(A_NUMBER)
+        for line_offset, line in enumerate(self._normalise_lines(masked)):
             try:
-                found = self.apply_rules(line) if line.text else []
+                ops_of_line = self.apply_rules(line) if line.text else []
             except Misread:
                 return []
-            for op in found:
-                kept = _make_uncorrected(op, reason, remedy) if isinstance(op, Move) else op
+            for op in ops_of_line:
+                kept = _make_uncorrected(op, fault) if isinstance(op, Move) else op
                 ops.append((line_offset, kept))
         return ops
+
+    def _normalise_lines(self, masked: str) -> Iterator[Line]:
+        """Yield the normal form of each line of a text, with numbers counted from the beginning of the text.
+
+        Args:
+            masked: the text with NUL in place of each number.
+        """
+        passed_numbers = 0  # count of the numbers in the lines before
+        for text in masked.splitlines(keepends=True):
+            line = self.normalise(text)
+            yield replace(line, ordinals=tuple(passed_numbers + ordinal for ordinal in line.ordinals))
+            passed_numbers += text.count(A_NUMBER)
 
     def _translate_unknown(self, masked: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
         """Translate a statement that is not understood, and may therefore change values.
@@ -619,15 +642,17 @@ class Language:
         Args:
             masked: the statement with NUL in place of each number.
             line: its normal form.
-            fault: why it is not understood.
+            fault: why it is not understood, with the statement in its reason.
         """
-        reason, remedy = f"{line.quote()}: {fault.reason}", fault.remedy or self.remedy
-        ops = self._forget_changed_values(line, reason, remedy)
-        left_move = Move(Motion.LINEAR, (), reason=reason, remedy=remedy)
-        moves = [(line_offset, left_move) for line_offset in self._find_lines_of_motions(masked)]
-        return [*((line.line_offset, op) for op in ops), *moves]
+        ops = list[tuple[int, Op]]()
+        for op in self._forget_changed_values(line, fault):
+            ops.append((line.line_offset, op))
+        uncorrected_move = Move(Motion.LINEAR, (), reason=fault.reason, remedy=fault.remedy)
+        for line_offset in self._find_lines_of_motions(masked):
+            ops.append((line_offset, uncorrected_move))
+        return ops
 
-    def _forget_changed_values(self, line: Line, reason: str, remedy: str) -> list[Op]:
+    def _forget_changed_values(self, line: Line, fault: Misread) -> list[Op]:
         """Return operations that make all values unknown which a statement may change, and its calls.
 
         The statement is not understood. Words in it, which each language lists, decide what it may change:
@@ -638,19 +663,25 @@ class Language:
         may_move_targets = re.search(self.lasting, line.text) is not None
         ops = list[Op]()
         if may_change_all:  # without names, `MakeUnknown` makes all values unknown
-            ops.append(MakeUnknown(frozenset(), reason, remedy))
-        # The names of the statement are listed as well, because their values change while the program runs;
-        # `_` keeps the list from being empty.
-        ops.append(MakeUnknown(frozenset([*self._find_changed_names(line, plain), "_"]), reason, remedy))
+            ops.append(MakeUnknown(frozenset(), fault.reason, fault.remedy))
+        # The names of the statement are listed as well, because their values change while the program runs.
+        ops.append(self._forget_names_in(line, plain, fault))
         if may_move_targets:
-            ops.append(make_targets_uncertain(reason, remedy))
-        if self.calls_by_name or not may_change_all:
-            ops += self._find_calls(plain)
-            may_move = may_move_targets or self._motion.search(plain) is not None
-            if not may_move:
-                assumption = "it is assumed that the statement changes only the values that it names"
-                ops.append(Note(f"{reason}; {assumption}"))
-        return ops
+            ops.append(make_targets_uncertain(fault.reason, fault.remedy))
+        if may_change_all and not self.calls_by_name:
+            return ops
+        may_move = may_move_targets or self._motion.search(plain) is not None
+        remark = [] if may_move else [_note_assumption(fault)]
+        return [*ops, *self._find_calls(plain), *remark]
+
+    def _forget_names_in(self, line: Line, plain: str, fault: Misread) -> MakeUnknown:
+        """Return the operation that makes the values of the names in a statement unknown.
+
+        `plain` is its normal form without quotations, and `fault` is why the statement is not understood.
+        """
+        no_variable = "_"  # keeps the names from being empty, which would mean all names
+        names = frozenset([*self._find_changed_names(line, plain), no_variable])
+        return MakeUnknown(names, fault.reason, fault.remedy)
 
     def _find_changed_names(self, line: Line, text: str) -> set[Name]:
         """Return the names that a statement may change; `text` is its normal form without quotations.
@@ -721,20 +752,28 @@ class Language:
             others: the other names in the expression, which the function may get as arguments.
         """
         ops = list[Op]()
-        harmless = self._words.functions.fullmatch(name) is not None
         passed = others
         if re.fullmatch(self.writers, name):
             # The controller's function writes its last argument only; a routine of the program with this name
             # may write others.
             ops.append(call_if_defined(name, others))
             passed = others & frozenset(_NAME.findall(_find_last_argument(expression, name)))
-        reads_frames = re.fullmatch(self.readers, name) is not None
-        call = Call(name, passed, harmless=harmless, reads_frames=reads_frames)
+        call = self._make_call(name, passed)
         is_whole_expression = expression.startswith(f"{name}(") and expression.count("(") == 1
-        if harmless or is_whole_expression:
+        if call.harmless or is_whole_expression:
             return [*ops, call]
         # A call in a larger expression may be skipped, and several calls may run in any order.
         return [*ops, *make_skippable([call])]
+
+    def _make_call(self, name: str, passed: frozenset[str]) -> Call:
+        """Return the call of a function, to which names are passed, with what is known of the function.
+
+        The controller's own functions, such as ABS, are harmless. Functions of other files with names such as
+        `ComparePoints` in RAPID are assumed to change no tool that they get.
+        """
+        is_harmless = self._words.functions.fullmatch(name) is not None
+        reads_frames = re.fullmatch(self.readers, name) is not None
+        return Call(name, passed, harmless=is_harmless, reads_frames=reads_frames)
 
 
 class _NormalForm:
@@ -782,19 +821,25 @@ def _refuse_deep_braces(text: str) -> None:
         raise Misread(reason, "declare inner structures on their own")
 
 
-def _make_uncorrected(move: Move, reason: str, remedy: str) -> Move:
-    """Return a move in place of another one, which is not corrected for a reason.
+def _note_assumption(fault: Misread) -> Note:
+    """Return the remark on a statement that is not understood, and neither moves the robot nor targets."""
+    assumption = "it is assumed that the statement changes only the values that it names"
+    return Note(f"{fault.reason}; {assumption}")
+
+
+def _make_uncorrected(move: Move, fault: Misread) -> Move:
+    """Return a move in place of another one, which is not corrected because of a fault.
 
     The correction of a target that the other move names, such as p1, shifts this move.
     """
     named_targets = tuple(target for target in move.targets if not isinstance(target, Literal))
     return Move(
         move.motion,
-        (),
-        move.bases[:1],
-        move.tools[:1],
-        reason=reason,
-        remedy=remedy,
+        targets=(),
+        bases=move.bases[:1],
+        tools=move.tools[:1],
+        reason=fault.reason,
+        remedy=fault.remedy,
         offset_from=move.offset_from + named_targets,
     )
 

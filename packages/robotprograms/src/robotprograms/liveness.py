@@ -7,7 +7,7 @@ operation on this path gives the name a new content. Each name is followed backw
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Mapping, Set
+from collections.abc import Collection, Iterable, Mapping, Set
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final
@@ -53,23 +53,23 @@ class _Graph:
 
         An edge leads from an operation to one that may run next: in the order of a routine, or by a jump.
         """
+        self._moves = traffic.moves
         self.after: defaultdict[int, list[int]] = defaultdict(list)  # operations that may follow
         self.before: defaultdict[int, list[int]] = defaultdict(list)  # operations that may come before
-        self._moves = traffic.moves
         self.last_of_routine = {routine: body[-1] for routine, body in traffic.bodies.items() if body}
-        self.routine_begun_at = {
-            flow.begins[routine]: routine for routine in traffic.bodies if routine in flow.begins
-        }
-        self.callers: defaultdict[str, list[int]] = defaultdict(list)  # operations that call each routine
-        for index, routines in traffic.calls.items():
-            for routine in routines:
-                self.callers[routine].append(index)
+        begun_routines = [routine for routine in traffic.bodies if routine in flow.begins]
+        self.routine_begun_at = {flow.begins[routine]: routine for routine in begun_routines}
+        self.callers = _list_callers(traffic.calls)
         for body in traffic.bodies.values():
-            for index, following in pairwise(body):
-                self._add_edge(index, following)
-        for index, others in flow.successors.items():
-            for other in others:
-                self._add_edge(index, other)
+            self._add_edges(pairwise(body))
+        for index, successors in flow.successors.items():
+            self._add_edges((index, successor) for successor in successors)
+
+    def _add_edges(self, edges: Iterable[tuple[int, int]]) -> None:
+        """Add edges, each from an operation to another one."""
+        for index, other in edges:
+            self.after[index].append(other)
+            self.before[other].append(index)
 
     def skip_moves(self, index: int) -> int:
         """Return the first operation from an index on that is no move; moves have no states of their own.
@@ -79,11 +79,6 @@ class _Graph:
         while index in self._moves and self.after[index]:
             index = self.after[index][0]
         return index
-
-    def _add_edge(self, index: int, other: int) -> None:
-        """Add an edge from an operation to another one."""
-        self.after[index].append(other)
-        self.before[other].append(index)
 
 
 class _LiveRange:
@@ -142,25 +137,32 @@ class _LiveRange:
             self._make_live_behind(self._graph.last_of_routine[routine])
 
     def add_to(self, liveness: Liveness) -> None:
-        """Add to `liveness` where the name dies, and where it enters and leaves routines.
-
-        A name dies on the way from an operation behind which it may have a content to one before which it is
-        not live.
-        """
-        graph, traffic = self._graph, self._traffic
+        """Add to `liveness` where the name dies, and where it enters and leaves routines."""
         liveness.followed.add(self.name)
-        read_by_moves = traffic.reads.get(self.name, set()) & traffic.moves
-        for index in self.behind | self._writes | read_by_moves:
-            for following in graph.after[index]:
-                if following not in self.at:
-                    liveness.dead[graph.skip_moves(following)].add(self.name)
-            is_live_behind_call = index in traffic.calls and index in self.behind
-            if is_live_behind_call:
-                liveness.returned[index].add(self.name)
-        for index in self.at & graph.routine_begun_at.keys():
-            liveness.at_begin[graph.routine_begun_at[index]].add(self.name)
+        for index in self._find_deaths():
+            liveness.dead[index].add(self.name)
+        for call in self.behind & self._traffic.calls.keys():
+            liveness.returned[call].add(self.name)
+        begun_at = self._graph.routine_begun_at
+        for index in self.at & begun_at.keys():
+            liveness.at_begin[begun_at[index]].add(self.name)
         for routine in self.exits:
             liveness.at_exit[routine].add(self.name)
+
+    def _find_deaths(self) -> set[int]:
+        """Return the operations on the way to which the name dies: states before them leave it out.
+
+        The way leads from an operation behind which the name may have a content to one before which it is not
+        live. If that one is a move, the operation behind the move counts: moves have no states of their own.
+        """
+        read_by_moves = self._traffic.reads.get(self.name, set()) & self._traffic.moves
+        may_have_content_behind = self.behind | self._writes | read_by_moves
+        deaths = set[int]()
+        for index in may_have_content_behind:
+            for following in self._graph.after[index]:
+                if following not in self.at:
+                    deaths.add(self._graph.skip_moves(following))
+        return deaths
 
 
 def find_liveness(traffic: Traffic, flow: ControlFlow) -> Liveness:
@@ -179,3 +181,12 @@ def find_liveness(traffic: Traffic, flow: ControlFlow) -> Liveness:
             break
         live_range.add_to(liveness)
     return liveness
+
+
+def _list_callers(calls: Mapping[int, list[str]]) -> defaultdict[str, list[int]]:
+    """Return the operations, by index, that call each routine; `calls` are the routines of each operation."""
+    callers: defaultdict[str, list[int]] = defaultdict(list)
+    for index, routines in calls.items():
+        for routine in routines:
+            callers[routine].append(index)
+    return callers

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cached_property
 from itertools import chain
@@ -23,13 +23,13 @@ from robotprograms.columns import (
     is_without_axes,
 )
 from robotprograms.control_flow import ControlFlow
-from robotprograms.declarations import UNKNOWN, Content, State
+from robotprograms.declarations import UNKNOWN, Content, Entry, State
 from robotprograms.errors import quote_text
 from robotprograms.frames import FrameFinder
 from robotprograms.language import Name
 from robotprograms.notation import Orientation, iterate_integers
 from robotprograms.places import Place
-from robotprograms.program import At, FrameName, Literal, Motion
+from robotprograms.program import FrameName, Literal, Motion
 from robotprograms.reaching import reach
 from robotprograms.statements import Statements
 
@@ -76,6 +76,32 @@ class _Repetitions(NamedTuple):
     lines: IndexArray  # (k,) line of each of these moves
     first: IndexArray  # (k,) index of the first number of each of them among those of the file
 
+    def list_places(self, place: Place) -> Iterator[Place]:
+        """Yield the place of the move itself, and those of its repetitions."""
+        yield place
+        lines, firsts = iterate_integers(self.lines), iterate_integers(self.first)
+        for line, first in zip(lines, firsts, strict=True):
+            yield replace(place, line=line, first=first)
+
+
+def _make_state_of_unreached() -> State:
+    """Return the contents of all names at a move that the program never reaches: all of them are unknown."""
+    cause = Cause(0, "the program never reaches this line", "omit the move")
+    return {UNKNOWN: Entry.from_content(cause)}
+
+
+def _complete_place(cause: Cause, place: Place) -> Cause:
+    """Return a cause with the place of its move, unless the cause has a place of its own."""
+    return cause if cause.line else cause._replace(line=place.line, source=place.source)
+
+
+def _find_unknown_frame(frames: list[Frames]) -> Cause | None:
+    """Return the cause of the first base or tool that is not known; None if all are known."""
+    for frame in chain(*frames):
+        if isinstance(frame, Cause):
+            return frame
+    return None
+
 
 class MoveRecorder:
     """Recorder of the moves of a program."""
@@ -103,10 +129,7 @@ class MoveRecorder:
         In URScript, `p2 = pose_trans(p1, p[0,0,0.1,0,0,0])` is such a pose, 0.1 m from p1. Where p2 is used
         for something else than a move, so is p1: then the numbers of p1 have to stay as they are.
         """
-        moves = list[tuple[Place, ir.Move]]()
-        for place, op in zip(self._places, self._ops, strict=True):
-            if isinstance(op, ir.Move):
-                moves.append((place, op))
+        moves = self._list_moves()
         for place, move in moves:
             self._targets.update(self._list_named_targets(place, move))
         for place, offset in self._uses.offsets:
@@ -115,6 +138,14 @@ class MoveRecorder:
             if self._is_near_target(place, move):  # the offset itself is part of a calculation
                 self._uses.used |= dict.fromkeys(self._list_named_targets(place, move), place.at)
         self._mark_targets_behind_offsets()
+
+    def _list_moves(self) -> list[tuple[Place, ir.Move]]:
+        """Return the moves of the program, each with its place."""
+        moves = list[tuple[Place, ir.Move]]()
+        for place, op in zip(self._places, self._ops, strict=True):
+            if isinstance(op, ir.Move):
+                moves.append((place, op))
+        return moves
 
     def _mark_targets_behind_offsets(self) -> None:
         """Mark targets as used where a pose at an offset from them is used for something else than a move."""
@@ -191,17 +222,22 @@ class MoveRecorder:
             text = f"a move to {op.name}, a position stored in the controller"
             self._columns.add_remark(place.at, text, op.name)
             return
-        if state is None:
-            state = {UNKNOWN: (Cause(0, "the program never reaches this line", "omit the move"), At())}
-        if op.near_target and self._is_near_target(place, op):
-            op = op.near_target
+        move = self._choose_meaning(place, op)
+        state_at_move = _make_state_of_unreached() if state is None else state
         repetitions = self._list_repetitions(i)
-        if self._add_moves_at_once(op, place, repetitions, state):
+        if self._add_moves_at_once(move, place, repetitions, state_at_move):
             return
-        self._add_move(op, place, state)
-        lines, firsts = iterate_integers(repetitions.lines), iterate_integers(repetitions.first)
-        for line, first in zip(lines, firsts, strict=True):
-            self._add_move(op, replace(place, line=line, first=first), state)
+        for place_of_move in repetitions.list_places(place):
+            self._add_move(move, place_of_move, state_at_move)
+
+    def _choose_meaning(self, place: Place, move: ir.Move) -> ir.Move:
+        """Return the move that a statement means: one to a place near a target, or to a target in a frame.
+
+        `movel(pose_trans(p1, ...))` has both meanings; any other move has only one.
+        """
+        if move.near_target is not None and self._is_near_target(place, move):
+            return move.near_target
+        return move
 
     def _add_moves_at_once(self, op: ir.Move, place: Place, repetitions: _Repetitions, state: State) -> bool:
         """Add a move and its repetitions as whole columns, because long programs are mostly such moves.
@@ -336,15 +372,13 @@ class MoveRecorder:
         for name in self._list_targets_near_move(place, op, frames):
             self._note_offset(place, name, frames.of_first, state)
         targets = self._evaluate_targets(op, place, state)
-        cause = frames.cause or targets.cause
+        cause, feed = frames.cause or targets.cause, np.nan
         if cause is None:
-            feed = float(self._find_feeds(op, place, np.array([place.first]), state)[0])
-            self._columns.add_move(op, place.line, targets.numbers, frames.of_targets, None, feed)
+            (feed,) = self._find_feeds(op, place, np.array([place.first]), state).tolist()
         else:
             self._keep_targets_of_move(place, op, frames, state)
-            if not cause.line:  # the cause has no place of its own
-                cause = cause._replace(line=place.line, source=place.source)
-            self._columns.add_move(op, place.line, targets.numbers, frames.of_targets, cause, np.nan)
+            cause = _complete_place(cause, place)
+        self._columns.add_move(op, place.line, targets.numbers, frames.of_targets, cause, feed)
 
     def _evaluate_targets(self, op: ir.Move, place: Place, state: State) -> _ReadTargets:
         """Find the numbers of a move's targets at a place, where all names have the contents in `state`."""
@@ -426,19 +460,29 @@ class MoveRecorder:
             frames: base and tool of each target; a `Cause` in place of a frame that is not known.
             state: contents of all names at the move.
         """
-        if op.reason:
-            return place.make_cause(op.reason, op.remedy)
+        stated_cause = place.make_cause(op.reason, op.remedy) if op.reason else None
+        return (
+            stated_cause
+            or self._find_axes_in_variable(place, op, state)
+            or self._find_active_shift(state)
+            or _find_unknown_frame(frames)
+            or self._find_other_frame(place, op, frames, state)
+        )
+
+    def _find_axes_in_variable(self, place: Place, op: ir.Move, state: State) -> Cause | None:
+        """Return the cause if a target of a move has external axes in a variable, which may carry the arm."""
         for target in op.targets:
             if isinstance(target, Literal) and (cause := self._refuse_axes_in_variable(place, target, state)):
                 return cause
-        for name in self._changes.lasting:  # offsets, tracking, force control
+        return None
+
+    def _find_active_shift(self, state: State) -> Cause | None:
+        """Return the cause if what lasts moves the targets, such as an offset, tracking or force control."""
+        for name in self._changes.lasting:
             content, _ = self._contents.look_up(state, name)
             if isinstance(content, Cause):
                 return content
-        for frame in chain(*frames):
-            if isinstance(frame, Cause):
-                return frame
-        return self._find_other_frame(place, op, frames, state)
+        return None
 
     def _find_other_frame(
         self, place: Place, op: ir.Move, frames: list[Frames], state: State
@@ -477,15 +521,21 @@ class MoveRecorder:
         name = place.qualify(target)
         content, _ = self._contents.look_up(state, name)
         unknown = f"the target {quote_text(name)} is not given by constant numbers"
-        if not isinstance(content, WrittenNumbers):
-            reason = self._explain_unknown_content(name, content)
-        elif content.literal.notation.orientation is Orientation.NONE:
-            reason = "it is no pose"
-        elif name in self._declarations.stored:  # other programs, or a computer, may set it at any time
-            reason = "the declaration is shared with other programs"
+        if isinstance(content, WrittenNumbers):
+            reason = self._explain_unusable_numbers(name, content)
+            if not reason:
+                return self._settle_target(place, name, content._replace(label=name), unknown)
         else:
-            return self._settle_target(place, name, content._replace(label=name), unknown)
+            reason = self._explain_unknown_content(name, content)
         return place.make_cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)
+
+    def _explain_unusable_numbers(self, name: str, numbers: WrittenNumbers) -> str:
+        """Return why the numbers of a name are no target that can be corrected; empty if they are one."""
+        if numbers.literal.notation.orientation is Orientation.NONE:
+            return "it is no pose"
+        if name in self._declarations.stored:  # other programs, or a computer, may set it at any time
+            return "the declaration is shared with other programs"
+        return ""
 
     def _explain_unknown_content(self, name: str, content: Cause | str) -> str:
         """Return why the content of a name is not known at a move; empty if there is no certain reason."""

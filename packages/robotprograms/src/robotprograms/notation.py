@@ -7,7 +7,7 @@ import math
 import operator
 import re
 from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final, TypeAlias
@@ -322,15 +322,24 @@ class Numerals:
         r"""Find the numbers in a text without `\0` by a pattern; no number spans two lines.
 
         In `X 1.5,Y 2`, the numbers are 1.5 and 2, and the masked text is `X \0,Y \0`. The text is read in
-        blocks of whole lines. Growing arrays hold the numbers: many small arrays would leave gaps in the
-        memory, as large as the numbers themselves.
+        blocks of whole lines, because the numbers of a long program would fill the memory as texts.
+        """
+        split_at_numbers = re.compile(f"({pattern})").split
+        blocks = (
+            cls._from_pieces(split_at_numbers(text[begin:end]), begin) for begin, end in _list_blocks(text)
+        )
+        return cls._join(blocks)
+
+    @classmethod
+    def _join(cls, blocks: Iterable[Numerals]) -> Numerals:
+        """Join the numbers of the blocks of a text.
+
+        Growing arrays hold them: many small arrays would leave gaps in the memory, as large as the numbers
+        themselves.
         """
         values, starts, ends = array("d"), array("i"), array("i")
         masked_blocks = list[str]()
-        split_at_numbers = re.compile(f"({pattern})").split
-        for begin, end in _list_blocks(text):
-            pieces = split_at_numbers(text[begin:end])
-            block = cls._from_pieces(pieces, begin)
+        for block in blocks:
             values.frombytes(block.values.tobytes())
             starts.frombytes(block.starts.tobytes())
             ends.frombytes(block.ends.tobytes())

@@ -41,16 +41,22 @@ def find_name(language: Language, source: Source, line: int, name: str) -> NameP
     statement = _find_statement(language, source.text[begin : begin + _LONGEST])
     if statement is None:
         return None
-    array, bracket, index = name.partition("[")
-    pattern = re.escape(name)
-    if bracket:  # an element of an array, such as `P[3]`, may be written with blanks
-        pattern = rf"{re.escape(array)}\s*\[\s*{re.escape(index.removesuffix(']'))}\s*\]"
-    flags = re.IGNORECASE if language.ignores_case else 0
-    places = [found.span() for found in re.finditer(rf"(?<![\w$.]){pattern}(?!\w)", statement, flags)]
+    places = [found.span() for found in _compile_name(language, name).finditer(statement)]
     if len(places) != 1:
         return None
     ((first, last),) = places
     return NamePlace(begin + first, begin + last)
+
+
+def _compile_name(language: Language, name: str) -> re.Pattern[str]:
+    """Return a pattern that finds a whole name; an element of an array may have blanks: `P [ 3 ]`."""
+    array, bracket, index = name.partition("[")
+    pattern = re.escape(name)
+    is_element = bool(bracket)
+    if is_element:
+        pattern = rf"{re.escape(array)}\s*\[\s*{re.escape(index.removesuffix(']'))}\s*\]"
+    flags = re.IGNORECASE if language.ignores_case else 0
+    return re.compile(rf"(?<![\w$.]){pattern}(?!\w)", flags)
 
 
 def _find_statement(language: Language, text: str) -> str | None:

@@ -165,8 +165,34 @@ class Targets:
         """Factors (t,) from the units of the targets' angles to rad."""
         return np.array([each.angle for each in self.notations])[self.notation]
 
+    @classmethod
+    def from_rows(cls, numbers: FloatArray, notation: Notation) -> Targets:
+        """Build the targets of a table that has no text: one for each row of numbers.
+
+        Args:
+            numbers: (N, 3 + count) numbers of the poses of the tool `tool` in the base `part`.
+            notation: meaning of the numbers.
+        """
+        count, number_count = numbers.shape
+        values = np.full((count, NUMBERS + WORDS), np.nan)
+        values[:, :number_count] = numbers
+        first_line = 2  # line 1 of a table is its header
+        only_index = np.zeros(count, dtype=np.intp)  # of the only file, literal and base
+        return cls(
+            names=[""] * count,
+            source=only_index,
+            line=first_line + np.arange(count),
+            literal=only_index,
+            literals=(Literal(notation, tuple(range(number_count))),),
+            base=only_index,
+            tool=np.ones(count, dtype=np.intp),
+            frames=(FrameName("part"), FrameName("tool")),
+            values=values,
+            spans=np.full((*values.shape, 2), -1, dtype=np.int32),
+        )
+
     def select(self, rows: IndexArray) -> Targets:
-        """Return the targets of these indices (n,), in their order; literals and frames stay all."""
+        """Return the targets of these indices (n,), in their order, with the literals and frames of all."""
         return replace(
             self,
             names=[self.names[row] for row in rows.tolist()],
@@ -198,7 +224,36 @@ class Moves:
     @cached_property
     def move_of_visit(self) -> IndexArray:
         """Index (v,) of the move to which each visit of a target belongs."""
-        return np.repeat(np.arange(len(self.ends)), np.diff(self.ends, prepend=0))
+        return np.repeat(np.arange(len(self.ends)), self.visit_counts)
+
+    @property
+    def visit_counts(self) -> IndexArray:
+        """Count (k,) of the targets that each move visits."""
+        return np.diff(self.ends, prepend=0)
+
+    def sort_by_line(self) -> Moves:
+        """Return the moves in order of their lines, with their visits; moves of one line keep their order."""
+        order = np.argsort(self.line, kind="stable")  # old index of each move, in the new order
+        new_index = np.empty_like(order)  # new index of each move, in the old order
+        new_index[order] = np.arange(len(order))
+        order_of_visits = np.argsort(new_index[self.move_of_visit], kind="stable")
+        return Moves(
+            line=self.line[order],
+            motion=self.motion[order],
+            ends=np.cumsum(self.visit_counts[order]),
+            visits=self.visits[order_of_visits],
+            feed=self.feed[order],
+        )
+
+    def select(self, selected: BoolArray) -> Moves:
+        """Return the moves in a mask (k,); their visits keep the indices of the targets."""
+        return Moves(
+            line=self.line[selected],
+            motion=self.motion[selected],
+            ends=np.cumsum(self.visit_counts[selected]),
+            visits=self.visits[selected[self.move_of_visit]],
+            feed=self.feed[selected],
+        )
 
     @property
     def is_visit_of_joint_move(self) -> BoolArray:
@@ -258,25 +313,15 @@ class Program:
             numbers: (N, 3 + count) numbers of the poses of the tool `tool` in the base `part`.
             notation: meaning of the numbers.
         """
+        targets = Targets.from_rows(numbers, notation)
         count = len(numbers)
-        rows, zeros = np.arange(count), np.zeros(count, dtype=np.intp)
-        values = np.full((count, NUMBERS + WORDS), np.nan)
-        values[:, : numbers.shape[1]] = numbers
-        line = rows + 2  # the header of a table is line 1
-        targets = Targets(
-            names=[""] * count,
-            source=zeros,
-            line=line,
-            literal=zeros,
-            literals=(Literal(notation, tuple(range(numbers.shape[1]))),),
-            base=zeros,
-            tool=zeros + 1,
-            frames=(FrameName("part"), FrameName("tool")),
-            values=values,
-            spans=np.full((*values.shape, 2), -1, dtype=np.int32),
+        moves = Moves(
+            line=targets.line,
+            motion=np.full(count, _MOTIONS.index(Motion.LINEAR)),
+            ends=np.arange(count) + 1,
+            visits=np.arange(count),
+            feed=np.full(count, np.nan),
         )
-        motion = np.full(count, _MOTIONS.index(Motion.LINEAR))
-        moves = Moves(line, motion, ends=rows + 1, visits=rows, feed=np.full(count, np.nan))
         return cls("csv", (Source.from_bytes(name, b""),), targets, moves, ())
 
     @property
@@ -304,12 +349,41 @@ class Program:
         return tuple(encode_text(source.text) for source in self.sources)
 
 
-class _NewNumbers(NamedTuple):
-    """New numbers of m targets; n numbers differ from those in the text."""
+class _Text(NamedTuple):
+    """Part of a file that is rewritten at once."""
 
-    written: FloatArray  # (m, 7) numbers as they are written
-    spans: Places  # (n, 2) first and last + 1 character of each number that differs
-    texts: list[str]  # new text of each of them
+    of_file: Characters  # characters of the whole file
+    begin: int  # first character of the part
+    end: int  # last character + 1 of the part
+
+    @property
+    def characters(self) -> Characters:
+        """Characters of the part."""
+        return self.of_file[self.begin : self.end]
+
+    def move_edit(self, edit: Edit) -> Edit:
+        """Return an edit whose places in the file are counted from the beginning of the part instead."""
+        start, end, text = edit
+        return start - self.begin, end - self.begin, text
+
+
+class _ChangedNumbers(NamedTuple):
+    """The c numbers of m targets that get other values."""
+
+    row: IndexArray  # (c,) which of the m targets a number belongs to
+    column: IndexArray  # (c,) column of the number, such as 0 for X
+    target: IndexArray  # (c,) index of the target in the program
+    old: FloatArray  # (c,) values in the text
+    new: FloatArray  # (c,) other values, which are not rounded yet
+
+
+class _NewNumbers(NamedTuple):
+    """Texts of changed numbers, as they are written; n of the c changed numbers differ from the old text."""
+
+    differ: BoolArray  # (c,) mask of those that differ after they were rounded
+    values: FloatArray  # (n,) their rounded values
+    spans: Places  # (n, 2) first and last + 1 character of each of them in the old text
+    texts: list[str]  # their texts
 
 
 class Rewriting:
@@ -332,10 +406,7 @@ class Rewriting:
         self._is_own_replaced = np.zeros(len(self._own), dtype=np.bool_)  # whether a number of them changed
         self._rewritten = [0] * len(self._characters)  # count of characters of each file that are rewritten
         self._pieces: list[list[bytes]] = [[] for _ in self._characters]  # rewritten text of each file
-        # (notations, NUMBERS) fewest decimals of each number of a target; 0 behind the last number
-        self._digits = np.zeros((len(self._targets.notations), NUMBERS), dtype=np.intp)
-        for digits, notation in zip(self._digits, self._targets.notations, strict=True):
-            digits[: len(notation.decimals)] = notation.decimals
+        self._digits = _list_decimals(self._targets.notations)
 
     def blocks(self, indices: IndexArray) -> Iterator[IndexArray]:
         """Divide targets into blocks of at most `BLOCK` that `replace` can write one after the other.
@@ -372,50 +443,62 @@ class Rewriting:
             (m, 7) the numbers as they are written.
         """
         source = int(self._targets.source[rows[0]])
-        begin, end = self._rewritten[source], self._find_end(source, rows)
-        characters = self._characters[source][begin:end]
-        written, spans, texts = self._format_changed_numbers(characters, begin, rows, values)
-        edits = [(start - begin, stop - begin, text) for _, (start, stop, text) in words]
-        starts_of_edits = [start for start, _, _ in edits]
-        self._keep_own_numbers(source, begin + np.array([*spans[:, 0].tolist(), *starts_of_edits], np.intp))
-        edits += self._restore_names(source, begin, end)
-        if self._keeps_columns:  # edits with blanks take the place of all new numbers
-            for (start, stop), text in zip(spans.tolist(), texts, strict=True):
-                edits.append(pad_number(characters, start, stop, text))
-            spans, texts = spans[:0], []
-        spans, texts = _merge_edits(spans, texts, edits)
-        self._pieces[source].append(splice_texts(characters, spans, texts))
-        self._rewritten[source] = end
-        return written
+        text = _Text(self._characters[source], self._rewritten[source], self._find_end(source, rows))
+        changed = self._find_changed_numbers(rows, values)
+        new = self._format_numbers(text, changed)
+        edits = [text.move_edit(edit) for _, edit in words]
+        starts = [*new.spans[:, 0].tolist(), *(start for start, _, _ in edits)]
+        self._keep_own_numbers(source, text.begin + np.array(starts, dtype=np.intp))
+        edits += self._restore_names(source, text.begin, text.end)
+        self._pieces[source].append(self._splice(text, new, edits))
+        self._rewritten[source] = text.end
+        return self._update_numbers(rows, changed, new)
 
-    def _format_changed_numbers(
-        self, characters: Characters, begin: int, rows: IndexArray, values: FloatArray
-    ) -> _NewNumbers:
-        """Return the text of each new number of some targets that differs from the number in the file.
+    def _splice(self, text: _Text, new: _NewNumbers, edits: list[Edit]) -> bytes:
+        """Return a text with new numbers and with further edits, all counted from the text's beginning.
 
-        Args:
-            characters: text of the file from the index `begin` on.
-            begin: index of its first character in the file.
-            rows: (m,) indices of the targets.
-            values: (m, 7) new numbers; NaN where the text stays as it is.
+        Where columns of numbers stay aligned, blanks before a number are removed or added.
         """
-        written = self._targets.values[rows, :NUMBERS]
-        row, column = np.nonzero(np.isfinite(values) & (values != written))
-        spans = self._targets.spans[rows[row], column] - begin
+        if not self._keeps_columns:
+            return splice_texts(text.characters, *_merge_edits(new.spans, new.texts, edits))
+        padded = []
+        for (start, end), number in zip(new.spans.tolist(), new.texts, strict=True):
+            padded.append(pad_number(text.characters, start, end, number))
+        no_spans = new.spans[:0]
+        return splice_texts(text.characters, *_merge_edits(no_spans, [], [*edits, *padded]))
+
+    def _find_changed_numbers(self, rows: IndexArray, values: FloatArray) -> _ChangedNumbers:
+        """Find the numbers of m targets whose new values (m, 7) differ from those in the file.
+
+        `rows` (m,) are the indices of the targets. NaN in place of a value means that the text stays.
+        """
+        old = self._targets.values[rows, :NUMBERS]
+        row, column = np.nonzero(np.isfinite(values) & (values != old))
+        return _ChangedNumbers(row, column, target=rows[row], old=old[row, column], new=values[row, column])
+
+    def _format_numbers(self, text: _Text, changed: _ChangedNumbers) -> _NewNumbers:
+        """Format changed numbers like the numbers in the text whose places they take."""
+        spans = self._targets.spans[changed.target, changed.column] - text.begin
+        notation = self._targets.notation[changed.target]
         texts, differ = format_new_numbers(
-            characters,
+            text.characters,
             spans,
-            new=values[row, column],
-            old=written[row, column],
-            digits=self._digits[self._targets.notation[rows[row]], column],
+            new=changed.new,
+            old=changed.old,
+            digits=self._digits[notation, changed.column],
         )
         changed_texts = list(compress(texts, differ))
-        written[row[differ], column[differ]] = np.fromiter(
-            map(float, changed_texts), np.float64, count=len(changed_texts)
-        )
+        values = np.fromiter(map(float, changed_texts), np.float64, count=len(changed_texts))
         if self._has_decimal_commas:
-            changed_texts = [text.replace(".", ",") for text in changed_texts]
-        return _NewNumbers(written, spans[differ], changed_texts)
+            changed_texts = [number.replace(".", ",") for number in changed_texts]
+        return _NewNumbers(differ, values, spans[differ], changed_texts)
+
+    def _update_numbers(self, rows: IndexArray, changed: _ChangedNumbers, new: _NewNumbers) -> FloatArray:
+        """Return the numbers (m, 7) of targets, by index, as they are written now: old ones and new ones."""
+        written = self._targets.values[rows, :NUMBERS]
+        differ = new.differ
+        written[changed.row[differ], changed.column[differ]] = new.values
+        return written
 
     def _keep_own_numbers(self, source: int, places: IndexArray) -> None:
         """Note that the own numbers around some characters of a file stay, because a part of them is new.
@@ -481,6 +564,14 @@ class Rewriting:
             rest = splice_texts(characters[begin_of_rest:], spans, [name for _, _, name in names])
             files.append(b"".join([*self._pieces[source], rest]))
         return files
+
+
+def _list_decimals(notations: Sequence[Notation]) -> IndexArray:
+    """Return the fewest decimals (notations, 7) of each number of a target; 0 behind the last number."""
+    decimals = np.zeros((len(notations), NUMBERS), dtype=np.intp)
+    for row, notation in zip(decimals, notations, strict=True):
+        row[: len(notation.decimals)] = notation.decimals
+    return decimals
 
 
 def _merge_edits(spans: Places, texts: list[str], edits: list[Edit]) -> tuple[Places, list[str]]:

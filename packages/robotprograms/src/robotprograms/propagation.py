@@ -6,22 +6,17 @@ why the content is unknown. Where paths meet, contents that differ are unknown.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Set
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 from robotprograms import language as ir
-from robotprograms.calls import Calls, Work
 from robotprograms.columns import Cause
-from robotprograms.control_flow import ControlFlow
-from robotprograms.declarations import NOT_SET, UNKNOWN, UNREACHED, Content, State
-from robotprograms.effects import Effects
+from robotprograms.declarations import NOT_SET, UNKNOWN, UNREACHED, Changes, Content, Entry, State
+from robotprograms.effects import FollowedProgram
 from robotprograms.errors import quote_text
 from robotprograms.language import Op
 from robotprograms.liveness import Liveness
-from robotprograms.places import find_place
 from robotprograms.program import At
-from robotprograms.statements import Statements
 
 _MAX_CALLS: Final = 200
 """Largest depth of calls that are followed in one pass; deeper calls are followed in the next pass."""
@@ -39,46 +34,36 @@ def _explain_change(name: str, at: At) -> Cause:
     return Cause(at.line, reason, "set the value once, before branches, loops and calls", at.source)
 
 
+class _PassedState(NamedTuple):
+    """State behind an operation of a routine that is passed through."""
+
+    state: State | None  # content of each variable; None if no path leads there
+    is_shared: bool  # whether the state is stored elsewhere, too: it is then copied before a change
+
+
 class Propagation:
     """States of a program."""
 
-    def __init__(
-        self,
-        statements: Statements,
-        flow: ControlFlow,
-        calls: Calls,
-        effects: Effects,
-        faults: Mapping[int, Cause],
-        work: Work,
-        liveness: Liveness,
-        record: Record,
-    ) -> None:
-        """Prepare to propagate states.
+    def __init__(self, program: FollowedProgram, liveness: Liveness, record: Record) -> None:
+        """Prepare to propagate states through a program, all of whose changes are known.
 
         Args:
-            statements: statements of the program, with all changes.
-            flow: control flow of the program.
-            calls: calls of the program.
-            effects: effects of the operations.
-            faults: causes by the indices of operations that do not fit.
-            work: count of steps.
+            program: the program.
             liveness: names that states leave out.
             record: function that records a move.
         """
-        self._ops, self._language, self._contents = statements.ops, statements.language, statements.contents
-        self._changes, self._flow, self._calls, self._effects = statements.changes, flow, calls, effects
-        self._faults, self._work, self._liveness, self._record = faults, work, liveness, record
+        self._ops, self._language = program.statements.ops, program.statements.language
+        self._contents, self._changes = program.statements.contents, program.statements.changes
+        self._flow, self._calls, self._effects = program.flow, program.calls, program.effects
+        self._faults, self._work = program.faults, program.work
+        self._liveness, self._record = liveness, record
         self._incoming: dict[int, State] = {}  # joined states of all jumps to an operation
         self.exits: dict[str, State | None] = {}  # state at the end of each routine
         # indices of each routine's operations other than moves
         self._state_operations: dict[str, list[int]] = {}
         self._entered_routines: list[str] = []  # routines that are being passed through
         self._state_changed = True  # whether a state has changed in this pass
-        # names that each routine may change and that are always live
-        self._always_returned: dict[str, list[str]] = defaultdict(list)
-        for routine, changed in self._changes.of_routine.items():
-            live = [name for name in changed if name not in liveness.followed]
-            self._always_returned[routine] = live
+        self._always_returned = _list_always_returned(self._changes, liveness)
 
     def run(self, bodies: Mapping[str, list[int]], callers: Mapping[str, Set[str]]) -> None:
         """Pass states through routines until none changes, and then once more to record the moves.
@@ -140,7 +125,7 @@ class Propagation:
             return None
         reason = f"another program may call {quote_text(routine)} while other frames are active"
         cause = Cause(0, reason, "set the frames in the routine, before its moves")
-        return {UNKNOWN: (cause, At())}
+        return {UNKNOWN: Entry(cause, At())}
 
     def _propagate_through(self, routine: str, indices: Iterable[int]) -> None:
         """Pass states through operations of a routine once, and record their moves.
@@ -152,27 +137,39 @@ class Propagation:
             routine: name of the routine; empty for statements outside of routines.
             indices: indices of the routine's operations, in their order.
         """
-        state: State | None = {}
-        if not routine and routine in self._flow.faulty_routines:
-            state = self._add_fault(self._flow.faulty_routines[routine], state)
-        is_shared = False  # whether the state is stored elsewhere, so that it must be copied before a change
+        passed = _PassedState(self._make_first_state(routine), is_shared=False)
         self._entered_routines.append(routine)
         for i in indices:
             op = self._ops[i]
             if isinstance(op, ir.Move | ir.MoveToStored):
-                self._record(op, i, state)
+                self._record(op, i, passed.state)
                 continue
             self._work.count(1)
-            if state is not None:
-                kept = self._leave_out_unread(i, state)
-                is_shared = is_shared and kept is state
-                state = kept
+            passed = self._forget_unread(i, passed)
             if isinstance(op, ir.Flow):
-                state, is_shared = self._pass_to_successors(op, i, state), True
-            elif state is not None:
-                state, is_shared = self._operate(op, i, state, shared=is_shared)
+                passed = _PassedState(self._pass_to_successors(op, i, passed.state), is_shared=True)
+            elif passed.state is not None:
+                passed = self._operate(op, i, passed.state, shared=passed.is_shared)
         self._entered_routines.pop()
-        self._store_exit(routine, state)
+        self._store_exit(routine, passed.state)
+
+    def _make_first_state(self, routine: str) -> State | None:
+        """Return the state before the first line of a routine; it has no content of a variable.
+
+        Where a routine begins, the states of its callers are joined into this state. Statements outside of
+        routines, whose name is empty, have no such beginning: a fault in them concerns all of them.
+        """
+        is_outside = not routine
+        if is_outside and routine in self._flow.faulty_routines:
+            return self._add_fault(self._flow.faulty_routines[routine], {})
+        return {}
+
+    def _forget_unread(self, i: int, passed: _PassedState) -> _PassedState:
+        """Return a state without the variables that nothing reads from operation i on."""
+        if passed.state is None:
+            return passed
+        kept = self._leave_out_unread(i, passed.state)
+        return _PassedState(kept, is_shared=passed.is_shared and kept is passed.state)
 
     def _leave_out_unread(self, i: int, state: State) -> State:
         """Return a state without the variables that nothing reads from operation i on.
@@ -203,11 +200,10 @@ class Propagation:
                 unread.append(name)
         return _leave_out(unread, state)
 
-    def _operate(self, op: Op, i: int, state: State, *, shared: bool) -> tuple[State | None, bool]:
-        """Return the state behind operation i, and whether this state is stored elsewhere, too.
+    def _operate(self, op: Op, i: int, state: State, *, shared: bool) -> _PassedState:
+        """Return the state behind operation i.
 
-        A state that is stored elsewhere is copied before a change; any other state is changed in place. The
-        state behind a call is None if the end of the called routines was not reached yet.
+        The state behind a call is None if the end of the called routines was not reached yet.
 
         Args:
             op: the operation; it neither moves the robot nor begins, ends or leaves a block.
@@ -215,20 +211,27 @@ class Propagation:
             state: content of each variable before the operation.
             shared: whether `state` is stored elsewhere.
         """
-        after: State | None
         called = self._calls.list_called(op) if isinstance(op, ir.Call) else []
         if isinstance(op, ir.Call) and called:
-            after, is_shared = self._follow_calls(op, i, called, state), True
+            after = _PassedState(self._follow_calls(op, i, called, state), is_shared=True)
         else:
-            if shared:
-                self._work.count(len(state))
-                state = dict(state)
-            self._effects.apply(state, i)
-            after, is_shared = state, False
-        for successor in self._flow.successors.get(i, ()):  # an error or interrupt may end the routine here
-            self._join_into(successor, after)
-            is_shared = True
-        return after, is_shared
+            after = _PassedState(self._apply(i, state, shared=shared), is_shared=False)
+        successors = self._flow.successors.get(i, ())  # an error or interrupt may end the routine here
+        for successor in successors:
+            self._join_into(successor, after.state)
+        return after._replace(is_shared=after.is_shared or bool(successors))
+
+    def _apply(self, i: int, state: State, *, shared: bool) -> State:
+        """Return the state behind operation i, which is no call of a routine of the program.
+
+        A state that is stored elsewhere, as `shared` says, is copied before the change; any other state is
+        changed in place.
+        """
+        if shared:
+            self._work.count(len(state))
+            state = dict(state)
+        self._effects.apply(state, i)
+        return state
 
     def _pass_to_successors(self, op: ir.Flow, i: int, state: State | None) -> State | None:
         """Pass a state on to all operations to which a branch, loop or jump may lead.
@@ -246,20 +249,26 @@ class Propagation:
         """
         fault = self._flow.uncertain.get(i)
         state = self._add_fault(fault, state)
-        arriving_by_jump = self._incoming.get(i)
         leaving = state
         if op.kind in ir.LOOPS:  # a round that ends with a jump to the next one may have been the last
-            leaving = self._join_states(arriving_by_jump, state)
+            leaving = self._join_states(self._incoming.get(i), state)
         for successor in self._flow.successors.get(i, ()):
             self._join_into(successor, leaving)
-        is_reached_by_jumps_alone = op.kind in ir.ROUTINES | {"switch", "branch", "default"}
-        never_goes_on = op.kind in ir.JUMPS or i in self._flow.endless
-        if is_reached_by_jumps_alone:
-            state = None
-        elif state is not None and never_goes_on:
-            state = {**state, UNREACHED: NOT_SET}
-        joined = self._join_states(self._incoming.get(i), state)
+        going_on = self._find_state_that_goes_on(op, i, state)
+        joined = self._join_states(self._incoming.get(i), going_on)
         return self._add_fault(fault, joined)
+
+    def _find_state_that_goes_on(self, op: ir.Flow, i: int, state: State | None) -> State | None:
+        """Return the part of the state before operation i that goes on to the next line of the text.
+
+        It is None where only jumps lead to the next line, as behind ELSE. Behind a jump, the state is marked
+        as one that no path reaches: any other state takes its place where both meet.
+        """
+        is_reached_by_jumps_alone = op.kind in ir.ROUTINES | {"switch", "branch", "default"}
+        if state is None or is_reached_by_jumps_alone:
+            return None
+        never_goes_on = op.kind in ir.JUMPS or i in self._flow.endless
+        return {**state, UNREACHED: NOT_SET} if never_goes_on else state
 
     def _add_fault(self, fault: int | None, state: State | None) -> State | None:
         """Return a state in which no move is certain, because of a fault such as an ENDIF without IF.
@@ -275,14 +284,11 @@ class Propagation:
         """
         if fault is None or state is None or self._makes_moves_uncertain(state):
             return state
-        cause = self._faults[fault]
-        unknown = (cause, find_place(cause))
-        return {**state, ir.MODE: unknown}
+        return {**state, ir.MODE: Entry.from_content(self._faults[fault])}
 
     def _makes_moves_uncertain(self, state: State) -> bool:
         """Return whether no move is certain in a state: `ir.MODE` has a cause in place of a known content."""
-        content, _ = self._contents.look_up(state, ir.MODE)
-        return isinstance(content, Cause)
+        return self._contents.look_up(state, ir.MODE).cause is not None
 
     def _follow_calls(self, op: ir.Call, i: int, routines: list[str], state: State) -> State | None:
         """Return the state behind a call of one of several routines of the program.
@@ -337,7 +343,7 @@ class Propagation:
         """
         changed = self._changes.of_routine[routine]
         read_behind_call = [name for name in self._liveness.returned.get(i, ()) if name in changed]
-        names = [*self._always_returned[routine], *read_behind_call]
+        names = [*self._always_returned.get(routine, ()), *read_behind_call]
         self._work.count(len(names))
         may_change_all = UNKNOWN in changed
         if may_change_all:
@@ -392,14 +398,14 @@ class Propagation:
 
         A content that is unknown on the first path stays unknown for the same cause.
         """
-        first_content, first_place = self._contents.look_up(first, name)
-        second_content, second_place = self._contents.look_up(second, name)
-        is_known_unknown = isinstance(first_content, Cause)
-        if is_known_unknown or self._are_equal(name, first_content, second_content):
+        on_first = self._contents.look_up(first, name)
+        on_second = self._contents.look_up(second, name)
+        is_known_unknown = on_first.cause is not None
+        if is_known_unknown or self._are_equal(name, on_first.content, on_second.content):
             return
-        at = max(first_place, second_place)
-        cause = second_content if isinstance(second_content, Cause) else _explain_change(name, at)
-        joined[name] = (cause, at)
+        at = max(on_first.place, on_second.place)
+        cause = on_second.cause or _explain_change(name, at)
+        joined[name] = Entry(cause, at)
 
     def _are_equal(self, name: str, first: Content, second: Content) -> bool:
         """Return whether two contents of a name are the same, or the same numbers of an active frame."""
@@ -419,9 +425,9 @@ class Propagation:
             for state_at_exit in self.exits.values():
                 if state_at_exit is None:
                     continue
-                content, _ = state_at_exit.get(name, NOT_SET)
-                if isinstance(content, Cause):
-                    self._changes.anytime[name] = content
+                cause = state_at_exit.get(name, NOT_SET).cause
+                if cause is not None:
+                    self._changes.anytime[name] = cause
 
 
 def _leave_out(names: Collection[str], state: State) -> State:
@@ -430,3 +436,15 @@ def _leave_out(names: Collection[str], state: State) -> State:
     if not left_out:
         return state
     return {name: entry for name, entry in state.items() if name not in left_out}
+
+
+def _list_always_returned(changes: Changes, liveness: Liveness) -> dict[str, list[str]]:
+    """Return the names that each routine may change, without those whose readers are known.
+
+    Behind a call of the routine, their contents are those at the end of the routine. Of all other names, the
+    readers are known: `liveness.returned` tells whether one of them is reached behind the call.
+    """
+    always_returned = dict[str, list[str]]()
+    for routine, changed in changes.of_routine.items():
+        always_returned[routine] = [name for name in changed if name not in liveness.followed]
+    return always_returned

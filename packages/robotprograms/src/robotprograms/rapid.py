@@ -182,23 +182,37 @@ def _translate_instruction(line: Line) -> list[Op]:
     It is one of the controller, or the call of a routine. The groups of the line are its `name` and its
     `arguments`. Before its own operations come the uses of the names in its arguments.
     """
-    name = line["name"]
-    uses = _read_arguments(line)
+    name, uses = line["name"], _read_arguments(line)
     names = _find_names(uses)
     if _CHANGES_ARGUMENTS.fullmatch(name):  # Incr n
         return [*uses, ir.MakeUnknown(names, f"{name} changes the value while the program runs", _REMEDY)]
+    if re.fullmatch(_HARMLESS, name):  # WaitTime 2
+        return _translate_harmless_instruction(line, uses)
+    if moves := _translate_special_move(line, uses):  # ArcL p1,v100,...
+        return moves
+    if lasting := _translate_lasting(name, names):  # PDispOn p1,tool1
+        return [*uses, *lasting]
+    return [*ir.pass_uses(uses, name), *_call_routine(line, name, names)]
+
+
+def _translate_harmless_instruction(line: Line, uses: list[Op]) -> list[Op]:
+    r"""Translate an instruction that changes neither target, frame nor variable, such as `WaitTime 2;`.
+
+    A routine of the program with the same name takes its place. `SingArea \Wrist;` gives a remark.
+
+    Args:
+        line: the instruction.
+        uses: uses of names in its arguments. They do not matter, apart from those of WaitUntil, where they
+            decide how the program goes on.
+    """
+    name = line["name"]
     if name == "SINGAREA" and "WRIST" in line["arguments"]:
         note = "SingArea \\Wrist: near singularities the tool turns away from its stated orientation"
         return [*uses, ir.Note(note)]
-    if re.fullmatch(_HARMLESS, name):  # WaitTime 2
-        is_condition = name == "WAITUNTIL"
-        kept_uses = ir.pass_uses(uses, ir.CONDITION) if is_condition else ir.omit_uses(uses)
-        return [*kept_uses, ir.call_if_defined(name, names)]
-    if moves := _translate_special_move(line, uses):
-        return moves
-    if lasting := _translate_lasting(name, names):
-        return [*uses, *lasting]
-    return [*ir.pass_uses(uses, name), *_call_routine(line, name, names)]
+    own_routine = ir.call_if_defined(name, _find_names(uses))
+    if name == "WAITUNTIL":
+        return [*ir.pass_uses(uses, ir.CONDITION), own_routine]
+    return [*ir.omit_uses(uses), own_routine]
 
 
 def _translate_special_move(line: Line, uses: list[Op]) -> list[Op]:
@@ -331,6 +345,39 @@ def _read_routine_name(text: str) -> _RoutineName:
     return _RoutineName(text.replace(ir.A_NUMBER, "n"), prefix)
 
 
+class _Obstacle(NamedTuple):
+    """Reason why a move is not corrected, and what the user can do."""
+
+    reason: str
+    remedy: str
+
+
+class _PartsOfMove(NamedTuple):
+    r"""Parts of a move such as `MoveL p1,v100,z10,tool1\WObj:=wobj1`."""
+
+    letter: str  # kind of the motion: L (line), J (joints) or C (arc)
+    points: list[Line]  # arguments with the targets, here p1
+    others: list[Line]  # arguments behind them, here v100, z10 and tool1
+    tool: Line  # the one of them that is the tool
+    work_object: str  # name of the work object
+    uses: list[Op]  # uses of names in the values of options
+
+    @property
+    def speed(self) -> Line:
+        """Argument with the speed, which is the first one behind the targets."""
+        return self.others[0]
+
+    @property
+    def base_frame(self) -> ir.Product:
+        """Base of all targets: the product of the frames of the work object."""
+        return _multiply_frames(self.work_object, "WOBJDATA")
+
+    @property
+    def tool_frame(self) -> ir.Product:
+        """Frame of the tool in the flange."""
+        return _multiply_frames(self.tool.text, "TOOLDATA")
+
+
 def _translate_process_move(line: Line, letter: str, uses: list[Op]) -> list[Op]:
     r"""Translate a move of a process, such as `ArcL p1,v100,seam1,weld1,z10,tool1\WObj:=wobj1;`.
 
@@ -344,22 +391,37 @@ def _translate_process_move(line: Line, letter: str, uses: list[Op]) -> list[Op]
     """
     name, remedy = line["name"], "write the move as MoveL, MoveJ or MoveC"
     try:
-        arguments = _split_arguments(line, _PROCESS_OPTIONS)
+        parts = _split_process_move(line, letter)
     except Misread as fault:
-        return _translate_uncorrected_instruction(line, uses, f"{name}: {fault.reason}", remedy)
-    count = 2 if letter == "C" else 1  # count of the targets
-    targets, tool = _read_targets(arguments.values[:count]), arguments.tool
-    # Behind the targets come at least speed, data of the process or zone, and the tool.
-    is_complete = len(targets) == count and len(arguments.values) >= count + 3
-    if not (is_complete and re.fullmatch(_WORD, tool)):
-        reason = f"{name}: target or tool is not given by numbers"
-        return _translate_uncorrected_instruction(line, uses, reason, remedy)
-    uses_behind_targets = _read_expressions(arguments.values[count:])
+        obstacle = _Obstacle(f"{name}: {fault.reason}", remedy)
+        return _translate_uncorrected_instruction(line, uses, obstacle)
+    uses_behind_targets = _read_expressions(parts.others)
     if ir.calls_routine(uses):
         return ir.make_uncorrected_move(uses, f"{name}: an argument of the move is computed", remedy)
-    feed = _read_feed_of_process(line, arguments.values[count])
-    move = _make_move(letter, targets, arguments.work_object, tool, feed)
-    return [*uses_behind_targets, move]
+    feed = _read_feed_of_process(line, parts.speed)
+    return [*uses_behind_targets, _make_move(parts, feed)]
+
+
+def _split_process_move(line: Line, letter: str) -> _PartsOfMove:
+    """Split a move of a process into its parts; the letter L, J or C is the kind of its motion.
+
+    Raises:
+        Misread: an option may move the target, or target, tool or work object is computed.
+    """
+    arguments = _split_arguments(line, _PROCESS_OPTIONS)
+    count = _count_targets(letter)
+    points, others = arguments.values[:count], arguments.values[count:]
+    has_targets = len(_read_targets(points)) == count
+    # Behind the targets come at least speed, data of the process or zone, and the tool.
+    is_complete = has_targets and len(others) >= 3
+    if not (is_complete and re.fullmatch(_WORD, others[-1].text)):
+        raise Misread("target or tool is not given by numbers")
+    return _PartsOfMove(letter, points, others, others[-1], arguments.work_object, arguments.uses)
+
+
+def _count_targets(letter: str) -> int:
+    """Return the count of the targets of a motion: two of an arc (C), one of a line (L) or joints (J)."""
+    return 2 if letter == "C" else 1
 
 
 def _read_feed_of_process(line: Line, speed: Line) -> ir.Feed | None:
@@ -381,14 +443,11 @@ def _read_expressions(arguments: list[Line]) -> list[Op]:
     return ops
 
 
-def _make_move(
-    letter: str, targets: tuple[Literal | ir.Name, ...], work_object: str, tool: str, feed: ir.Feed | None
-) -> ir.Move:
-    """Return a move of the kind L, J or C, whose targets have the same work object and the same tool."""
-    count = len(targets)
-    bases = (_multiply_frames(work_object, "WOBJDATA"),) * count
-    tools = (_multiply_frames(tool, "TOOLDATA"),) * count
-    return ir.Move(_MOTIONS[letter], targets, bases, tools, feed=feed)
+def _make_move(parts: _PartsOfMove, feed: ir.Feed | None) -> ir.Move:
+    """Return a move to its targets, which all have the same work object and the same tool."""
+    targets = _read_targets(parts.points)
+    bases, tools = (parts.base_frame,) * len(targets), (parts.tool_frame,) * len(targets)
+    return ir.Move(_MOTIONS[parts.letter], targets, bases, tools, feed=feed)
 
 
 def _read_targets(arguments: list[Line]) -> tuple[Literal | ir.Name, ...]:
@@ -412,15 +471,22 @@ def _translate_search(line: Line, uses: list[Op], index_of_result: int) -> list[
         uses: uses of names in its arguments.
         index_of_result: index of the argument that gets the place, here 1, counted without options.
     """
-    reason, remedy = f"{line['name']} moves until a signal comes", "omit the statement"
+    obstacle = _Obstacle(f"{line['name']} moves until a signal comes", "omit the statement")
+    changed_names = _find_result_of_search(line, index_of_result)
+    if not changed_names:
+        changed_names = _find_names(uses)  # any of them may be meant
+    change = ir.MakeUnknown(changed_names, obstacle.reason, obstacle.remedy)
+    return [change, *_translate_uncorrected_instruction(line, uses, obstacle)]
+
+
+def _find_result_of_search(line: Line, index: int) -> frozenset[str]:
+    """Return the name in the argument of a search with this index; empty if there is none."""
     parts = line["arguments"].split(",")
     arguments = [part.strip() for part in parts if not part.lstrip().startswith("\\")]
-    changed_names = _find_names(uses)  # any of them, unless the argument is a name
-    if index_of_result < len(arguments):
-        result = re.match(_WORD, arguments[index_of_result])
-        changed_names = frozenset({result[0]}) if result else changed_names
-    change = ir.MakeUnknown(changed_names, reason, remedy)
-    return [change, *_translate_uncorrected_instruction(line, uses, reason, remedy)]
+    if index >= len(arguments):
+        return frozenset()
+    name = re.match(_WORD, arguments[index])
+    return frozenset({name[0]}) if name else frozenset()
 
 
 def _translate_force_move(line: Line, uses: list[Op]) -> list[Op]:
@@ -428,13 +494,14 @@ def _translate_force_move(line: Line, uses: list[Op]) -> list[Op]:
 
     `uses` are the uses of names in its arguments.
     """
-    reason, remedy = f"{line['name']} may move targets or frames", "omit the statement"
-    ends_control = line["name"] == "FCPRESSEND"
-    change = ir.end_lasting("FC") if ends_control else ir.begin_lasting("FC", reason, remedy)
-    return [*_translate_uncorrected_instruction(line, uses, reason, remedy), change]
+    obstacle = _Obstacle(f"{line['name']} may move targets or frames", "omit the statement")
+    move = _translate_uncorrected_instruction(line, uses, obstacle)
+    if line["name"] == "FCPRESSEND":
+        return [*move, ir.end_lasting("FC")]
+    return [*move, ir.begin_lasting("FC", obstacle.reason, obstacle.remedy)]
 
 
-def _translate_uncorrected_instruction(line: Line, uses: list[Op], reason: str, remedy: str) -> list[Op]:
+def _translate_uncorrected_instruction(line: Line, uses: list[Op], obstacle: _Obstacle) -> list[Op]:
     r"""Translate an instruction such as `SearchL di1,p1,p2,v100,tool1\WObj:=wobj1;` that is not corrected.
 
     The instruction moves the robot to points that its arguments name: the correction of such a point shifts
@@ -443,58 +510,50 @@ def _translate_uncorrected_instruction(line: Line, uses: list[Op], reason: str, 
     Args:
         line: the instruction; its last argument is the tool.
         uses: uses of all names in its arguments.
-        reason: why the instruction is not corrected.
-        remedy: what the user can do.
+        obstacle: why the instruction is not corrected.
     """
     try:
         arguments = _split_arguments(line, _ANY_OPTION)
     except Misread:  # the work object is computed
-        return ir.make_uncorrected_move(uses, reason, remedy)
+        return ir.make_uncorrected_move(uses, obstacle.reason, obstacle.remedy)
     no_argument = line.cut(0, 0)
     *points_and_data, tool = arguments.values or [no_argument]
-    move = _translate_uncorrected_move(
-        points_and_data, tool, arguments.work_object, reason=reason, remedy=remedy
-    )
-    return [*arguments.uses, *move]
+    parts = _PartsOfMove("L", points_and_data, [], tool, arguments.work_object, arguments.uses)
+    return _translate_uncorrected_move(parts, obstacle)
 
 
 _OFFSET: Final = re.compile(rf"(?:OFFS|RELTOOL)\((?P<point>{_WORD}),(?P<numbers>.+)\)")
 
 
-def _translate_uncorrected_move(
-    arguments: list[Line],
-    tool: Line,
-    work_object: str,
-    *,
-    reason: str,
-    remedy: str,
-    motion: Motion = Motion.LINEAR,
-) -> list[Op]:
-    """Translate a move that is not corrected, for a reason.
+def _translate_uncorrected_move(parts: _PartsOfMove, obstacle: _Obstacle) -> list[Op]:
+    """Translate a move that is not corrected.
 
     The move ends at the points that its arguments name, or at offsets from them such as `Offs(p1,0,0,50)`:
-    corrections of these points shift the move.
-
-    Args:
-        arguments: arguments of the move before its tool.
-        tool: name of the tool; if it is computed, the frames of the move are not known.
-        work_object: name of the work object.
-        reason: why the move is not corrected.
-        remedy: what the user can do.
-        motion: kind of the motion.
+    corrections of these points shift the move. If the tool is computed, the frames of the move are not known.
     """
-    points, expressions = _split_points(arguments)
-    uses = list[Op]()
-    for text in (*expressions, tool.text):
+    points, expressions = _split_points(parts.points)
+    uses = [*parts.uses]
+    for text in (*expressions, parts.tool.text):
         if text and text not in points:
-            uses += tool.read_expression(text)
-    is_tool_a_name = re.fullmatch(_WORD, tool.text) is not None
-    if not is_tool_a_name:
-        return ir.make_uncorrected_move([*uses, ir.Use(points)], reason, remedy, motion)
-    bases, tools = (_multiply_frames(work_object, "WOBJDATA"),), (_multiply_frames(tool.text, "TOOLDATA"),)
-    near_points = tuple(sorted(points))
-    move = ir.Move(motion, (), bases, tools, reason=reason, remedy=remedy, offset_from=near_points)
-    return [*uses, move]
+            uses += parts.tool.read_expression(text)
+    is_tool_a_name = re.fullmatch(_WORD, parts.tool.text) is not None
+    if is_tool_a_name:
+        return [*uses, _make_move_near_points(parts, points, obstacle)]
+    motion = _MOTIONS[parts.letter]
+    return ir.make_uncorrected_move([*uses, ir.Use(points)], obstacle.reason, obstacle.remedy, motion)
+
+
+def _make_move_near_points(parts: _PartsOfMove, points: frozenset[str], obstacle: _Obstacle) -> ir.Move:
+    """Return a move that is not corrected, and that corrections of some points, such as p1, shift."""
+    return ir.Move(
+        _MOTIONS[parts.letter],
+        targets=(),
+        bases=(parts.base_frame,),
+        tools=(parts.tool_frame,),
+        reason=obstacle.reason,
+        remedy=obstacle.remedy,
+        offset_from=tuple(sorted(points)),
+    )
 
 
 class _Points(NamedTuple):
@@ -531,21 +590,31 @@ def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
     Returns:
         Operations of the instruction; empty if it does nothing of this kind.
     """
-    remedy = "omit the statement"
+    may_move, remedy = f"{name} may move targets or frames", "omit the statement"
     if name in _END_OF_LASTING:  # PDispOff
         return [ir.end_lasting(_END_OF_LASTING[name])]
-    may_move = f"{name} may move targets or frames"
     if _WRITES_DATA.fullmatch(name):  # SetDataVal "p1",value: it may write any variable
         return [ir.MakeUnknown(names, may_move, remedy), ir.make_targets_uncertain(may_move, remedy)]
     if control := _LASTING.fullmatch(name):  # FCAct
         return [ir.begin_lasting(control["kind"], may_move, remedy)]
-    shift = _SHIFT.match(name)  # the whole match is the kind of the shift, such as PDISP
-    if shift is None:
-        return []
-    moves = f"{name} moves targets or frames"
-    if shift[0] == "WAITWOBJ":  # a conveyor moves this work object, and no other one
-        return [ir.MakeUnknown(names, moves, remedy, anytime=True)]
-    return [ir.begin_lasting(shift[0], moves, remedy)]
+    if shift := _SHIFT.match(name):  # PDispOn; the match is the kind of the shift, PDISP
+        return [_begin_shift(shift[0], names, f"{name} moves targets or frames", remedy)]
+    return []
+
+
+def _begin_shift(kind: str, names: frozenset[str], reason: str, remedy: str) -> Op:
+    """Return the operation of an instruction that shifts targets, such as `PDispOn p1,tool1;`.
+
+    Args:
+        kind: kind of the shift: PDISP, or WAITWOBJ for a conveyor, which moves the work object that the
+            instruction names, and no other one.
+        names: names in the arguments.
+        reason: why moves behind the instruction are not corrected.
+        remedy: what the user can do.
+    """
+    if kind == "WAITWOBJ":
+        return ir.MakeUnknown(names, reason, remedy, anytime=True)
+    return ir.begin_lasting(kind, reason, remedy)
 
 
 def _read_target(part: Line) -> Literal | None:
@@ -594,26 +663,41 @@ def _assign_data(name: str, value: Line, kinds: Collection[str]) -> list[ir.Assi
     Returns:
         Assignments: one for each frame of a work object, one for all else; empty if the text is no such data.
     """
-    target = _read_target(value)
-    # A variable with external axes may change, or mean another one, before the target is used.
-    is_fixed = target is not None and not target.axes_name
-    if target is not None and is_fixed and not {"ROBTARGET", "JOINTTARGET"}.isdisjoint(kinds):
+    target = _read_fixed_target(value)
+    may_be_target = "ROBTARGET" in kinds or "JOINTTARGET" in kinds
+    if target is not None and may_be_target:
         return [ir.Assign(name, target)]
-    if _states(value, "EXTJOINT", kinds):
-        return [ir.Assign(name, Literal(_AXES, value.ordinals))]
-    if _states(value, "SPEEDDATA", kinds):
-        return [ir.Assign(name, _speed_of_tool(value))]
-    if _states(value, "WOBJDATA", kinds):
-        return _assign_frames(name, "WOBJDATA", value.ordinals)
-    tool = _LITERALS["TOOLDATA"].fullmatch(value.text) if "TOOLDATA" in kinds else None
-    if tool and not ir.calls_routine(value.read_expression(tool["load"])):
-        return _assign_frames(name, "TOOLDATA", value.ordinals)
+    match _find_type_of_data(value, kinds):
+        case "EXTJOINT":
+            return [ir.Assign(name, Literal(_AXES, value.ordinals))]
+        case "SPEEDDATA":
+            return [ir.Assign(name, _speed_of_tool(value))]
+        case "WOBJDATA" | "TOOLDATA" as kind:
+            return _assign_frames(name, kind, value.ordinals)
     return []
 
 
-def _states(value: Line, kind: str, kinds: Collection[str]) -> bool:
-    """Return whether a text is data of a type, in numbers, and the type is one of `kinds`."""
-    return kind in kinds and _LITERALS[kind].fullmatch(value.text) is not None
+def _read_fixed_target(value: Line) -> Literal | None:
+    """Return the target that a text states in numbers alone; None if the external axes are a variable.
+
+    Such a variable may change, or mean another one, before the target is used.
+    """
+    target = _read_target(value)
+    return target if target is not None and not target.axes_name else None
+
+
+def _find_type_of_data(value: Line, kinds: Collection[str]) -> str:
+    """Return the type of data that a text states in numbers, among the types `kinds`; empty if it is none.
+
+    The types are EXTJOINT (external axes), SPEEDDATA (speed), WOBJDATA (work object) and TOOLDATA (tool). The
+    load of a tool may be an expression, but must not call a routine.
+    """
+    for kind in ("EXTJOINT", "SPEEDDATA", "WOBJDATA"):
+        if kind in kinds and _LITERALS[kind].fullmatch(value.text):
+            return kind
+    tool = _LITERALS["TOOLDATA"].fullmatch(value.text) if "TOOLDATA" in kinds else None
+    is_tool = tool is not None and not ir.calls_routine(value.read_expression(tool["load"]))
+    return "TOOLDATA" if is_tool else ""
 
 
 def _speed_of_tool(speed: Line) -> Literal:
@@ -651,19 +735,27 @@ def _translate_declaration(line: Line) -> list[Op]:
     The groups of the line are `scope` (LOCAL or TASK), `kind` (CONST), `type` (robtarget), `name` (p1),
     `array` (its size, such as {3}) and `value` behind `:=`.
     """
-    name, value, is_array = line["name"], line["value"], bool(line["array"])
-    ops: list[Op] = [ir.Local(frozenset({name})), *line.read_expression(line["array"])]
-    assignments = []
-    if value and not is_array:
-        assignments = _assign_data(name, line.part("value"), {line["type"]})
-    if assignments:
-        declares = "constant" if line["kind"] == "CONST" else "variable"
-        is_private = line["scope"] == "LOCAL"
-        return [*ops, *(each._replace(declares=declares, private=is_private) for each in assignments)]
-    ops += ir.pass_uses(line.read_expression(value), name)
+    name = line["name"]
+    declaration: list[Op] = [ir.Local(frozenset({name})), *line.read_expression(line["array"])]
+    if assignments := _declare_data(line):
+        return [*declaration, *assignments]
+    uses = ir.pass_uses(line.read_expression(line["value"]), name)
     kind = "frame" if "DATA" in line["type"] else "target"
     reason = f"{name} is not a fixed {kind} in numbers, or changes while the program runs"
-    return [*ops, ir.MakeUnknown(frozenset({name}), reason, _FRAME_REMEDY)]
+    return [*declaration, *uses, ir.MakeUnknown(frozenset({name}), reason, _FRAME_REMEDY)]
+
+
+def _declare_data(line: Line) -> list[ir.Assign]:
+    """Return the assignments of the numbers in a declaration `CONST robtarget p1:=[...]` to its name.
+
+    They are empty if the declaration has no value, an array, or a value that is not in numbers.
+    """
+    if line["array"] or not line["value"]:
+        return []
+    declares = "constant" if line["kind"] == "CONST" else "variable"
+    is_private = line["scope"] == "LOCAL"
+    assignments = _assign_data(line["name"], line.part("value"), {line["type"]})
+    return [each._replace(declares=declares, private=is_private) for each in assignments]
 
 
 def _translate_assignment(line: Line) -> list[Op]:
@@ -678,11 +770,15 @@ def _translate_assignment(line: Line) -> list[Op]:
     is_frame = part in {".UFRAME", ".OFRAME", ".TFRAME"}
     if is_frame and re.fullmatch(_POSE_PATTERN, value.text):
         return [ir.Assign(name + part, Literal(POSE, value.ordinals))]
-    # The index of an array, `{i,j}`, is an expression as well.
-    index = part.replace("{", ",[").replace("}", "]").lstrip(",") if "{" in part else ""
-    uses = [*line.read_expression(index), *value.read_expression()]
+    uses = [*_read_indices(line, part), *value.read_expression()]
     reason = f"{name} changes while the program runs"
     return [*ir.pass_uses(uses, name), ir.MakeUnknown(frozenset({name}), reason, _FRAME_REMEDY)]
+
+
+def _read_indices(line: Line, part: str) -> list[Op]:
+    """Return the uses of variables in the indices of a part, such as i and j of `{i,j}.trans`."""
+    indices = part.replace("{", ",[").replace("}", "]").lstrip(",") if "{" in part else ""
+    return line.read_expression(indices)
 
 
 def _translate_move(line: Line) -> list[Op]:
@@ -693,51 +789,55 @@ def _translate_move(line: Line) -> list[Op]:
     Raises:
         Misread: its arguments are not expressions.
     """
-    calls = list[Op]()
-    if line["process"] == "SYNC":
-        last_argument = line["arguments"].rsplit(",", 1)[-1].strip()
-        routine = _read_routine_name(last_argument)
-        calls.append(ir.Call(routine.name, anytime=True, event="\0target", prefix=routine.prefix))
+    calls = [_call_at_target(line)] if line["process"] == "SYNC" else []
     try:
         return [*calls, *_translate_plain_move(line)]
     except Misread as fault:
         is_no_move = not fault.remedy
         if is_no_move:
             raise
-        uses = _read_arguments(line)
-        uncorrected = _translate_uncorrected_instruction(line, uses, fault.reason, fault.remedy)
-        return [*calls, *uncorrected]
+        obstacle = _Obstacle(fault.reason, fault.remedy)
+    uncorrected = _translate_uncorrected_instruction(line, _read_arguments(line), obstacle)
+    return [*calls, *uncorrected]
+
+
+def _call_at_target(line: Line) -> Op:
+    """Return the call of the routine that is the last argument of `MoveLSync p1,v100,z10,tool1,"grip";`."""
+    last_argument = line["arguments"].rsplit(",", 1)[-1].strip()
+    routine = _read_routine_name(last_argument)
+    return ir.Call(routine.name, anytime=True, event="\0target", prefix=routine.prefix)
 
 
 def _translate_plain_move(line: Line) -> list[Op]:
     r"""Translate a move whose arguments are complete, such as `MoveC p1,p2,v100,z10,tool1\WObj:=wobj1`.
 
-    The groups of the line are `letter` (C) or, for TriggL and the like, `trigger`; and `arguments`.
-
     Raises:
         Misread: arguments are missing, unknown or computed.
     """
-    letter = line["letter"] or line["trigger"] or "J"  # MoveAbsJ has no letter of its own
-    count = 2 if letter == "C" else 1  # count of the targets
-    arguments = _split_arguments(line, _OPTIONS)
-    tool = _find_tool_of_move(line, arguments, count)
-    stated_targets, others = arguments.values[:count], arguments.values[count:]
-    targets = _read_targets(stated_targets)
-    if len(targets) < count:
-        move = _translate_uncorrected_move(
-            stated_targets,
-            tool,
-            arguments.work_object,
-            reason="the target is not given by numbers",
-            remedy=_REMEDY,
-            motion=_MOTIONS[letter],
-        )
-        return [*arguments.uses, *move]
-    uses = [*arguments.uses, *_read_expressions(others)]
+    parts = _split_move(line)
+    targets = _read_targets(parts.points)
+    if len(targets) < len(parts.points):
+        return _translate_uncorrected_move(parts, _Obstacle("the target is not given by numbers", _REMEDY))
+    uses = [*parts.uses, *_read_expressions(parts.others)]
     if ir.calls_routine(uses):
         raise Misread("an argument of the move is computed", "write speed, zone and tool by their names")
-    feed = _read_feed(line, speed=others[0])
-    return [*uses, _make_move(letter, targets, arguments.work_object, tool.text, feed)]
+    return [*uses, _make_move(parts, _read_feed(line, parts.speed))]
+
+
+def _split_move(line: Line) -> _PartsOfMove:
+    """Split a move into its parts.
+
+    The groups of the line are `letter` (C) or, for TriggL and the like, `trigger`; and `arguments`.
+
+    Raises:
+        Misread: arguments are missing or unknown, or tool or work object is computed.
+    """
+    letter = line["letter"] or line["trigger"] or "J"  # MoveAbsJ has no letter of its own
+    count = _count_targets(letter)
+    arguments = _split_arguments(line, _OPTIONS)
+    tool = _find_tool_of_move(line, arguments, count)
+    points, others = arguments.values[:count], arguments.values[count:]
+    return _PartsOfMove(letter, points, others, tool, arguments.work_object, arguments.uses)
 
 
 def _find_tool_of_move(line: Line, arguments: _Arguments, count_of_targets: int) -> Line:
@@ -815,11 +915,6 @@ class _Arguments(NamedTuple):
     work_object: str  # name of the work object
     uses: list[Op]  # uses of names in the values of options
 
-    @property
-    def tool(self) -> str:
-        """Text of the last argument, which is the tool of a move of a process; empty without arguments."""
-        return self.values[-1].text if self.values else ""
-
 
 def _split_arguments(line: Line, known_options: re.Pattern[str]) -> _Arguments:
     r"""Split the arguments of a move such as `p1,v100\T:=3,z10,tool1\WObj:=wobj1`.
@@ -833,10 +928,20 @@ def _split_arguments(line: Line, known_options: re.Pattern[str]) -> _Arguments:
     Raises:
         Misread: an option may move the target, or the work object is computed.
     """
-    values = list[Line]()
+    values, options = _separate_options(line.part("arguments"))
     work_object = "WOBJ0"  # the controller's own one, if the move names none
-    options = list[_Option]()
-    for index, part in enumerate(line.part("arguments").split()):
+    uses = list[Op]()
+    for option in options:
+        _refuse_option(option, known_options)
+        uses += line.read_expression(option.value)
+        work_object = _read_work_object(option) or work_object
+    return _Arguments(values, work_object, uses)
+
+
+def _separate_options(arguments: Line) -> tuple[list[Line], list[_Option]]:
+    r"""Return the values p1 and v100 and the option `\T:=3` of the arguments `p1,v100\T:=3`."""
+    values, options = list[Line](), list[_Option]()
+    for index, part in enumerate(arguments.split()):
         value, *options_of_value = part.split("\\")
         options += map(_read_option, options_of_value)
         is_blank = not value.text.strip()
@@ -844,13 +949,7 @@ def _split_arguments(line: Line, known_options: re.Pattern[str]) -> _Arguments:
         is_no_argument = is_blank and (index == 0 or bool(options_of_value))
         if not is_no_argument:
             values.append(value.cut(1) if value.text.startswith(" ") else value)
-    uses = list[Op]()
-    for option in options:
-        _refuse_option(option, known_options)
-        uses += line.read_expression(option.value)
-        if option.name == "WOBJ":
-            work_object = _read_work_object(option)
-    return _Arguments(values, work_object, uses)
+    return values, options
 
 
 class _Option(NamedTuple):
@@ -878,11 +977,13 @@ def _refuse_option(option: _Option, known_options: re.Pattern[str]) -> None:
 
 
 def _read_work_object(option: _Option) -> str:
-    r"""Return the name of the work object in the option `\WObj:=wobj1`.
+    r"""Return the name of the work object in the option `\WObj:=wobj1`; empty for any other option.
 
     Raises:
         Misread: the work object is computed.
     """
+    if option.name != "WOBJ":
+        return ""
     if not re.fullmatch(_WORD, option.value):
         raise Misread("the argument \\WObj is computed", _FRAME_REMEDY)
     return option.value
@@ -946,6 +1047,21 @@ def _split_modules(index: int, source: Source) -> Iterator[_Module]:
         yield _Module(index, text, found.starts[first:last], found.ends[first:last])
 
 
+class _NamesOfModule(NamedTuple):
+    """Names in capitals that a module has."""
+
+    local: set[str]  # those that it declares as LOCAL
+    every: set[str]
+
+
+def _list_names(module: _Module) -> _NamesOfModule:
+    """List the names of a module."""
+    text_without_comments = _TEXT_OR_COMMENT.sub(" ", module.text)
+    return _NamesOfModule(
+        local=set(re.findall(_LOCAL, text_without_comments)), every=set(re.findall(_WORD, module.text))
+    )
+
+
 def _rename_local_names(modules: list[_Module]) -> list[dict[str, str]]:
     """Return for each module new names of those that mean something else elsewhere.
 
@@ -954,17 +1070,16 @@ def _rename_local_names(modules: list[_Module]) -> list[dict[str, str]]:
     """
     if len(modules) < 2:
         return [{} for _ in modules]
-    local_names = [set(re.findall(_LOCAL, _TEXT_OR_COMMENT.sub(" ", module.text))) for module in modules]
-    words = [set(re.findall(_WORD, module.text)) for module in modules]
-    count_of_modules = Counter(word for words_of_module in words for word in words_of_module)
+    first, *others = map(_list_names, modules)
+    count_of_modules = Counter([*first.every])
+    for names in others:
+        count_of_modules.update(names.every)
     renamed: list[dict[str, str]] = [{}]
-    for k in range(1, len(modules)):
+    for index, names in enumerate(others, 1):
         # What is LOCAL in the first module is a name of its own here; so is what is LOCAL here elsewhere.
-        new_names = {name: f"{name}{IN_MODULE}0" for name in local_names[0] & words[k]}
-        for name in local_names[k]:
-            is_used_elsewhere = count_of_modules[name] > 1
-            if is_used_elsewhere:
-                new_names[name] = f"{name}{IN_MODULE}{k}"
+        used_elsewhere = {name for name in names.local if count_of_modules[name] > 1}
+        new_names = {name: f"{name}{IN_MODULE}0" for name in first.local & names.every}
+        new_names |= {name: f"{name}{IN_MODULE}{index}" for name in used_elsewhere}
         renamed.append(new_names)
     return renamed
 
@@ -1002,26 +1117,42 @@ class _StatementsOfFile(NamedTuple):
 def _find_statements(text: str) -> _StatementsOfFile:
     """Find the statements of a file, such as `MoveL p1,...;` and `IF a THEN`, and the heads of its modules.
 
-    A statement ends at a semicolon, or behind a word such as THEN. The head of a module, `MODULE part`, ends
-    the statement before it, and is one itself. Blank statements are left out.
+    Blank statements are left out.
     """
-    heads = list[int]()
-    borders = [0]  # between statements
-    for match in _ENDS.finditer(text):
-        is_head, is_end = match["head"] is not None, match["end"] is not None
-        if is_head:
-            heads.append(match.start())
-            borders.append(match.start())
-        if is_end:
-            borders.append(match.end())
-    borders.append(len(text))
+    borders = _find_borders(text)
     starts, ends = list[int](), list[int]()
-    for begin, end in pairwise(borders):
-        start = end - len(text[begin:end].lstrip())
-        if start < end:
-            starts.append(start)
+    for begin, end in pairwise(borders.of_statements):
+        statement = text[begin:end].lstrip()
+        if statement:
+            starts.append(end - len(statement))
             ends.append(end)
-    return _StatementsOfFile(np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp), heads)
+    return _StatementsOfFile(
+        np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp), borders.begins_of_modules
+    )
+
+
+class _Borders(NamedTuple):
+    """Borders of the statements and modules of a file, as indices of characters."""
+
+    of_statements: list[int]  # the begin of the file, the places between statements and the end
+    begins_of_modules: list[int]  # first character of the head of each module
+
+
+def _find_borders(text: str) -> _Borders:
+    """Find where the statements and modules of a file begin and end.
+
+    A statement ends at a semicolon, or behind a word such as THEN. The head of a module, `MODULE part`, ends
+    the statement before it, and is one itself.
+    """
+    borders = _Borders(of_statements=[0], begins_of_modules=[])
+    for match in _ENDS.finditer(text):
+        if match["head"]:
+            borders.begins_of_modules.append(match.start())
+            borders.of_statements.append(match.start())
+        if match["end"]:
+            borders.of_statements.append(match.end())
+    borders.of_statements.append(len(text))
+    return borders
 
 
 LANGUAGE: Final = ir.Language(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from array import array
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Final, NamedTuple, NoReturn, TypeAlias
 
@@ -15,7 +15,7 @@ from robotprograms import language as ir
 from robotprograms.arrays import IndexArray
 from robotprograms.columns import Columns, get_array_name, get_structure_name
 from robotprograms.contents import Contents
-from robotprograms.declarations import Changes, Declarations, State, Uses
+from robotprograms.declarations import Changes, Content, Declarations, State, Uses
 from robotprograms.errors import Fault, ProgramError
 from robotprograms.language import Language, Misread, Op
 from robotprograms.notation import Numerals, iterate_integers
@@ -63,6 +63,27 @@ class _Statement(NamedTuple):
         if move is None or self.declares:
             return False
         return len(self.ops) == 1 or move.differs_only_in_target
+
+
+class _StatementText(NamedTuple):
+    """Text of a statement, before its translation."""
+
+    masked_text: str  # with `ir.A_NUMBER` in place of each number
+    line: int  # first line
+    first: int  # index of its first number among those of the file
+
+
+@dataclass(slots=True)
+class _Pending:
+    """Statements of a file that matter for the next statement: a move to repeat, and statements held back."""
+
+    # operations of the last statement, if it is a move that a statement of the same text can repeat
+    repeatable: Operations | None = None
+    held: list[_Statement] = field(default_factory=list)  # statements that act behind the next move
+
+    def is_repeated_by(self, ops: Operations) -> bool:
+        """Return whether these operations are the last move once more; statements of one text share them."""
+        return ops is self.repeatable and not self.held
 
 
 class Repetition(NamedTuple):
@@ -194,35 +215,60 @@ class Statements:
             ProgramError: a statement is too long, or not understood at all.
         """
         self._scopes = [Scope("", owners=self.owners.get(source, {}))]
+        is_further_program = source > 0 and not declares
+        translator = _Translator(translate or self.language.translate, leaves_moves=is_further_program)
+        pending = _Pending()
+        for text in self._cut_statements(source, starts, ends):
+            ops = self._translate(translator, text, source)
+            if pending.is_repeated_by(ops):  # long programs are mostly such moves: they share one operation
+                self._add_repetition(text, ops)
+            else:
+                self._add_statement(_Statement(ops, source, text.line, text.first, declares), pending)
+        self._add_held(pending.held)
+
+    def _cut_statements(self, source: int, starts: IndexArray, ends: IndexArray) -> Iterator[_StatementText]:
+        """Cut the text of a file into statements, whose first and last characters + 1 are given.
+
+        Raises:
+            ProgramError: a statement is too long to be translated.
+        """
         lines = np.searchsorted(self.sources[source].starts, starts, side="right")
         self._refuse_long_statements(source, lines, ends - starts)
         masked_texts, first_numbers = self.numerals[source].masked_texts(starts, ends)
-        is_further_program = source > 0 and not declares
-        translator = _Translator(translate or self.language.translate, leaves_moves=is_further_program)
-        # Operations of the last statement, if it is a move that a statement of the same text can repeat.
-        repeatable: Operations | None = None
-        held: list[_Statement] = []  # statements that act behind the next move
-        for masked_text, line, first in zip(
-            masked_texts, iterate_integers(lines), iterate_integers(first_numbers), strict=True
-        ):
-            try:
-                ops = translator.translate(masked_text)
-            except Misread as fault:
-                self.refuse(line, fault.reason, fault.remedy, source)
-            is_repetition = ops is repeatable and not held
-            if is_repetition:  # long programs are mostly such moves: they share one operation
-                line_offset, _ = ops[-1]
-                last_operation = len(self.ops) - 1
-                self.repeats[last_operation].extend((line + line_offset, first))
-                continue
-            statement = _Statement(ops, source, line, first, declares)
-            if statement.acts_behind_next_move and not declares:
-                held.append(statement)
-                continue
-            has_held = bool(held)
-            self._add_with_held(statement, held)
-            repeatable = ops if statement.can_repeat and not has_held else None
-        self._add_held(held)
+        line_numbers, firsts = iterate_integers(lines), iterate_integers(first_numbers)
+        return map(_StatementText, masked_texts, line_numbers, firsts)
+
+    def _translate(self, translator: _Translator, text: _StatementText, source: int) -> Operations:
+        """Return the operations of a statement of a file.
+
+        Raises:
+            ProgramError: the statement is not understood at all.
+        """
+        try:
+            return translator.translate(text.masked_text)
+        except Misread as fault:
+            self.refuse(text.line, fault.reason, fault.remedy, source)
+
+    def _add_repetition(self, text: _StatementText, ops: Operations) -> None:
+        """Note that the last move of the program is repeated by a statement with other numbers."""
+        line_offset, _ = ops[-1]
+        last_operation = len(self.ops) - 1
+        self.repeats[last_operation].extend((text.line + line_offset, text.first))
+
+    def _add_statement(self, statement: _Statement, pending: _Pending) -> None:
+        """Add a statement to the program, or hold it until a move follows behind which it acts.
+
+        Args:
+            statement: the next statement of the file.
+            pending: what the statements before it mean for it; here changed for the statement that follows.
+        """
+        if statement.acts_behind_next_move and not statement.declares:
+            pending.held.append(statement)
+            return
+        has_held = bool(pending.held)
+        self._add_with_held(statement, pending.held)
+        can_repeat = statement.can_repeat and not has_held
+        pending.repeatable = statement.ops if can_repeat else None
 
     def _refuse_long_statements(self, source: int, lines: IndexArray, lengths: IndexArray) -> None:
         """Refuse a file with a statement that is too long to be translated.
@@ -262,21 +308,29 @@ class Statements:
 
     def _add_operations(self, statement: _Statement) -> None:
         """Add the operations of a statement to the program, or its declarations to the initial values."""
-        source, declares = statement.source, statement.declares
+        source = statement.source
         for line_offset, op in statement.ops:
             if isinstance(op, ir.Flow):
                 self._enter_scope(op, self.owners.get(source, {}))
             values = self.numerals[source].values
             place = Place(source, statement.line + line_offset, statement.first, values, self._scopes[-1])
-            if op is _LEFT:
-                self.left_in_file[source] += 1
-            elif isinstance(op, ir.Use | ir.Note | ir.Offset | ir.Local):
-                self._add_statement_about_names(place, op)
-            elif isinstance(op, ir.Assign) and (declares or op.declares):
-                self._declare(place, op, op.declares or declares)
-            elif not declares:
-                self.places.append(place)
-                self.ops.append(op)
+            self._add_operation(place, op, statement.declares)
+
+    def _add_operation(self, place: Place, op: Op, declares: str) -> None:
+        """Add an operation at a place, or note what it declares or says about names.
+
+        `declares` is the kind of the declarations in a file of data, which has no operations that run; empty
+        for other files.
+        """
+        if op is _LEFT:
+            self.left_in_file[place.source] += 1
+        elif isinstance(op, ir.Use | ir.Note | ir.Offset | ir.Local):
+            self._add_statement_about_names(place, op)
+        elif isinstance(op, ir.Assign) and (declares or op.declares):
+            self._declare(place, op, op.declares or declares)
+        elif not declares:
+            self.places.append(place)
+            self.ops.append(op)
 
     def _add_statement_about_names(self, place: Place, op: ir.Use | ir.Note | ir.Offset | ir.Local) -> None:
         """Note what a statement says about names, without an operation that runs.
@@ -346,25 +400,54 @@ class Statements:
             kind: `variable`, `constant`, or `shared` for data that the controller stores for all programs.
         """
         name = place.qualify(op.name)
-        declarations, is_own = self.declarations, self.language.is_own(name)
-        is_shared = op.shared or kind == "shared" or get_array_name(name) in self.shared_names
-        if is_shared:
-            declarations.shared.add(name)
-        if kind == "shared":
-            declarations.stored.add(name)
-        if op.private and not is_own:
-            declarations.private.add(get_structure_name(name))
+        self._note_users(name, op, kind)
         state_before_program: State = {}
         content = self.contents.evaluate(place, name, op.value, state_before_program)
         structure, _, ending = name.partition(".")
-        is_field_of_position = ending and is_own
+        is_field_of_position = bool(ending) and self.language.is_own(name)
         if is_field_of_position:
-            declarations.add_field(structure, (ending, content))
+            self.declarations.add_field(structure, (ending, content))
             return
+        self._set_initial_content(place, name, content)
         if op.declares == "constant":
-            declarations.fixed.add(name)
-        is_declared_otherwise = declarations.initial.setdefault(name, content) != content
-        if is_declared_otherwise:
-            declarations.initial[name] = place.make_cause(f"{name} is declared twice")
-        if kind == "constant" and not is_own:
-            declarations.constants.add(name)
+            self.declarations.fixed.add(name)
+        if kind == "constant" and not self.language.is_own(name):
+            self.declarations.constants.add(name)
+
+    def _note_users(self, name: str, op: ir.Assign, kind: str) -> None:
+        """Note which other programs may use a declared name.
+
+        Args:
+            name: full name of the variable.
+            op: its declaration.
+            kind: `variable`, `constant`, or `shared` for data that the controller stores for all programs.
+        """
+        is_stored = kind == "shared"
+        if is_stored:
+            self.declarations.stored.add(name)
+        if op.shared or is_stored or get_array_name(name) in self.shared_names:
+            self.declarations.shared.add(name)
+        if op.private and not self.language.is_own(name):
+            self.declarations.private.add(get_structure_name(name))
+
+    def _set_initial_content(self, place: Place, name: str, content: Content) -> None:
+        """Note the content of a name before the program runs: unknown if the name is declared otherwise, too.
+
+        `place` is that of the declaration.
+        """
+        known_content = self.declarations.initial.setdefault(name, content)
+        if known_content != content:
+            self.declarations.initial[name] = place.make_cause(f"{name} is declared twice")
+
+    def list_indirectly_read_names(self) -> set[str]:
+        """Return the names whose contents are looked up although no operation reads them by name.
+
+        These are the active frames, what lasts (force control and the like), all that declarations contain,
+        and targets from which poses are at an offset.
+        """
+        active = self.language.active
+        names = {*active, *active.values(), *self.changes.lasting}
+        names |= self.declarations.list_contained_names()
+        for place, offset in self.uses.offsets:
+            names |= {place.qualify(offset.name), place.qualify(offset.target)}
+        return names

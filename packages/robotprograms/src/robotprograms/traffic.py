@@ -14,7 +14,22 @@ from robotprograms.declarations import UNKNOWN, get_base, list_read_names
 from robotprograms.effects import Effects
 from robotprograms.language import Op, Value
 from robotprograms.liveness import Liveness, Traffic, find_liveness
+from robotprograms.places import Place
 from robotprograms.statements import Statements
+
+
+def _list_contained_names(place: Place, op: Op) -> list[str]:
+    """Return the full names that an operation gives to a variable, or to a move, as the content itself.
+
+    After `$BASE=BASE_DATA[i]`, for example, the content of `$BASE` is the name of an element of `BASE_DATA`.
+    """
+    names = list[str]()
+    for value in _list_values(op):
+        if isinstance(value, ir.Named):
+            names.append(place.qualify(value.name))
+        elif isinstance(value, ir.Element):
+            names.append(value.table)
+    return names
 
 
 def _list_values(op: Op) -> tuple[Value | ir.Product, ...]:
@@ -34,9 +49,7 @@ class TrafficFinder:
     def __init__(self, statements: Statements, calls: Calls, effects: Effects) -> None:
         """Prepare to look at a program, all of whose changes are known."""
         self._statements, self._ops, self._places = statements, statements.ops, statements.places
-        self._language, self._declarations = statements.language, statements.declarations
-        self._uses, self._changes = statements.uses, statements.changes
-        self._calls, self._effects = calls, effects
+        self._changes, self._calls, self._effects = statements.changes, calls, effects
 
     def find_liveness(self, bodies: Mapping[str, list[int]], flow: ControlFlow) -> Liveness:
         """Find where nothing reads the content of a variable any more, so that states can leave it out.
@@ -47,23 +60,31 @@ class TrafficFinder:
         """
         always_live = self._list_always_live()
         writes = self._find_writes(bodies)
-        writes = {name: indices for name, indices in writes.items() if get_base(name) not in always_live}
-        if not writes:  # most programs declare their points, and assign nothing to them
+        followed = {name: indices for name, indices in writes.items() if get_base(name) not in always_live}
+        if not followed:  # most programs declare their points, and assign nothing to them
             return Liveness()
+        return find_liveness(self._find_traffic(bodies, followed), flow)
+
+    def _find_traffic(self, bodies: Mapping[str, list[int]], writes: Mapping[str, set[int]]) -> Traffic:
+        """Find the operations that read, write and call what matters for some names.
+
+        Args:
+            bodies: indices of the operations of each routine.
+            writes: by these names, the operations that give each one a new content.
+        """
         reads = self._find_reads(bodies, writes.keys())
         reading_operations = set(chain(*reads.values()))
         reading_moves = {i for i in reading_operations if isinstance(self._ops[i], ir.Move)}
-        changed_by = self._changes.of_routine
-        traffic = Traffic(
+        changed = self._changes.of_routine
+        return Traffic(
             bodies={name: self._leave_out_moves(body, reading_moves) for name, body in bodies.items()},
             moves=reading_moves,
             reads=reads,
             writes=writes,
             calls=self._find_calls(bodies),
-            changed=changed_by,
-            forgetting={name for name, changed in changed_by.items() if UNKNOWN in changed},
+            changed=changed,
+            forgetting={routine for routine, names in changed.items() if UNKNOWN in names},
         )
-        return find_liveness(traffic, flow)
 
     def _find_reads(self, bodies: Mapping[str, list[int]], names: Set[str]) -> dict[str, set[int]]:
         """Return the operations that read each of some names, by their indices."""
@@ -125,23 +146,10 @@ class TrafficFinder:
     def _list_always_live(self) -> set[str]:
         """Return the variables that count as read everywhere, without the routines they belong to.
 
-        They are found through the contents of other variables, so that no operation names them: the active
-        frames, what lasts (force control and the like), and all that declarations, assignments and offsets
-        contain.
+        They are found through the contents of other variables, so that no operation names them: a name that
+        is assigned may be looked up wherever the variable is read that gets it.
         """
-        active = self._language.active
-        names = {
-            *self._changes.lasting,
-            *active,
-            *active.values(),
-            *self._declarations.list_contained_names(),
-        }
-        for place, offset in self._uses.offsets:
-            names |= {place.qualify(offset.name), place.qualify(offset.target)}
+        names = self._statements.list_indirectly_read_names()
         for place, op in zip(self._places, self._ops, strict=True):
-            for value in _list_values(op):
-                if isinstance(value, ir.Named):
-                    names.add(place.qualify(value.name))
-                elif isinstance(value, ir.Element):
-                    names.add(value.table)
+            names.update(_list_contained_names(place, op))
         return set(map(get_base, names))

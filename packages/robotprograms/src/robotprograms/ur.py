@@ -126,23 +126,37 @@ def _refuse_unknown_tool(_line: Line) -> list[Op]:
 def _translate_call(line: Line) -> list[Op]:
     """Translate a call of a routine, which may be a function of the controller.
 
-    A function that moves the robot without a target becomes a move that is not corrected. If its effect
-    lasts, as that of `force_mode`, no later move is corrected, until another function ends the effect.
+    A function such as `servoj`, which moves the robot without a target, becomes a move that is not corrected.
+    If its effect lasts, as that of `force_mode`, no later move is corrected, until another function, such as
+    `end_force_mode`, ends the effect.
     """
-    name = line["name"]
-    operations = line.read_expression()
-    moves_robot = _MOVES_WITHOUT_TARGET.fullmatch(name) is not None
-    ends_effect = _END_OF_LASTING.fullmatch(name) is not None
-    if not (moves_robot or ends_effect):
-        return operations
-    ops: list[Op] = [ir.call_if_defined(name)]  # no function of the controller sets the tool
-    ops += [op for op in operations if not _is_call_of(name, op)]
-    if ends_effect:
-        return [*ops, ir.end_lasting(_find_kind(name))]
+    name, operations = line["name"], line.read_expression()
+    if _END_OF_LASTING.fullmatch(name):
+        return [*_replace_call(name, operations), ir.end_lasting(_find_kind(name))]
+    if _MOVES_WITHOUT_TARGET.fullmatch(name):
+        return _move_without_target(name, _replace_call(name, operations))
+    return operations
+
+
+def _replace_call(name: str, operations: list[Op]) -> list[Op]:
+    """Replace the calls of a function of the controller by one that counts if the program has such a routine.
+
+    No function of the controller sets the tool.
+    """
+    others = [op for op in operations if not _is_call_of(name, op)]
+    return [ir.call_if_defined(name), *others]
+
+
+def _move_without_target(name: str, operations: list[Op]) -> list[Op]:
+    """Return the operations of a function that moves the robot without a target, such as `servoj`.
+
+    `operations` are those of the expressions in the call, which come first.
+    """
     reason, remedy = f"{name} moves the robot without a target", "use movej, movel, movep or movec"
-    if _LASTING.fullmatch(name):
-        ops.append(ir.begin_lasting(_find_kind(name), reason, remedy))
-    return ir.make_uncorrected_move(ops, reason, remedy)
+    if not _LASTING.fullmatch(name):
+        return ir.make_uncorrected_move(operations, reason, remedy)
+    lasting = ir.begin_lasting(_find_kind(name), reason, remedy)
+    return ir.make_uncorrected_move([*operations, lasting], reason, remedy)
 
 
 def _find_kind(name: str) -> str:
@@ -289,19 +303,19 @@ def _make_move(motion: Motion, targets: list[_Target], feed: ir.Feed | None) -> 
 def _provide_for_targets_as_bases(move: ir.Move) -> ir.Move:
     """Return a move that is not corrected if one of its bases proves to be a target of another move.
 
-    `pose_trans(a, b)` is the target b in the frame a, or a place near the target a: only the whole program
-    shows whether a is a frame or a target. Near a target, the move shifts with the target's correction.
+    `movel(pose_trans(a, b))` goes to the target b in the frame a, or to a place near the target a: only the
+    whole program shows whether a is a frame or a target. So the move keeps its second meaning in
+    `near_target`: a move that is not corrected, and that a correction of the target a shifts.
     """
     variables = _find_named_bases(move.bases)
     if not variables:
         return move
-    reason = "the target is at an offset from another one"
     near_target = ir.Move(
         move.motion,
-        (),
-        (_ROBOT_BASE,),
-        move.tools[:1],
-        reason=reason,
+        targets=(),
+        bases=(_ROBOT_BASE,),
+        tools=move.tools[:1],
+        reason="the target is at an offset from another one",
         remedy=_REMEDY,
         offset_from=variables,
     )
@@ -367,21 +381,30 @@ def _read_target(argument: Line) -> _Target:
     Raises:
         Misread: the target is not given by numbers or a variable.
     """
-    text = argument.text
-    call = _CALL_WITH_TARGET.fullmatch(text)
-    arguments = argument.cut(*call.span("arguments")).split() if call else []
-    if call and call["function"] == "get_inverse_kin":
-        return _read_inverse_kinematics(arguments)
-    is_call_within_call = call is not None and "(" in call["arguments"]
-    if len(arguments) == 2 and not is_call_within_call:
-        frame, point = arguments
-        return _read_target_in_frame(frame, point)
+    if call := _CALL_WITH_TARGET.fullmatch(argument.text):
+        return _read_target_in_call(call["function"], argument.cut(*call.span("arguments")))
     literal = _read_literal(argument)
     if literal is not None:
         return _Target(literal, _ROBOT_BASE, [])
-    if not re.fullmatch(_WORD, text):
+    if not re.fullmatch(_WORD, argument.text):
         raise Misread("a target is not given by numbers")
-    return _Target(text, _ROBOT_BASE, [])
+    return _Target(argument.text, _ROBOT_BASE, [])
+
+
+def _read_target_in_call(function: str, arguments: Line) -> _Target:
+    """Read the target in the arguments of the function `get_inverse_kin` or `pose_trans`.
+
+    Raises:
+        Misread: the target is not given by numbers or a variable.
+    """
+    values = arguments.split()
+    if function == "get_inverse_kin":
+        return _read_inverse_kinematics(values)
+    has_inner_call = "(" in arguments.text
+    if len(values) != 2 or has_inner_call:
+        raise Misread("a target is not given by numbers")
+    frame, point = values
+    return _read_target_in_frame(frame, point)
 
 
 def _read_target_in_frame(frame: Line, point: Line) -> _Target:
