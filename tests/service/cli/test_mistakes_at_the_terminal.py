@@ -139,6 +139,7 @@ class TestCorrect:
         refused = terminal(*call, width=200)
         assert refused.exit_code == 1
         assert "`--start`" in words_of(refused)
+        assert "1 reason of its own" in words_of(refused)
         assert "out.csv was not written: no row is corrected" in words_of(refused)
         assert not (folder / "out.csv").exists()
         started = terminal(*call, "--start", "3,-45,70,0,65,0", width=200)
