@@ -1182,7 +1182,7 @@ def _report_few_postures(measurements: Measurements) -> Iterator[Finding]:
 
 
 def _count_distinct_postures(joints: FloatArray, *, most: int) -> int:
-    """Return the number of postures (N, n) such that any two differ by `_DISTINCT` in a joint, at most `most`.
+    """Return the number of postures (N, n) that all differ by `_DISTINCT` in a joint, at most `most`.
 
     The count ends at `most`, because a set may have thousands of postures.
     """

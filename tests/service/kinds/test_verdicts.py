@@ -370,7 +370,7 @@ def test_a_point_where_no_tool_reaches_is_refused(name, where, metres, run):
     problem = refused.value.problem
     assert (problem.where, problem.detail, problem.remedy) == (
         where,
-        f"the point is {metres} m from the flange, but a tool reaches at most 5 m",
+        f"the point is {metres} m from the flange, where no tool reaches; up to 5 m is plausible",
         NO_TOOL,
     )
 

@@ -283,8 +283,8 @@ def test_residuals_and_configurations_are_tables_of_their_own(results):
         ),
         (
             lambda run, _: run.predict([[0.0] * 6], FORCE, at=(0, 0, 120e3)),
-            "prediction.load_point: the point is 120 m from the flange, but a tool reaches at most "
-            "5 m; remedy: check the unit of the point; for a longer tool, ",
+            "prediction.load_point: the point is 120 m from the flange, where no tool reaches; up to "
+            "5 m is plausible; remedy: check the unit of the point; for a longer tool, ",
         ),
         (
             lambda run, _: run.predict([[0] * 5], FORCE, at=(0, 0, 100)),
