@@ -17,7 +17,7 @@ from jointstiff.simulator import LOAD_POINT, robot_document, simulate_campaign
 from jointstiff.solver.errors import RequestError
 
 DOUBT = (
-    "the reading is 1.31 mm away from the prediction by the other readings: the force has the opposite "
+    "the reading is 1.34 mm away from the prediction by the other readings: the force has the opposite "
     "sign or unloaded and loaded readings are exchanged? Read the posture again before the load is taken "
     "off."
 )
