@@ -199,7 +199,7 @@ def test_a_spring_stands_for_each_joint_with_a_number(local, runs):
     text = local.get(file_at(runs["units"], "model.mjcf")).text
     for line in [
         "<!-- Verdict on the result: use. -->",
-        "<!-- joint_4: 0.411 · 10⁶ N·m/rad (95 % interval 0.311 … 0.600); verdict: use -->",
+        "<!-- joint_4: 0.411 · 10⁶ N·m/rad (95 % interval 0.312 … 0.597); verdict: use -->",
         '<joint name="joint_1" type="hinge" axis="0.0 0.0 1.0" range="-3.14159',
         '<body name="link_2" pos="0.33 0.0 0.78"',
     ]:
