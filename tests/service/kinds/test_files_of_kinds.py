@@ -97,7 +97,7 @@ class TestComparison:
         ids = f"{jobs['run']['id']}; {jobs['other']['id']}"
         lines = report_of(local, jobs["comparison"])
         assert lines[lines.index("Run ids") + 1] == ids
-        assert "joint_5 | free | 0.2457 (0.2337 … 0.2591) |" in lines
+        assert "joint_5 | free | 0.2457 (0.2338 … 0.2590) |" in lines
         assert f"– Use this comparison: {ALL_SIX}" in lines
 
 
