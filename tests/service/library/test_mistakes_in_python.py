@@ -112,7 +112,7 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
             [
                 "Use: all 6 joints passed the checks",
                 "│ joint_4 │ 0.513 │ 0.443 … 0.609 │ determined │",
-                "explains 96.2 % of the mean deflection, residual 50.5 µm rms (3-D), sigma of a reading 20.2 "
+                "explains 96.2 % of the mean deflection, residual 50.5 µm rms (3-D), sigma of a reading 20.3 "
                 "µm (residuals)",
             ],
         ),
