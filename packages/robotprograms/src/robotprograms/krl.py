@@ -581,7 +581,7 @@ def _read_rest(line: Line) -> Line:
 
 
 def _make_move(motion: Motion, targets: tuple[Literal | ir.Name, ...], settings: _Settings) -> ir.Move:
-    """Return a move to targets, all of which have the same base and the same tool."""
+    """Return a move to targets, which all have the same base and the same tool."""
     count = len(targets)
     bases, tools = (settings.base,) * count, (settings.tool,) * count
     return ir.Move(motion, targets, bases, tools, feed=settings.feed_of_move)

@@ -346,7 +346,7 @@ def _read_routine_name(text: str) -> _RoutineName:
 
 
 class _Obstacle(NamedTuple):
-    """Why a move is not corrected, and what the user can do."""
+    """Reason why a move is not corrected, and what the user can do."""
 
     reason: str
     remedy: str
@@ -444,7 +444,7 @@ def _read_expressions(arguments: list[Line]) -> list[Op]:
 
 
 def _make_move(parts: _PartsOfMove, feed: ir.Feed | None) -> ir.Move:
-    """Return a move to its targets, all of which have the same work object and the same tool."""
+    """Return a move to its targets, which all have the same work object and the same tool."""
     targets = _read_targets(parts.points)
     bases, tools = (parts.base_frame,) * len(targets), (parts.tool_frame,) * len(targets)
     return ir.Move(_MOTIONS[parts.letter], targets, bases, tools, feed=feed)
