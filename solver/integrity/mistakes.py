@@ -44,7 +44,7 @@ own."""
 _CLEARLY: Final = 0.1
 """Fraction of the rows that a correction must explain in addition to those that fit as posted."""
 _ALIKE: Final = 1.5
-"""Ratio of median distances up to which positions do not distinguish two robots."""
+"""Ratio of residuals up to which positions do not distinguish two robots."""
 _MICROMETRES: Final = 6
 """Decimals to which median distances [m] are rounded before two corrections are compared."""
 _ANCHORS: Final = 24
@@ -355,8 +355,10 @@ def inspect_other_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[F
     """Report other robots that explain the positions better than the chosen robot, the best first.
 
     A robot explains an observation if the targets are at their usual places on its flange, within
-    `LARGEST_RESIDUAL`. The robot is reported if it explains the fraction `EXPLAINED` of the
-    observations, and the chosen robot explains clearly fewer, within `LARGEST_MODEL_ERROR`.
+    `LARGEST_MODEL_ERROR`. The robot is reported if it explains the fraction `EXPLAINED` of the observations,
+    the chosen robot explains clearly fewer, and the robot fits these observations as well as arms usually fit
+    their nominal models. R0 is fitted, too: a wrong length or zero moves all places by millimetres, in a way
+    that a small turn or shift of R0 mostly explains, whereas no such turn makes another arm fit.
 
     Args:
         view: measurement set with the chosen robot.
@@ -368,17 +370,21 @@ def inspect_other_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[F
     if len(rows) < _LEAST_ROWS:
         return
     sample, is_compared, fits = view.measurements[rows], is_compared[rows], []
-    chosen_distances = _measure_target_distances(view.robot, sample, is_compared)
+    chosen_distances = _see_from_flange(view.robot, sample, is_compared).distances
     explained_by_chosen = int((chosen_distances <= LARGEST_MODEL_ERROR).sum())
     for known in others:
         if known.robot.joint_kinds != view.robot.joint_kinds:
             continue
-        distances = _measure_target_distances(known.robot, sample, is_compared)
-        is_explained = distances <= LARGEST_RESIDUAL
+        seen = _see_from_flange(known.robot, sample, is_compared)
+        is_explained = seen.distances <= LARGEST_MODEL_ERROR
         count = int(is_explained.sum())
-        if count >= EXPLAINED * len(rows) and count > explained_by_chosen + _CLEARLY * len(rows):
-            fits.append(_RobotFit(known, count, float(distances[is_explained].max()), median(distances)))
-    fits.sort(key=lambda fit: (-fit.explained, round(fit.median_distance, _MICROMETRES)))
+        explains_more = count > explained_by_chosen + _CLEARLY * len(rows)
+        if count < EXPLAINED * len(rows) or not explains_more:
+            continue
+        residual = seen[is_explained].measure_residual()
+        if residual <= USUAL_RESIDUAL:
+            fits.append(_RobotFit(known, count, float(seen.distances[is_explained].max()), residual))
+    fits.sort(key=lambda fit: (-fit.explained, round(fit.residual, _MICROMETRES)))
     for fit in fits:
         equals = [f"'{each.known.name}'" for each in fits if each is not fit and _are_alike(each, fit)]
         tie = f"; {' and '.join(equals)} fit{'s' if len(equals) == 1 else ''} as well" if equals else ""
@@ -400,31 +406,64 @@ class _RobotFit:
     """Known robot whose model gives the targets the same places on the flange in most observations."""
 
     known: KnownRobot  #: the robot
-    #: number of explained observations: all targets are within `LARGEST_RESIDUAL` of their usual places
+    #: number of explained observations: all targets are within `LARGEST_MODEL_ERROR` of their usual places
     explained: int
     greatest_distance: float  #: greatest distance of a target from its usual place in these observations [m]
-    median_distance: float  #: median over all observations of the greatest distance of a target [m]
+    residual: float  #: of these observations after the fit of R0 [m]
 
 
-def _measure_target_distances(robot: Robot, sample: Measurements, is_compared: BoolArray) -> FloatArray:
-    """Return for each observation the greatest distance of a target from its usual place on the flange.
+@dataclass(frozen=True, eq=False)
+class _SeenFromFlange:
+    """T targets in M observations, as seen from the flange of a robot that may have been measured."""
+
+    rotation: FloatArray  #: (M, 3, 3) rotation of the flange
+    place: FloatArray  #: (M, 3) place of the flange [m]
+    points: FloatArray  #: (M, T, 3) positions of the targets in R0 [m]; NaN for those that are not compared
+    usual_places: FloatArray  #: (T, 3) places of the targets on the flange on which most agree [m]
+    distances: FloatArray  #: (M,) greatest distance of a target from its usual place [m]
+
+    def __getitem__(self, rows: BoolArray) -> _SeenFromFlange:
+        """Return some observations, chosen by a mask (M,), with the usual places of all."""
+        return _SeenFromFlange(
+            self.rotation[rows],
+            self.place[rows],
+            self.points[rows],
+            self.usual_places,
+            self.distances[rows],
+        )
+
+    def measure_residual(self) -> float:
+        """Return the residual [m] after a fit of R0; infinite if R0 is far off, or the fit cannot decide."""
+        is_read = np.isfinite(self.points).all(axis=2).any(axis=0)
+        points, targets = self.points[:, is_read], self.usual_places[is_read]
+        fit = fit_frame(self.rotation, self.place, points, np.eye(3), targets)
+        decides = fit.degrees_of_freedom >= LEAST_FREEDOM and fit.frame.is_base
+        return fit.residual if decides else float("inf")
+
+
+def _see_from_flange(robot: Robot, sample: Measurements, is_compared: BoolArray) -> _SeenFromFlange:
+    """Compute where the targets of observations are as seen from the flange of a robot.
 
     Args:
         robot: robot that may have been measured.
         sample: M observations of T targets.
         is_compared: (M, T) mask of the targets that are compared.
-
-    Returns:
-        (M,) distances [m].
     """
     postures = Postures(robot, robot.joint_map.model_angles(sample.joints))
     in_flange = transform_to_flange(postures, sample.position, is_compared)
-    return greatest_distances(in_flange, find_consensus_places(in_flange))
+    usual_places = find_consensus_places(in_flange)
+    return _SeenFromFlange(
+        rotation=postures.flange_rotation,
+        place=postures.flange_translation,
+        points=np.where(is_compared[..., None], sample.position, np.nan),
+        usual_places=usual_places,
+        distances=greatest_distances(in_flange, usual_places),
+    )
 
 
 def _are_alike(first: _RobotFit, second: _RobotFit) -> bool:
     """Return whether two robots explain the positions about equally well."""
-    smaller, larger = sorted(round(fit.median_distance, _MICROMETRES) for fit in (first, second))
+    smaller, larger = sorted(round(fit.residual, _MICROMETRES) for fit in (first, second))
     return larger <= _ALIKE * smaller
 
 

@@ -48,6 +48,22 @@ def test_each_arm_is_named_in_place_of_each_other_one(measured):
         assert named(ARMS[chosen].robot, measurements) == [], chosen
 
 
+@pytest.mark.parametrize("measured", ["FANUC M-20iD/25", "KUKA KR 210 R2700 extra", "Yaskawa GP180"])
+@pytest.mark.parametrize("seed", [9, 28])
+def test_an_arm_far_from_its_nominal_model_is_named_all_the_same(measured, seed):
+    """Errors of its links move targets by up to 8 mm, mostly as a turn or a shift of R0 would."""
+    measurements = readings_on(ARMS[measured].robot, seed, configurations=16, length=1.5e-3, angle=1e-3)
+    assert named(ARMS["ABB IRB 120-3/0.6"].robot, measurements) == [measured]
+
+
+def test_one_damaged_reading_hides_no_robot():
+    measurements = readings_on(ARMS["FANUC M-20iD/25"].robot, seed=3, configurations=16)
+    position = measurements.position.copy()
+    position[5] += 0.4
+    damaged = replace(measurements, position=position)
+    assert named(ARMS["Yaskawa GP12"].robot, damaged) == ["FANUC M-20iD/25"]
+
+
 def test_the_finding_gives_its_figures_and_the_remedy():
     measurements = readings_on(ARMS["KUKA KR 6 R900 sixx"].robot, seed=3, configurations=40)
     (finding,) = found(ARMS["KUKA KR 210 R2700 extra"].robot, measurements)
