@@ -915,7 +915,10 @@ def solve_mass_cones(A: FloatArray, b: FloatArray, cones: MassCones) -> MassCone
 
 
 def _propose_mass_solutions(A: FloatArray, b: FloatArray, cones: MassCones) -> Iterator[MassConeSolution]:
-    """Yield a solution of ``minimise ‖A x − b‖²`` for each tolerance that Clarabel reaches.
+    """Yield solutions of ``minimise ‖A x − b‖²`` for each tolerance that Clarabel reaches.
+
+    At each tolerance the program is solved in units of the readings, and then again from this solution in
+    units of the residual: Clarabel's tolerances are then relative to the residual, which may be much smaller.
 
     Args:
         A: (rows, p) regressor.
@@ -924,14 +927,18 @@ def _propose_mass_solutions(A: FloatArray, b: FloatArray, cones: MassCones) -> I
     """
     from jointstiff.solver.fit import programs  # takes a second to import
 
-    b_norm = float(np.linalg.norm(b)) or 1.0  # the program is stated for readings of unit norm
+    b_norm = float(np.linalg.norm(b)) or 1.0
     program = programs.state_mass_cones(len(b), cones.blocks)
-    data = {"A": A, "b": b / b_norm, "cap": cones.cap / b_norm}
     for tolerance in _MASS_TOLERANCES:
-        point = program.solve(data, tolerance)
-        if point is not None:
-            x = cones.move_into_set(b_norm * point)
-            yield _certify_mass_solution(A, b, cones, x)
+        near, unit = np.zeros(A.shape[1]), b_norm
+        for _ in ("readings", "residual"):
+            data = {"A": A, "b": (b - A @ near) / unit, "near": near / unit, "cap": cones.cap / unit}
+            point = program.solve(data, tolerance)
+            if point is None:
+                break
+            solution = _certify_mass_solution(A, b, cones, cones.move_into_set(near + unit * point))
+            yield solution
+            near, unit = solution.x, max(float(np.sqrt(solution.loss)), _LEAST_UNIT * b_norm)
 
 
 def _certify_mass_solution(A: FloatArray, b: FloatArray, cones: MassCones, x: FloatArray) -> MassConeSolution:

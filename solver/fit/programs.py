@@ -312,23 +312,25 @@ def state_penalised_end(T: FloatArray, z: FloatArray, p: FloatArray, limit: floa
 
 @lru_cache(maxsize=32)
 def state_mass_cones(rows: int, blocks: tuple[Block, ...]) -> Program:
-    """Compile ``minimise ‖A x − b‖² subject to x in the cones of the blocks, c ≤ cap``.
+    """Compile ``minimise ‖A y − b‖² subject to near + y in the cones of the blocks, c ≤ cap``.
 
-    A joint's block of x has its compliance c, and c times unknown masses and moments, which c bounds; see
-    `conic.MassCones`.
+    A joint's block of near + y has its compliance c, and c times unknown masses and moments, which c bounds;
+    see `conic.MassCones`.
 
     Args:
         rows: number of rows of A.
-        blocks: layout of x, one block for each joint.
+        blocks: layout of near + y, one block for each joint.
 
     Returns:
-        The compiled program; its parameters are A (rows, p), b (rows,) and cap, one entry for each block.
+        The compiled program; its parameters are A (rows, p), b (rows,), near (p,), and cap with one entry for
+        each block.
     """
     with COMPILING:
         p = sum(block.size for block in blocks)
-        x, r = cp.Variable(p), cp.Variable(rows)
+        y, r, near = cp.Variable(p), cp.Variable(rows), cp.Parameter(p, name="near")
         A, b = cp.Parameter((rows, p), name="A"), cp.Parameter(rows, name="b")
-        return Program(cp.Minimize(cp.sum_squares(r)), [r == A @ x - b, *_state_block_cones(x, blocks)], x)
+        constraints = [r == A @ y - b, *_state_block_cones(near + y, blocks)]
+        return Program(cp.Minimize(cp.sum_squares(r)), constraints, y)
 
 
 @lru_cache(maxsize=32)

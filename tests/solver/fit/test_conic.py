@@ -286,6 +286,20 @@ def test_a_point_that_is_not_the_optimum_is_not_certified(monkeypatch):
             solve_mass_cones(rows, right, cones)
 
 
+@pytest.mark.parametrize("seed", [1, 4, 7, 11])
+def test_columns_that_depend_on_each_other_are_certified_if_the_residual_is_small(seed):
+    """In units of the readings, Clarabel's answers have gaps of 5e-8 to 1e-6 for these problems."""
+    rng = np.random.default_rng(seed)
+    blocks = (Block(3),) * 5
+    cones, size = MassCones(blocks, np.full(5, 60.0)), sum(block.size for block in blocks)
+    U, V = (np.linalg.qr(rng.standard_normal((size, size)))[0] for _ in range(2))
+    singular_values = np.concatenate([10.0 ** -np.linspace(0, 8, size - 5), np.zeros(5)])
+    A = U * singular_values @ V.T
+    b = A @ cones.move_into_set(rng.standard_normal(size))
+    b = b / np.linalg.norm(b) + 0.02 * rng.standard_normal(size) / np.sqrt(size)
+    assert solve_mass_cones(A, b, cones).certificate.gap <= 1e-8
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_effective_freedom_is_the_divergence_of_the_fit(seed):
     """Against differences of refits: what changes of the readings come through."""
