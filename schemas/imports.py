@@ -83,7 +83,7 @@ class ImportOptions(Message):
     )
     ignore: Annotated[list[HeaderCell], Field(max_length=MAX_HEADER_CELLS)] = Field(
         default_factory=list,
-        description="Headers of columns to ignore. Repeated blanks count as one, and * stands for any text.",
+        description="Headers of columns to ignore. Repeated blanks count as one, and * matches any text.",
     )
     sheet: str | None = Field(
         default=None,

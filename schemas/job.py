@@ -118,7 +118,7 @@ class JobSummary(ResultSummary):
         default=None, description="Serial number of the robot, as stated in the measurement set."
     )
     run_id: Identifier | None = Field(
-        default=None, description="Run whose identified model a map or a corrected program uses."
+        default=None, description="Run whose identified model a map or a correction uses."
     )
     method: Method | None = None
     weighting: Weighting | None = None

@@ -236,7 +236,7 @@ class Identifiability(Message):
         description="Condition number of the regressor, the largest of all stages; null if rank-deficient."
     )
     combinations: list[list[Name]] = Field(
-        description="Groups of joints of which only combinations are observable."
+        description="Groups of joints whose combinations alone are observable."
     )
     observability: Dimensionless[dict[ObservabilityIndex, float] | None] = Field(
         default=None,
@@ -545,7 +545,7 @@ class RunResult(Result):
         "good reading in a thousand is listed.",
     )
     suspicious_count: int = Field(
-        default=0, description="Number of suspicious readings, of which `suspicious` lists at most 100."
+        default=0, description="Number of suspicious readings; `suspicious` lists at most 100 of them."
     )
     resampling: ResamplingResult | None = Field(
         default=None, description="Results of the resampling, if requested."

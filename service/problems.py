@@ -53,9 +53,10 @@ from errno import ENOENT
 from http import HTTPStatus
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, get_args
 
 from jointstiff.schemas.finding import Problem, ProblemItem
+from jointstiff.schemas.measurement import AngleUnit, ForceUnit, LengthUnit
 from jointstiff.solver.errors import (
     JointstiffError,
     MeasurementError,
@@ -486,6 +487,10 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
     }
 )
 """Type of a fault that pydantic found → remedy."""
+_UNITS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {"length": get_args(LengthUnit), "angle": get_args(AngleUnit), "force": get_args(ForceUnit)}
+)
+"""Quantity → its units, as requests name them."""
 _LONGEST_NAME: Final = 60
 MISSING: Final = "required field is missing"
 
@@ -547,11 +552,15 @@ def problem_from_error(error: JointstiffError | ServiceError) -> Problem:
     return _fit_into_body(problem)
 
 
+_LINE_OF_FILE: Final = re.compile(r", line \d+\b")
+"""Place in a file, as `naming_file` writes it."""
+
+
 def find_path_in_document(section: str, where: str | None) -> str | None:
     """Return the path of a faulty field in a document of several sections, such as a campaign.
 
     A path that begins with `observations` belongs to the section `measurement_set`, even if an error names
-    another section.
+    another section. A line of a file, such as `poses.csv, line 2`, belongs to no section.
 
     Args:
         section: section with the fault; empty for a document of one section.
@@ -561,6 +570,8 @@ def find_path_in_document(section: str, where: str | None) -> str | None:
         The path in the whole document; None if neither section nor path are known.
     """
     is_in_observations = re.match(r"observations\b", where or "") is not None
+    if _LINE_OF_FILE.search(where or ""):
+        return where
     if section and where == "measurement_set_id":
         return "measurement_set"  # a document contains the set itself in place of the set's id
     if section and is_in_observations and not section.endswith("measurement_set"):
@@ -639,7 +650,21 @@ def _find_remedy(error: Mapping[str, Any], parameters: Sequence[str]) -> str | N
     if error["type"] == "extra_forbidden" and error["loc"][:1] == ("query",):
         known = f", or use one of {', '.join(parameters)}" if parameters else ""
         return f"leave out this parameter{known}"
+    if error["type"] == "missing" and (remedy := _find_remedy_of_units(error["loc"])):
+        return remedy
     return _REMEDIES.get(str(error["type"]))
+
+
+def _find_remedy_of_units(location: Sequence[int | str]) -> str | None:
+    """Return the remedy for missing units, or for the missing unit of a quantity; None for other fields."""
+    names = location[-2:]
+    if names[-1:] == ("units",):
+        words = "; ".join(f"{name} is {' or '.join(units)}" for name, units in _UNITS.items())
+        example = ", ".join(f'"{name}": "{units[0]}"' for name, units in _UNITS.items())
+        return f"add this field, such as {{{example}}}: {words}; without forces, leave out force"
+    if names[:1] == ("units",) and names[1] in _UNITS:
+        return f"add this field: {' or '.join(_UNITS[str(names[1])])}"
+    return None
 
 
 def _urn(slug: str) -> str:
@@ -821,6 +846,17 @@ def naming_missing_file() -> Iterator[None]:
         if not isinstance(error.filename, str):
             raise
         raise MissingFileError(Path(error.filename)) from None
+
+
+@contextmanager
+def naming_file(path: Path) -> Iterator[None]:
+    """Name a table's file in the place of errors of the block, such as `poses.csv, line 2`."""
+    try:
+        yield
+    except RequestError as error:
+        if error.where is not None and error.where.startswith("line "):
+            error.where = f"{path.name}, {error.where}"
+        raise
 
 
 @contextmanager

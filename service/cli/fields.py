@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import MappingProxyType, NoneType, UnionType
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.finding import Problem
 
+_ALWAYS_REFUSED: Final = frozenset({"compensates_load"})
+"""Words of options that every request refuses with a reason of their own; no remedy proposes them."""
 Forms = Mapping[str, Terminal]
 """Field of a message → its form on the command line."""
 NO_FORMS: Final[Forms] = MappingProxyType({})
@@ -196,9 +200,11 @@ def _unwrap_type(annotation: Any) -> Any:  # noqa: ANN401 - a type
     return annotation
 
 
-_FIELD_IN_TEXT: Final = re.compile(r"`(?:open\.)?(\w+)(?:: (\w+|\[[^`\]]*\]))?`(?:: (\[[^`\]]*\]))?")
-"""A field in backquotes, with a word or a list as its value: `field`, `field: word`, `field: [A]` or
-`field`: [A]; of a live campaign, `open.field`, too."""
+_FIELD_IN_TEXT: Final = re.compile(
+    r"`(?:open\.)?(\w+)(?:: (\w+|\[[^`\]]*\]))?`(?:: (\[[^`\]]*\]|\{[^`}]*\}))?"
+)
+"""A field in backquotes, with a word, a list or an object as its value: `field`, `field: word`, `field: [A]`,
+`field`: [A] or `field`: {"A": "B"}; of a live campaign, `open.field`, too."""
 
 
 def name_options_in_text(message_class: type[Message], text: str, form_of_field: Forms = NO_FORMS) -> str:
@@ -206,7 +212,8 @@ def name_options_in_text(message_class: type[Message], text: str, form_of_field:
 
     A field in backquotes, such as `load_point`, becomes `--load-point`; a field with a value, such as
     `method: pose`, becomes `--method pose`; `leave_alone: ['A', 'B']` becomes `--leave-alone A,B`, and an
-    option that may be repeated is repeated for each value.
+    option that may be repeated is repeated for each value, such as `--state-word pre=unloaded` for
+    `state_words`: {"pre": "unloaded"}.
 
     Args:
         message_class: class of the message that has the fields.
@@ -227,6 +234,10 @@ def name_options_in_text(message_class: type[Message], text: str, form_of_field:
             return f"`{flag}`"
         if _unwrap_type(field_info.annotation) is bool:
             return f"`{flag}`" if value == "true" else f"`--no-{name.replace('_', '-')}`"
+        if form.gather == "dict" and value.startswith("{"):
+            pairs = json.loads(value)
+            values = [shlex.quote(f"{key}={meaning}") for key, meaning in pairs.items()]
+            return f"`{' '.join(f'{flag} {each}' for each in values)}`"
         values = [each.strip(" '\"") for each in value.strip("[]").split(",")]
         if form.gather == "one":  # the option has one text with commas
             values = [",".join(values)]
@@ -254,9 +265,9 @@ def name_options_in_problem(
             # An option, such as `--encoders`, is missing on the command line.
             field_type = _unwrap_type(message_class.model_fields[item.where].annotation)
             remedy = f"give `{option_flag(message_class, item.where, form_of_field)}`"
-            remedy += (
-                f": one of {', '.join(get_args(field_type))}" if get_origin(field_type) is Literal else ""
-            )
+            if get_origin(field_type) is Literal:
+                words = [word for word in get_args(field_type) if word not in _ALWAYS_REFUSED]
+                remedy += f": one of {', '.join(words)}"
             if item.where not in fields_with_option:
                 remedy = "state the option in the JSON file of `--options`"
         changes = {

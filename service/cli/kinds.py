@@ -344,12 +344,14 @@ def build_correct_command() -> Callable[..., None]:
             cli.check_ending(values["output"], [".csv", ".parquet"])
             cli.refuse_existing(values["output"], overwrite=values["overwrite"])
         result = _correct(file, poses, values)
-        if values["output"] is not None:
+        has_numbers = bool(result.counts.keys() - WITHOUT_NUMBERS)
+        if values["output"] is not None and has_numbers:
             result.save(values["output"])
             cli.warn(f"wrote {values['output']}")
         typer.echo(name_options_in_text(CorrectionOptions, result.summary()))
-        has_numbers = bool(result.counts.keys() - WITHOUT_NUMBERS)
         if not has_numbers:
+            if values["output"] is not None:
+                cli.warn(f"{values['output']} was not written: no row is corrected")
             raise typer.Exit(1)
 
     sources = {

@@ -158,7 +158,8 @@ def refuse_far_point(point: Sequence[float] | None, where: str, *, length: float
     distance = 0.0 if point is None else length * hypot(*point)
     if distance > FAR_POINT:
         raise RequestError(
-            f"the point is {distance:g} m from the flange, but a tool reaches at most {FAR_POINT:g} m",
+            f"the point is {distance:g} m from the flange, where no tool reaches; up to {FAR_POINT:g} m is "
+            "plausible",
             where=where,
             remedy="check the unit of the point; for a longer tool, put the flange of the robot's model on "
             "the tool",

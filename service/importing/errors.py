@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -14,6 +15,11 @@ _MAX_SHOWN = 60
 def quote(text: str) -> str:
     """Return text of a file in quotation marks, escaped and cut to 60 characters, for a message."""
     return repr(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "…")
+
+
+def show_object(values: Mapping[str, str]) -> str:
+    """Return an option's value with words of a file as JSON, for a remedy."""
+    return json.dumps(values, ensure_ascii=False)
 
 
 class Place(NamedTuple):

@@ -8,7 +8,6 @@ from __future__ import annotations
 import glob
 import re
 import tomllib
-import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -18,7 +17,8 @@ from types import MappingProxyType
 from typing import Final, Literal, NamedTuple, TypeVar
 
 from jointstiff.schemas.imports import ImportOptions, State
-from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
+from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote, show_object
+from jointstiff.service.tables.labels import LABEL_HEADERS, fold_word
 
 Kind = Literal[
     "name", "collection", "group", "target", "state", "deleted", "time", "validation", "joint", "force",
@@ -39,7 +39,7 @@ def _values_by_word(groups: Mapping[_Value, Iterable[str]]) -> Mapping[str, _Val
 
 _WORDS: Final = tomllib.loads(files(__package__).joinpath("words.toml").read_text("utf-8"))
 _WORD_LISTS: Final[Mapping[str, Sequence[str]]] = _WORDS["beside"]
-_TEXT_KIND_OF: Final[Mapping[str, Kind]] = _values_by_word(_WORDS["keys"])
+_TEXT_KIND_OF: Final[Mapping[str, Kind]] = _values_by_word({"name": LABEL_HEADERS, **_WORDS["keys"]})
 _STATE_OF: Final[Mapping[str, State]] = _values_by_word(_WORDS["states"])
 _VECTOR_OF: Final[Mapping[str, Kind]] = _values_by_word(_WORDS["vectors"])
 MASSES: Final[Mapping[str, str]] = _values_by_word(_WORDS["masses"])
@@ -120,11 +120,6 @@ DIMENSIONS: Final[Mapping[Kind, Dimension]] = MappingProxyType(
 _MAY_HAVE_UNITS: Final[frozenset[Kind]] = frozenset(("time", "ignored"))
 UNKNOWN: Final = "columns"
 """Option that settles an unknown header."""
-
-
-def fold_word(text: str) -> str:
-    """Return a text for comparisons: lower case, Unicode composed, `_` and runs of blanks as one blank."""
-    return " ".join(unicodedata.normalize("NFC", text).casefold().replace("_", " ").split())
 
 
 def collapse_blanks(text: str) -> str:
@@ -347,6 +342,11 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
             reason = f"{quote(header)}: the unit of a hung mass must be kg"
             raise ImportFileError(NOWHERE, reason, "write `mass [kg]`, or give forces")
         return Meaning(Quantity("mass"), 0, "kgf")
+    if unit == "kg" and _VECTOR_OF.get(fold_word(base)) == "force":
+        reason = f"unknown column header {quote(header)}: kg is the unit of a mass, not of a force"
+        example = show_object({header: "mass [kg]"})
+        remedy = f"if it is a hung mass, write `mass [kg]`, or give `columns`: {example}"
+        raise ImportFileError(NOWHERE, reason, remedy, UNKNOWN)
     split_suffix = None if unit is not None else _split_unit_suffix(base)
     base, unit = split_suffix or (base, unit)
     # `tx`, `ty` and `tz` in a unit of length are the coordinates x, y and z.
@@ -509,7 +509,7 @@ class Vocabulary:
         if self._is_ignored(text):
             return Meaning(Quantity("ignored"))
         stated = self.stated.get(text)
-        meaning = self._parse(header if stated is None else stated)
+        meaning = self._parse(header if stated is None else _add_unit_of_mass(header, stated))
         if stated is None:
             return replace(meaning, guessed=meaning.guessed or guessed)
         has_no_unit = meaning.axis is None or meaning.kind == "mass"
@@ -562,6 +562,13 @@ def fits_header(pattern: str, header: str) -> bool:
     """Return whether a header is the one that a text names, in which * stands for any characters."""
     parts = collapse_blanks(pattern).split("*")
     return fnmatchcase(collapse_blanks(header), "*".join(map(glob.escape, parts)))
+
+
+def _add_unit_of_mass(header: str, stated: str) -> str:
+    """Return a stated meaning; a hung mass that states no unit has the unit in brackets of its header."""
+    unit = split_unit(header)[1]
+    is_mass_without_unit = fold_word(stated) in _WORD_LISTS["hung"]
+    return f"{stated} [{unit}]" if is_mass_without_unit and unit is not None else stated
 
 
 def _apply_header_unit(header: str, stated: str, meaning: Meaning) -> Meaning:

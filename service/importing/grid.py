@@ -107,12 +107,23 @@ class Grid:
             "decimal_mark": decimal_mark if is_text else None,
             "columns": columns,
             "row_count": len(rows),
-            "first_rows": [list(row.cells) for row in first_rows],
+            "first_rows": [
+                list(row.cells if is_text else map(_round_binary, row.cells)) for row in first_rows
+            ],
             "assumptions": assumptions,
             "header_lines": header_lines,
             "first_lines": [row.line for row in first_rows],
         }
         return self.preview.model_copy(update=understood)
+
+
+_BINARY: Final = re.compile(r"[+-]?\d+\.\d{9,}(?:[eE][+-]?\d+)?")
+"""Number with more digits than a person writes, such as 841.8997000000001."""
+
+
+def _round_binary(cell: str) -> str:
+    """Return a cell for people: a binary number as Excel shows it, with 15 digits; other cells unchanged."""
+    return f"{float(cell):.15g}" if _BINARY.fullmatch(cell) else cell
 
 
 def no_rows_error(file: str) -> ImportFileError:

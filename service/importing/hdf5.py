@@ -91,7 +91,7 @@ def _walk(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
         path, group = remaining.pop(0)
         if "pandas_type" in group.attrs:
             raise UnreadableError(
-                "the file contains a data frame of pandas, whose names and texts are pickled in HDF5",
+                "the file contains a frame of pandas, whose names and texts are pickled in HDF5",
                 "write the frame as Parquet or CSV",
             )
         for name in group:

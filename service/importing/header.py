@@ -12,7 +12,7 @@ from typing import Final, Literal
 from jointstiff.schemas.imports import ImportOptions
 from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.service.importing import grammar, limits
-from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
+from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote, show_object
 from jointstiff.service.importing.grammar import (
     POINTS,
     Dimension,
@@ -367,6 +367,8 @@ _TARGET_WITH_WORD: Final = (
     re.compile(r"(?P<word>[^\s_-]+)[\s_-]+(?P<target>[^\s_-].*)"),
 )
 """A target's name with a word behind it, or before it."""
+_MOST_UNNAMED: Final = 3
+"""Most headers that a message lists of columns that do not name their target or state."""
 _EXAMPLE_UNITS: Final[Mapping[Dimension, str]] = {
     "length": "mm",
     "angle": "deg",
@@ -404,6 +406,23 @@ class Columns:
     def whole(self) -> bool:
         """Return whether each row holds a whole observation, with all targets and states."""
         return not self.needed and not {"target", "state"} & self.texts.keys()
+
+
+def _find_state_words(points: Sequence[Quantity]) -> tuple[str, ...]:
+    """Return the words in names of targets without a state, next to a name that occurs with a state.
+
+    With `SMR1 leer x` and `SMR1 unloaded x` the word is `leer`.
+    """
+    with_state = {quantity.target for quantity in points if quantity.state is not None}
+    words: dict[str, None] = {}  # an ordered set
+    for quantity in points:
+        if quantity.state is not None:
+            continue
+        for pattern in _TARGET_WITH_WORD:
+            match = pattern.fullmatch(quantity.target or "")
+            if match is not None and match["target"] in with_state:
+                words[match["word"]] = None
+    return tuple(words)
 
 
 class ColumnReader:
@@ -575,8 +594,8 @@ class ColumnReader:
                     self._heading.place(min(points)),
                     f"{quote(first)} and {quote(second)} in the headers of positions may be states, but "
                     "their meaning is unknown",
-                    f'name the state of each in `state_words`, such as {{"{first}": "unloaded", '
-                    f'"{second}": "loaded"}}',
+                    "name the state of each, such as `state_words`: "
+                    f"{show_object({first: 'unloaded', second: 'loaded'})}",
                     "state_words",
                     (first, second),
                 )
@@ -668,7 +687,7 @@ class ColumnReader:
         self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]
     ) -> None:
         """Report a fault unless all columns of positions state target and state in the same way."""
-        place, report = self._heading.place(), self._faults.report
+        report = self._faults.report
         points = [quantity for quantity in quantities if quantity.kind in POINTS]
         for quantity in points:
             if quantity.kind != "along" and quantity.with_kind("position") not in quantities:
@@ -679,8 +698,7 @@ class ColumnReader:
         for kind in _TARGET_AND_STATE:
             is_named = {getattr(quantity, kind) is not None for quantity in points}
             if len(is_named) > 1:
-                reason = f"some columns of positions name their {kind}, and other columns do not"
-                report(place, reason, f"name the {kind} in all columns of positions")
+                self._report_unnamed(kind, quantities)
             if kind in texts and True in is_named:
                 reason = f"there is a column `{kind}`, but the headers of positions name the {kind}, too"
                 report(
@@ -688,6 +706,26 @@ class ColumnReader:
                     reason,
                     "keep either the column or the names in the headers",
                 )
+
+    def _report_unnamed(self, kind: Kind, quantities: Mapping[Quantity, tuple[int, ...]]) -> None:
+        """Report the columns of positions that do not name their target or state, as other columns do."""
+        points = [quantity for quantity in quantities if quantity.kind in POINTS]
+        unnamed = [quantity for quantity in points if getattr(quantity, kind) is None]
+        columns = sorted(column for quantity in unnamed for column in quantities[quantity])
+        names = ", ".join(quote(self._headers[column]) for column in columns[:_MOST_UNNAMED])
+        others = len(columns) - _MOST_UNNAMED
+        if others > 0:
+            names += f" and {others} more"
+        reason = f"some columns of positions name their {kind}, and other columns do not: {names}"
+        remedy = f"name the {kind} in all columns of positions"
+        words = _find_state_words(points) if kind == "state" else ()
+        if not words:
+            self._faults.report(self._heading.place(), reason, remedy)
+            return
+        word_list = " and ".join(map(quote, words))
+        remedy += f"; if {word_list} means a state, say which, such as "
+        remedy += f"`state_words`: {show_object({words[0]: 'unloaded'})}"
+        self._faults.report(self._heading.place(columns[0]), reason, remedy, "state_words", words)
 
     def _resolve_units(self, meanings: Sequence[Meaning], axes_unit: str | None) -> list[Meaning]:
         """Return the meanings with the units of all numbers; report a fault for two units of one dimension.

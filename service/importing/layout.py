@@ -28,6 +28,7 @@ from jointstiff.service.importing.grid import (
     looks_like_a_number,
 )
 from jointstiff.service.importing.header import ColumnReader, Columns, Heading, find_heading
+from jointstiff.service.tables.labels import fold_word
 
 _LEAST_ROWS, _MOST_ROWS = 4, 10_000
 """Rows of a table whose last rows may be statistics by their numbers alone."""
@@ -458,7 +459,7 @@ def _drop_deleted_rows(
         return rows
     kept = []
     for row in rows:
-        is_deleted = grammar.MARKS.get(grammar.fold_word(row.cells[index]))
+        is_deleted = grammar.MARKS.get(fold_word(row.cells[index]))
         if is_deleted is None:
             reason = f"{quote(row.cells[index])} does not show whether the row is deleted"
             remedy = "use 0 or 1, or skip the column with `ignore`"

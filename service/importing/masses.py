@@ -15,8 +15,9 @@ from jointstiff.schemas.imports import (
 )
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing.errors import Faults, ImportFileError, Place, quote
-from jointstiff.service.importing.grammar import MASSES, fold_word, split_unit
+from jointstiff.service.importing.grammar import MASSES, split_unit
 from jointstiff.service.importing.grid import Grid, Row, decide_decimal_mark, read_number
+from jointstiff.service.tables.labels import fold_word
 
 _NEEDED_COLUMNS: Final = ("name", "joint", "mass", "x", "y", "z")
 _CENTRE: Final = ("x", "y", "z")

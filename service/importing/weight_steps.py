@@ -27,11 +27,11 @@ from jointstiff.service.importing.grammar import (
     STEPS,
     find_known_unit,
     find_state,
-    fold_word,
     joint_number,
     split_unit,
 )
 from jointstiff.service.importing.grid import Grid, Row, decide_decimal_mark, read_number
+from jointstiff.service.tables.labels import fold_word
 
 _Approach = Literal["+", "-"]
 _NEEDED: Final = ("label", "joint", "state", "motor", "link")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict
 from jointstiff.schemas.deflection import DeflectionOptions
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.joints import JointKind
-from jointstiff.service.problems import naming_missing_file
+from jointstiff.service.problems import naming_file, naming_missing_file
 from jointstiff.service.resources.documents import parse_document
 from jointstiff.solver.errors import RequestError
 
@@ -73,7 +73,8 @@ def make_load_cases(
     fields["units"] = units = complete_units(fields.get("units"))
     if isinstance(postures, str | PathLike):
         text = Path(postures).read_text(encoding="utf-8-sig", errors="replace")
-        return read_load_cases(text, joints, **_convert_points(fields))
+        with naming_file(Path(postures)):
+            return read_load_cases(text, joints, **_convert_points(fields))
     if forces is None and isinstance(postures, Sequence) and isinstance(postures[0], Mapping | Message):
         cases = list(postures)
     else:

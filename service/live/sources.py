@@ -222,9 +222,7 @@ class CheckedSource:
         self._announced_stand: Stand | None = None  # posture announced to the source and not read yet
         self._last = _StandReading()  # last reading; without points while its targets are read
         self._last_unloaded = _StandReading()  # last reading without load
-        self._earlier_positions: set[Place] = (
-            set()
-        )  # all positions read before, in other stands than the last
+        self._earlier_positions: set[Place] = set()  # positions read in earlier postures
 
     @property
     def unknown(self) -> dict[str, Place]:

@@ -12,7 +12,7 @@ from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.meaning import JointsMeaning, PointsMeaning, TableMeaning
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.numbers import NumberTable, read_number_tables
-from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.importing.reading import SourceFile, understand_files
 from jointstiff.service.importing.rewriting import NamedReading, name_readings, write_readings
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
 from jointstiff.solver.meaning.proposal import Proposal, propose
@@ -66,6 +66,11 @@ class ProposedImport:
         """Robot that fits."""
         return self.proposal.robots[0]
 
+    def find_fault(self) -> ImportFileError | None:
+        """Return the first fault of the table with the proposed meaning; None if a person can accept it."""
+        faults = understand_files([self.table], self.request, self.known.robot.joint_names).faults
+        return faults[0] if faults else None
+
     def accept(self, request: ImportRequest | None = None) -> ImportAnswer:
         """Import the table as the proposal says; `request` has other statements about the readings."""
         answer = import_files([self.table], request or self.request, self.known.robot)
@@ -115,7 +120,16 @@ def propose_import(
             return NoProposal(reason)
     table = write_readings(proposal, named, tables)
     kept = request.model_copy(update={**_clear_headers(), **_state_units(request)})
-    return ProposedImport(proposal, tuple(named), table, kept, _build_meaning(proposal, named, tables))
+    proposed = ProposedImport(proposal, tuple(named), table, kept, _build_meaning(proposal, named, tables))
+    return proposed if template is not None else _require_importable(proposed)
+
+
+def _require_importable(proposed: ProposedImport) -> ProposedImport | NoProposal:
+    """Return a proposal that a person can accept; else the reason why its table is refused."""
+    fault = proposed.find_fault()
+    if fault is None:
+        return proposed
+    return NoProposal(f"{proposed.sentence}, but the import of these columns is refused: {fault.reason}")
 
 
 def _read_tables(

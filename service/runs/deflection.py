@@ -42,6 +42,7 @@ from jointstiff.service.tables.estimate import (
     style_for,
 )
 from jointstiff.service.tables.files import csv_text, split_table_rows
+from jointstiff.service.tables.labels import is_label
 from jointstiff.service.tables.report import verdict_lines, with_overall_verdict
 from jointstiff.service.tables.table import (
     NO_NUMBER,
@@ -156,9 +157,13 @@ def _find_reasons(
     bounds = [answer.with_model_error for answer in answers if answer.with_model_error is not None]
     extrapolated_count = sum(max(bound.load_ratio, bound.leverage_ratio) > EXTRAPOLATED for bound in bounds)
     points = [*cases.load_point.tolist(), *cases.place.tolist()]
+    without_number = [answer for answer in answers if answer.displacement is None]
+    first = ""
+    if without_number:
+        first = ": ".join([without_number[0].label, *without_number[0].remarks[:1]])
     return [
         *find_implausible_deflection(max(lengths, default=None), run),
-        *find_missing_numbers(len(answers) - len(lengths), len(answers), "cases"),
+        *find_missing_numbers(len(without_number), len(answers), "cases", first=first),
         *find_far_points(points),
         *find_beyond_campaign(extrapolated_count, len(answers), "cases"),
         *find_beyond_limits(robot, cases.joints, [answer.label for answer in answers]),
@@ -301,7 +306,7 @@ def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) ->
         RequestError: the name is unknown, or the unit is missing or does not belong to the field.
     """
     name = header.partition("[")[0].strip()
-    if name.lower() == "label":
+    if is_label(name):
         return TableColumn("label", 0, 1.0)
     joint = _find_joint(name, list(joints))
     if joint is not None:

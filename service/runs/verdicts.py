@@ -447,7 +447,13 @@ def find_beyond_limits(robot: Robot, joints: FloatArray, labels: Sequence[str]) 
 
 
 def find_missing_numbers(
-    count: int, total: int, what: str, *, unseen: bool = True, remedy: str | None = None
+    count: int,
+    total: int,
+    what: str,
+    *,
+    unseen: bool = True,
+    remedy: str | None = None,
+    first: str = "",
 ) -> list[Finding]:
     """Return a reason if `count` of `total` cases have no number; [] for 0.
 
@@ -457,12 +463,15 @@ def find_missing_numbers(
         what: plural noun for cases in the message, such as `places`.
         unseen: whether numbers may be missing because the run does not determine some joints.
         remedy: remedy of the reasons of these cases, if it is known.
+        first: name of the first case without a number, and the reason; empty if a table next to it says so.
     """
     if not count:
         return []
     weight: Verdict = "do_not_use" if count == total else "use_with_care"
     subject = f"none of the {total}" if count == total else f"{total - count} of {total}"
     message = f"{subject} {what} {'have' if total != 1 else 'has'} a number"
+    if first:
+        message += f"; the first without one is {first}"
     measuring_advice = "measure with loads that twist the undetermined joints, or " if unseen else ""
     remedy = remedy or f"read the reason why each case has no number; {measuring_advice}move the places"
     return [make_reason("numbers_missing", weight, message, remedy)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -11,6 +12,7 @@ import numpy as np
 
 from jointstiff.service.problems import TooManyRowsError, naming_missing_extra
 from jointstiff.service.tables.files import iterate_table_rows
+from jointstiff.service.tables.labels import is_label
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 
@@ -22,6 +24,8 @@ _PARQUET_START: Final = b"PAR1"
 _THRIFT_LIMITS: Final = {"thrift_string_size_limit": 8 * 1024**2, "thrift_container_size_limit": 100_000}
 """Limits of the description in a Parquet file, as pyarrow names them."""
 _ROWS_PER_BLOCK: Final = 4096
+_WITHOUT_UNIT: Final = re.compile(r"q[1-4]", re.IGNORECASE)
+"""Headers of numbers without a unit: the components of a quaternion."""
 _LONGEST_QUOTE: Final = 40
 """Characters of a file's text in an error message."""
 
@@ -72,6 +76,7 @@ class NumberTable:
 def read_number_table(content: bytes, limits: TableLimits | None = None) -> NumberTable:
     """Read a CSV or Parquet file of numbers; a column `label` may have texts.
 
+    Other headers that name the rows, such as `Punkt`, mean `label`, too.
     Cells of CSV are separated by commas, semicolons or tabs; with semicolons or tabs a number may have a
     decimal comma. Empty lines are left out. `limits` of None allow any size: the file is the user's own.
 
@@ -199,6 +204,12 @@ def _parse_number(cell: str, line: int, header: str) -> float:
     try:
         return float(cell)
     except ValueError:
+        if _WITHOUT_UNIT.fullmatch(header.strip()) is None and "[" not in header:
+            raise RequestError(
+                f"unknown header '{header[:_LONGEST_QUOTE]}' of a column of texts",
+                where=f"line {line}",
+                remedy="if the column names the rows, name it `label`; else leave the column out",
+            ) from None
         raise RequestError(
             f"the cell {cell[:_LONGEST_QUOTE]!r} of the column '{header[:_LONGEST_QUOTE]}' is not a number",
             where=f"line {line}",
@@ -297,11 +308,6 @@ def _refuse_other_column(header: str, kind: Any) -> None:  # noqa: ANN401 - a ty
         )
 
 
-def is_label(header: str) -> bool:
-    """Return whether a header names the column of texts."""
-    return header.strip().lower() == LABEL
-
-
 def refuse_bad_headers(headers: Sequence[str]) -> None:
     """Refuse a column without a header, and two columns whose names differ at most in their units.
 
@@ -322,3 +328,11 @@ def refuse_bad_headers(headers: Sequence[str]) -> None:
                 remedy="give each column a header of its own",
             )
         names.add(name)
+    label_headers = [header for header in headers if is_label(header)]
+    if len(label_headers) > 1:
+        first, second = (header[:_LONGEST_QUOTE] for header in label_headers[:2])
+        raise RequestError(
+            f"the headers '{first}' and '{second}' both name the rows",
+            where="line 1",
+            remedy=f"leave out the column '{second}'",
+        )

@@ -57,7 +57,7 @@ SCATTER_LEVEL: Final = 0.01
 """Significance level of the test for shared errors."""
 ASSUMED_REPEATABILITY: Final = 2e-5
 """Scale of the prior of a joint's turns [rad] where nothing is stated: 0.1 mm (ISO 9283) at 2 m."""
-ASSUMED_STATION_ERROR: Final = 2e-6
+ASSUMED_STATION_ERROR: Final = 5e-6
 """Scale of the prior of a shift of all targets [m]."""
 _PRIOR_FREEDOM: Final = 4.0
 """Degrees of freedom of the half-Student priors."""

@@ -361,7 +361,7 @@ def _list_uncertainties(
 ) -> dict[str, FloatArray]:
     """Return name of an error → standard uncertainties (k,) of its k unknowns, as the measurements state.
 
-    Errors of which nothing is stated are left out: they are fitted freely.
+    Errors without a stated size are left out: they are fitted freely.
     """
     uncertainties = {}
     for term in errors:

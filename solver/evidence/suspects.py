@@ -193,7 +193,7 @@ def _suspect_from_best_onset(
     Args:
         fits: fits of all terms from each observation on.
         later: name → term of the causes that may set in later.
-        tested_labels: labels of the observations of the fits, any of which may be the onset.
+        tested_labels: labels of the observations of the fits; any observation may be the onset.
         labels: labels of all observations.
     """
     onsets = fits.find_onsets()

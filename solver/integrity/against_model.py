@@ -317,7 +317,7 @@ def _try_joints(
         view: measurement set.
         row: index of the row.
         places: (T, 3) places of the targets on the flange [m].
-        joints: (J,) indices of the joints, of which one at a time is moved.
+        joints: (J,) indices of the joints; one joint at a time is moved.
         tried: (J, P) positions of these joints by the controller [rad].
     """
     q = np.broadcast_to(view.measurements.joints[row], (*tried.shape, view.robot.n)).copy()

@@ -213,7 +213,7 @@ def _list_remarks_on_choice(
 
 
 class _Grounds(NamedTuple):
-    """Why a model was chosen without a comparison of models."""
+    """Reason why a model was chosen without a comparison of models."""
 
     source: Literal["given", "options", "screening"]  # what chose the model
     words: str  # continuation of "The model has elastic joints alone"

@@ -94,6 +94,8 @@ WORTH_A_WARNING: Final = 0.1
 it."""
 _NOISY: Final = 1.5
 """Noise of an encoder, relative to the stated noise, from which a note names it."""
+LEAST_OF_OFF_MODEL: Final = 0.8
+"""Compensation below which no mistake in the data is named if places of targets contradict the robot."""
 CARE_SHARE, UNUSABLE_SHARE = 0.7, 0.5
 """Compensation below which more than the joints deflects: with a warning, and with an unusable result; the
 joints of real robots explain 80 %."""
@@ -332,7 +334,11 @@ def _report_explanation(joints: JointsAlone, explanation: _Explanation) -> Itera
     """
     measurements = joints.measurements
     if explanation.mistake is not None:
-        yield report_alternative(joints.robot, measurements, explanation.mistake)
+        off_model = any(finding.code == "target_off_model" for finding in joints.noticed)
+        if off_model and explanation.mistake.compensation < LEAST_OF_OFF_MODEL:
+            yield _report_other_robot(explanation.mistake)
+        else:
+            yield report_alternative(joints.robot, measurements, explanation.mistake)
     if explanation.causes:
         fitted_count = sum(bool(term.words) for term in fitted_errors(measurements).terms)
         most = MAX_CAUSES - fitted_count
@@ -374,7 +380,7 @@ def _list_notes(measurements: Measurements, estimate: Estimate, unloading: Unloa
 def _describe_assumptions(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
     """Yield a sentence for each uncertainty of the loads that was assumed, because none was stated.
 
-    An assumption is told only if it matters: if the error changes a compliance of the estimate.
+    An assumption is named only if the error changes a compliance of the estimate.
     """
     common = estimate.common  # effects of errors that all readings share, such as of the load point
     if common is None:
@@ -568,6 +574,22 @@ def report_alternative(robot: Robot, measurements: Measurements, better: BetterA
         f"{100 * better.ratio:.2g} %",
         remedy=remedy,
         action=_advise_correction(robot, measurements, better.alternative),
+    )
+
+
+def _report_other_robot(best: BetterAlternative) -> Finding:
+    """Return the finding that neither places nor deflections fit the robot, not even after a correction.
+
+    It has no action: `best`, the mistake whose correction explains most, is not the cause.
+    """
+    return Finding(
+        code="alternative_explains_better",
+        weight="do_not_use",
+        message="the readings do not fit this robot: the targets do not keep their positions on its flange, "
+        f"and its joints explain {100 * best.compensation_as_given:.3g} % of the mean deflection; after each "
+        f"correction that was tried at most {100 * best.compensation:.3g} %",
+        remedy="choose the robot that was measured; if this is the robot, check the joint map and the order "
+        "and signs of its angles",
     )
 
 
@@ -871,7 +893,7 @@ def find_reading_problems(
 def _merge_mistakes(findings: Sequence[Finding], labels: tuple[str, ...]) -> Iterator[Finding]:
     """Yield one finding for each kind of mistake that forbids the use, those on the whole set first.
 
-    `labels` are the labels of all observations, some of which an action may leave out.
+    `labels` are the labels of all observations; an action may leave out some observations.
     """
     mistakes = _group_by_code(findings, "do_not_use")
     mistakes.sort(key=lambda group: group[0].observation is not None)
@@ -1160,7 +1182,7 @@ def _report_few_postures(measurements: Measurements) -> Iterator[Finding]:
 
 
 def _count_distinct_postures(joints: FloatArray, *, most: int) -> int:
-    """Return the number of postures (N, n) of which any two differ by `_DISTINCT` in a joint, at most `most`.
+    """Return the number of postures (N, n) that all differ by `_DISTINCT` in a joint, at most `most`.
 
     The count ends at `most`, because a set may have thousands of postures.
     """

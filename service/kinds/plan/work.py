@@ -615,7 +615,7 @@ def _choose_equipment(
 
 
 class _PlannedLinks(NamedTuple):
-    """Whether a plan allows for elastic links, and how much these bend."""
+    """Elastic links that a plan allows for, and how much these links bend."""
 
     are_planned: bool
     share: float  # deflection by links relative to deflection by joints

@@ -165,6 +165,12 @@ def convert_cut(cut: schemas.Cut) -> Cut:
 def _find_segments(segments: Sequence[ProcessLoad | schemas.Cut], lines: IndexArray) -> IndexArray:
     """Return, for each line (v,), the number of its segment from 1; 0 for a line outside of all segments.
 
+    With segments of the lines 1–10 and 20–30, the lines 5, 15 and 20 give 1, 0 and 2.
+
+    Args:
+        segments: segments, each with its first and last line; one that states none has all lines.
+        lines: (v,) lines of the program.
+
     Raises:
         RequestError: two segments overlap.
     """
@@ -265,12 +271,17 @@ def _iterate_filled_rows(rows: Sequence[Sequence[str]]) -> Iterator[_FilledRow]:
 def _list_points(row: _FilledRow, points_of_label: Mapping[str, list[str]] | None) -> list[str]:
     """Return the numbers, as texts, of the points that a row of a table of loads is for.
 
+    In a table by `point`, the first cell of the row `3, 100, 0, 0` is the number of its only point. In a
+    table by `label`, the first cell of `P7, 100, 0, 0` is the name of a target. This target may have several
+    points: if moves to it have copies of its numbers in place of its name, each copy is a point. But a name
+    that several targets of the program have is ambiguous.
+
     Args:
-        row: row, which names a point by its number or by a label; one label may mean several points.
+        row: row of the table.
         points_of_label: numbers of points by labels; None in a table by numbers.
 
     Raises:
-        FilesError: the label means no point, or is ambiguous.
+        FilesError: the label means no target of the program, or more than one.
     """
     if points_of_label is None:
         return [row.key]
@@ -451,7 +462,12 @@ def _refuse_great_numbers(numbers: FloatArray, lines: IndexArray) -> None:
 def _number_rows_of_points(points: FloatArray, point_count: int) -> IndexArray:
     """Return the number of the row, from 1, of each point (point_count + 1,); 0 for a point without a row.
 
-    `points` (k,) are the numbers of the points in the rows of the table.
+    Rows for the points 3 and 1 of three points give 0, 2, 0, 1: there is no point 0, point 1 has row 2,
+    point 2 none, and point 3 row 1.
+
+    Args:
+        points: (k,) numbers of the points in the rows of the table.
+        point_count: number of points of the program.
 
     Raises:
         FilesError: a point occurs twice, or is not one of 1 to `point_count`.
@@ -567,7 +583,8 @@ def _refuse_uncovered(places: FloatArray, lines: IndexArray, whole: float) -> No
 def _split_feed(values: FloatArray, of_visit: IndexArray, columns: Sequence[_LoadColumn]) -> Loads:
     """Return the loads of a table, whose last number is no load but the feed: the speed of the tool.
 
-    A feed of zero means that the row states none; without a column of feeds, no row does.
+    A feed of zero in a row means that the row states none, and becomes NaN. Without a column of feeds, the
+    loads have no feeds at all: None.
 
     Args:
         values: (k, 7) force [N], moment [N·m] and feed [m/s] of each row.
@@ -596,7 +613,8 @@ def _parse_length_unit(header: str) -> float:
 def _number_labels(names: Sequence[str], common: Collection[str]) -> dict[str, list[str]]:
     """Return the numbers, as texts, of the points with each name in capitals.
 
-    The list is empty for a name that several targets have: the name does not say which one is meant.
+    The names `p1`, `P2`, `p1` give P1 → 1 and 3, P2 → 2, if P1 is one declared target, which is in `common`.
+    Else P1 is the name of two targets, and does not say which one is meant: its list is empty.
 
     Args:
         names: name of each point, from point 1 on; empty for a point without a name.
@@ -613,10 +631,15 @@ def _number_labels(names: Sequence[str], common: Collection[str]) -> dict[str, l
 
 
 def _find_label(line: int, label: str, points_of_label: Mapping[str, list[str]]) -> list[str]:
-    """Return the numbers of the points with a name in the program, as texts.
+    """Return the numbers, as texts, of the points of the target that has a name.
+
+    Args:
+        line: line of the table, for the error.
+        label: name as the table writes it.
+        points_of_label: numbers of points by names in capitals; none for a name of several targets.
 
     Raises:
-        FilesError: no point, or several points, have the name.
+        FilesError: no target, or several targets, have the name.
     """
     numbers = points_of_label.get(label.upper(), []) if label else []
     if not numbers:

@@ -89,6 +89,9 @@ class ProgramFrames:
     def from_program(cls, program: Program, options: ProgramOptions) -> ProgramFrames:
         """Find the poses of all tool and base frames that a program uses, in the program or in the options.
 
+        Bases are relative to `world` of the options, tools to `flange`: both are the identity if the options
+        do not state them.
+
         Raises:
             RequestError: a frame has no numbers, has two sets of numbers, or is not in the program; or its
                 numbers do not form a pose.
@@ -98,11 +101,8 @@ class ProgramFrames:
         flange = _read_stated_pose(notation, options.flange, "flange")
         stated_tools = _StatedFrames.read(notation, options.tools, "tools")
         tools = _find_target_frames(flange, stated_tools, targets.frames, targets.tool)
-        # A target in joint angles needs its base only for a load along the axes of the base.
-        needs_base = ~targets.given_as_joints | (options.axes == "base")
-        base_of_target = np.where(needs_base, targets.base, _NO_FRAME)
         stated_bases = _StatedFrames.read(notation, options.bases, "bases")
-        bases = _find_target_frames(world, stated_bases, targets.frames, base_of_target)
+        bases = _find_target_frames(world, stated_bases, targets.frames, _find_needed_bases(program, options))
         tool_x = None if options.tool_x is None else np.array(options.tool_x)
         return cls(tools, bases, tool_x)
 
@@ -302,6 +302,18 @@ def _convert_poses_to_axis(notation: Notation, poses: FloatArray, programmed: Fl
     return numbers
 
 
+def _find_needed_bases(program: Program, options: ProgramOptions) -> IndexArray:
+    """Return the index (t,) of each target's base in the frames of a program; `_NO_FRAME` if it needs none.
+
+    A target in joint angles does not need its base, unless loads are stated along the axes of the base: its
+    base may then have no numbers.
+    """
+    targets = program.targets
+    if options.axes == "base":
+        return targets.base
+    return np.where(targets.given_as_joints, _NO_FRAME, targets.base)
+
+
 def _find_target_frames(
     reference: FloatArray, stated: _StatedFrames, frames: Sequence[FrameName], frame_of_target: IndexArray
 ) -> _Frames:
@@ -488,6 +500,10 @@ class _Word:
     def find_wrong_numbers(self, numbers: FloatArray, before: FloatArray, after: FloatArray) -> BoolArray:
         """Return a mask (m,) of the numbers that agree with the angle before a correction, but not after it.
 
+        The number 0 of a quadrant, from 0° to 90°, is wrong if a correction turns the joint from 89.9° to
+        90.1°. Angles just beyond the range agree: by the rounding of numbers before a correction, by that of
+        the computation after it.
+
         Args:
             numbers: (m,) numbers that m targets state for this word of the configuration; NaN without one.
             before: (m,) angles of the joint before the correction [rad].
@@ -620,6 +636,9 @@ class StatedConfigurations:
     def _iterate_words(self, indices: IndexArray) -> Iterator[_StatedWord]:
         """Yield each word of the configurations that some targets state, with the targets that have it.
 
+        KUKA's `{X 1,...,S 2,T 10}` has two numbers, S and T. S states the sign of joint 5, and so has one
+        word; T has six words, the sign of each joint.
+
         Args:
             indices: (m,) indices of targets.
         """
@@ -696,7 +715,9 @@ class ProgramPath:
 class Visits:
     """All v visits of targets by moves, in the order of the program, and the loads of the visits.
 
-    A visit is the arrival of a move at a target. Several moves may visit one target.
+    A visit is the arrival of a move at a target. Several moves may visit one target. If the moves visit the
+    targets 7, 3, 7 and 5, then `targets` are 7, 3, 7, 5; `order` is 7, 3, 5, each target once; `number` is
+    0, 1, 0, 2, the place of each visit's target in `order`; and `first` is 0, 1, 3.
     """
 
     targets: IndexArray  # (v,) index of the target at each visit
@@ -1064,7 +1085,8 @@ def _refuse_changed_configuration_letters(
 def _find_changed_letters(letters: Sequence[str], is_joint_target: Sequence[bool]) -> list[int]:
     """Return the visits, by index, at which the letters of the configuration differ from those before.
 
-    Letters before a target in joint angles do not count, because this target determines the posture.
+    The letters NUT, none, NUT, FUT give the visit 3. A target in joint angles between NUT and FUT determines
+    the posture itself, so that the letters before it do not count.
 
     Args:
         letters: letters of the target at each visit, such as `NUT`; empty without any.
@@ -1120,14 +1142,17 @@ def find_spindles(options: ProgramOptions, frames: ProgramFrames, targets: Index
 def find_load_axes(
     options: ProgramOptions, frames: ProgramFrames, visits: Visits, poses: FloatArray
 ) -> FloatArray:
-    """Return the axes along which the options state loads at m targets: columns (m, 3, 3), axes of R0.
+    """Return the axes along which the options state the loads at m targets: columns (m, 3, 3), axes of R0.
 
-    The first two axes are NaN where loads follow a feed, and the tool does not move across its axis.
+    `axes` of the options chooses them: the axes of R0 ("robot"), of each target's base or tool, or feed,
+    normal and spindle axis. Feed and normal are NaN where the tool does not move across its axis, as in
+    drilling. A target that is visited several times has the axes of its first visit.
 
     Args:
         options: options with the axes of the loads.
         frames: tool and base frames of the program.
-        visits: visits of the targets.
+        visits: visits of the targets. For visits of the targets 7, 3, 7, the targets `order` are 7 and 3, and
+            their `first` visits are 0 and 1.
         poses: (v, 4, 4) poses of the flange in R0 [m] at all visits.
 
     Raises:
@@ -1135,13 +1160,13 @@ def find_load_axes(
     """
     if is_along_feed(options):
         return _find_axes_along_feed(options, frames, visits, poses)
-    count = len(visits.first)
+    targets = visits.order
     if options.axes == "robot":
-        return np.tile(np.eye(3), (count, 1, 1))
+        return np.tile(np.eye(3), (len(targets), 1, 1))
     if options.axes == "base":
-        return frames.base.select(visits.order)[:, :3, :3]
+        return frames.base.select(targets)[:, :3, :3]
     flange_in_r0 = poses[visits.first][:, :3, :3]
-    tool_in_flange = frames.tool.select(visits.order)[:, :3, :3]
+    tool_in_flange = frames.tool.select(targets)[:, :3, :3]
     return np.asarray(flange_in_r0 @ tool_in_flange)
 
 
@@ -1203,8 +1228,14 @@ def find_feeds(
 ) -> FloatArray:
     """Return the feed (v,) with which the tool comes to each visit of a target [m/s]; NaN if unknown.
 
-    The table of loads comes first, then the wanted feed of a request, the program and the cut. Moves that the
-    program states faster than the wanted feed keep the program's feed. A joint move has no feed.
+    For each visit, the first of these feeds counts that is stated:
+
+    1. That of the table of loads.
+    2. The wanted feed, if the request has one, unless the program states a faster one, which then counts.
+    3. That of the program.
+    4. That of the cut.
+
+    A joint move has no feed.
 
     Args:
         program: the program.

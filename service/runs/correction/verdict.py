@@ -114,9 +114,12 @@ def _find_capped(rows: CorrectedRows) -> Iterator[Finding]:
 
 
 def _find_nothing_corrected(rows: CorrectedRows) -> Iterator[Finding]:
-    """Yield a reason if no row is corrected, not even by a shortened correction."""
+    """Yield a reason if no row is corrected, not even by a shortened correction.
+
+    Without any number, the reason on missing numbers says the same.
+    """
     is_corrected = (rows.status == RowStatus.CORRECTED) | (rows.status == RowStatus.CAPPED)
-    if not is_corrected.any():
+    if rows.has_numbers.any() and not is_corrected.any():
         remedy = _choose_remedy(rows) or "read the status of the rows"
         yield make_reason("nothing_corrected", "use_with_care", "no row is corrected", remedy)
 

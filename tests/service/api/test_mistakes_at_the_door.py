@@ -224,7 +224,13 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
     "no unit": (
         post_set(units={"length": "m", "angle": "rad"}),
         422,
-        "units.force: required field is missing.*add this field",
+        "units.force: required field is missing.*add this field: N or kN",
+        post_set(units={"length": "m", "angle": "rad", "force": "N"}),
+    ),
+    "no units": (
+        post_set(units=None),
+        422,
+        "units: required field is missing.*length is m or mm; angle is rad or deg; force is N or kN",
         post_set(units={"length": "m", "angle": "rad", "force": "N"}),
     ),
     "number in quotes": (

@@ -436,7 +436,7 @@ class TestHostile:
         self, changed: Callable[..., Path], tmp_path: Path
     ) -> None:
         for manifest in ({"layout": "0099_expand_far"}, {"format_version": 2}):
-            assert "newer than" in self.refused(changed(manifest), tmp_path)
+            assert "restores at most" in self.refused(changed(manifest), tmp_path)
         for manifest in ({"format": "other"}, {"files": 3}, {"more": 1}, {"layout": "x"}):
             assert "not that of an archive" in self.refused(changed(manifest), tmp_path)
 

@@ -6,6 +6,9 @@ import pytest
 from support.documents import campaign
 from support.terminal import terminal
 
+from jointstiff.service.library.correction import PROGRAM_LANGUAGES
+from robotprograms import FORMATS
+
 POSTURES = """\
 label,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],Fx [N],Fy [N],Fz [N]
 a,0,0,0,0,30,0,0,0,-500
@@ -87,3 +90,79 @@ def test_a_mistake_is_answered_with_a_remedy_that_works(folder, monkeypatch, mis
     assert answer in said
     assert "openapi" not in said
     assert terminal(*correction.split(), width=200).exit_code == 0
+
+
+ROWS = """\
+{header};x [mm];y [mm];z [mm];rx [deg];ry [deg];rz [deg]
+P1;1700.0;100.0;900.0;0.0;180.0;0.0
+P2;1710.0;110.0;900.0;0.0;180.0;0.0
+"""
+CORRECT = ("--tool", "0,0,250,0,0,0", "--force", "0,0,-800")
+PROGRAM = """\
+DEF drill()
+$TOOL={X 0,Y 0,Z 250,A 0,B 0,C 0}
+$BASE={X 0,Y 0,Z 0,A 0,B 0,C 0}
+PTP {A1 2,A2 40,A3 -48,A4 0,A5 60,A6 0}
+LIN {X 1700,Y 100,Z 900,A 0,B 180,C 0}
+END
+"""
+
+
+def words_of(result):
+    return " ".join((result.stdout + result.stderr).split())
+
+
+class TestCorrect:
+    """Mistakes in a call of `correct`."""
+
+    @pytest.fixture(autouse=True)
+    def in_folder(self, folder, monkeypatch):
+        monkeypatch.chdir(folder)
+
+    @pytest.mark.parametrize("header", ["label", "Punkt", "Name", "Point", "Messpunkt"])
+    def test_a_header_that_names_rows_for_an_import_names_them_here(self, folder, header):
+        (folder / "rows.csv").write_text(ROWS.format(header=header))
+        result = terminal("correct", "pull.json", "rows.csv", *CORRECT, width=200)
+        assert result.exit_code == 1  # without `--start` the posture is not certain
+        assert "rows: 2 ambiguous" in result.stdout
+
+    def test_an_unknown_column_of_texts_is_named_with_its_file_and_the_header_to_write(self, folder):
+        (folder / "rows.csv").write_text(ROWS.format(header="Bahn"))
+        words = words_of(terminal("correct", "pull.json", "rows.csv", *CORRECT, width=200))
+        assert "rows.csv, line 2: unknown header 'Bahn' of a column of texts" in words
+        assert "correction.rows" not in words
+        assert "if the column names the rows, name it `label`" in words
+
+    def test_no_file_is_written_without_a_corrected_row_so_that_the_remedy_works(self, folder):
+        (folder / "rows.csv").write_text(ROWS.format(header="label"))
+        call = ("correct", "pull.json", "rows.csv", *CORRECT, "-o", "out.csv")
+        refused = terminal(*call, width=200)
+        assert refused.exit_code == 1
+        assert "`--start`" in words_of(refused)
+        assert "1 reason of its own" in words_of(refused)
+        assert "out.csv was not written: no row is corrected" in words_of(refused)
+        assert not (folder / "out.csv").exists()
+        started = terminal(*call, "--start", "3,-45,70,0,65,0", width=200)
+        assert "exists" not in words_of(started)
+        assert started.exit_code == 0, words_of(started)
+        assert (folder / "out.csv").exists()
+
+    @pytest.mark.parametrize("ending", [".src", ".mod", ".ls", ".script"])
+    def test_a_program_is_sent_to_compensate(self, folder, ending):
+        program = folder / f"drill{ending}"
+        program.write_text(PROGRAM)
+        words = words_of(terminal("correct", "pull.json", program.name, *CORRECT, width=200))
+        language = PROGRAM_LANGUAGES[ending]
+        assert f"{program.name} is a {language} program, not a table of poses" in words
+        assert "use `jointstiff compensate`" in words
+
+    def test_every_ending_of_a_program_is_known(self):
+        endings = {each for language in FORMATS.values() for each in language.suffixes.split()}
+        assert PROGRAM_LANGUAGES.keys() == endings - {".csv"}
+
+    def test_the_command_that_is_named_for_a_program_compensates_it(self, folder):
+        (folder / "drill.src").write_text(PROGRAM)
+        call = ("compensate", "pull.json", "drill.src", "--force", "0,0,-800", "--accuracy-option", "off")
+        done = terminal(*call, "-o", "mended.src", width=200)
+        assert done.exit_code == 0, words_of(done)
+        assert (folder / "mended.src").exists()

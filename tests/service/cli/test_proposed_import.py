@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support.command_lines import assert_said, refused, typed
 from support.measured_arms import measure, wide, write_bare
@@ -48,6 +49,29 @@ def test_without_a_terminal_nothing_is_taken_and_the_option_is_named():
     shown = refused(f"import j.txt u.txt l.txt --robot '{ARM}' {STATED} -o c.json")
     assert_said(shown, PROPOSAL, "--yes accepts this proposal.")
     assert not Path("c.json").exists()
+
+
+def test_a_proposal_whose_import_is_refused_is_not_offered():
+    joints = [f"J{number} [deg]" for number in range(1, 7)]
+    places = [
+        f"P{target} {state} {axis} [mm]"
+        for target in (1, 2)
+        for state in ("unloaded", "loaded")
+        for axis in "xyz"
+    ]
+    known = next(each for each in catalogue_robots() if each.name == ARM)
+    angles, points = measure(known, seed=1)
+    targets = [points[:, 0], points[:, 1]]
+    columns = [angles, *(each for target in targets for each in (target, target - [0.0, 0.0, 0.6]))]
+    table = np.column_stack(columns)
+    lacking = places.index("P1 loaded z [mm]")
+    header = ";".join(["label", *joints, *(name for name in places if name != places[lacking])])
+    kept = np.delete(table, 6 + lacking, axis=1)
+    rows = [";".join([f"c{number}", *map(str, row)]) for number, row in enumerate(kept.tolist(), 1)]
+    Path("lacking.csv").write_text("\n".join([header, *rows]) + "\n")
+    shown = refused(f"import lacking.csv --robot '{ARM}' {STATED} -o c.json")
+    assert_said(shown, "column P1 loaded z is missing")
+    assert "--yes" not in shown
 
 
 def test_a_template_keeps_the_meaning_and_reads_the_next_day_without_a_question():

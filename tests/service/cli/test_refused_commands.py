@@ -61,7 +61,7 @@ def test_lengths_and_angles_at_the_terminal_become_those_of_the_file(folder):
         ),
         (
             ["options.json", "--load-point", "0,0,6000"],
-            "load_point: the point is 6 m from the flange, but a tool reaches at most 5 m "
+            "load_point: the point is 6 m from the flange, where no tool reaches; up to 5 m is plausible "
             "remedy: check the unit of the point; for a longer tool, put the flange of the robot's model "
             "on the tool",
         ),

@@ -293,3 +293,23 @@ def test_an_unknown_ground_is_refused_with_the_known_ones():
     Path("pre.csv").write_text(CAMPAIGN)
     said = typed("import pre.csv --ground load_point=guess", status=2)
     assert_said(said, "--ground.load_point", "'tracker', 'drawing' or 'hand'")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "answer", "remedy"),
+    [
+        ("P10 unloaded ", "P10 leer ", "'P10 leer z [mm]'", "--state-word leer=unloaded"),
+        ("Fz [N]", "Kraft [kg]", "kg is the unit of a mass", "--column 'Kraft [kg]=mass [kg]'"),
+    ],
+)
+def test_a_printed_option_for_a_header_explains_the_header(old, new, answer, remedy):
+    text = Path("table.csv").read_text()
+    if new.startswith("Kraft"):  # one column of load instead of three
+        rows = [line.split(";") for line in text.splitlines() if not line.startswith("#")]
+        text = "\n".join(";".join(row[:4] + row[6:]) for row in rows).replace("-1471.5", "150")
+    assert old in text
+    Path("table.csv").write_text(text.replace(old, new))
+    words = refused("import table.csv")
+    assert answer in words
+    assert f"`{remedy}`" in words
+    assert "3 complete readings" in typed(f"import table.csv {remedy}")

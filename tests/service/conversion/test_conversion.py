@@ -493,7 +493,7 @@ def test_positions_after_unloading_turn_with_the_tracker_frame():
 
 @pytest.mark.parametrize("fields", [{"unloaded": (0, 0, 1)}, {"deflection": (0, 0, 1)}, {"unloaded": None}])
 def test_a_position_after_unloading_needs_both_other_positions(fields):
-    with pytest.raises(ValidationError, match=r"unloaded_after|give `unloaded`"):
+    with pytest.raises(ValidationError, match=r"unloaded_after|needs `unloaded` and `loaded`"):
         Reading(target="tip", unloaded_after=(0.0, 0.0, 1.0), **fields)
 
 

@@ -50,7 +50,7 @@ def test_words_that_may_be_states_are_asked_about():
     assert refusals(file) == [
         "a.csv:2:8: 'pre' and 'post' in the headers of positions may be states, but their meaning is "
         "unknown; "
-        'name the state of each in `state_words`, such as {"pre": "unloaded", "post": "loaded"} [state_words]'
+        'name the state of each, such as `state_words`: {"pre": "unloaded", "post": "loaded"} [state_words]'
     ]
     assert answered(file, show_faults=True).faults[0].words == ["pre", "post"]
     assert numbers_of(answered(file, state_words={"pre": "unloaded", "post": "loaded"})) == CAMPAIGN_NUMBERS

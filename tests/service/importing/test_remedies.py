@@ -192,6 +192,19 @@ COLUMNS = {
     "hung mass in place of a force": table(
         "'kg' is not a known unit of force", HUNG.replace("mass [kg]", "Fz [kg]"), HUNG
     ),
+    "mass that is called a force": mistake(
+        "unknown column header 'Kraft \\[kg\\]': kg is the unit of a mass", "mass [kg]", "Kraft [kg]", HUNG
+    ),
+    "mass that is called a force, stated": option(
+        "unknown column header 'Kraft \\[kg\\]'",
+        HUNG.replace("mass [kg]", "Kraft [kg]"),
+        columns={"Kraft [kg]": "mass [kg]"},
+    ),
+    "mass that is called a force, stated without unit": option(
+        "unknown column header 'Kraft \\[kg\\]'",
+        HUNG.replace("mass [kg]", "Kraft [kg]"),
+        columns={"Kraft [kg]": "mass"},
+    ),
     "gauge without a target": mistake(
         "a reading along an axis needs the name of a target",
         "tip along z [mm]",
@@ -243,6 +256,11 @@ COLUMNS = {
         "some columns of positions name their state",
         CAMPAIGN.replace("P10 loaded ", "P10 "),
         CAMPAIGN,
+    ),
+    "state of an unknown word": option(
+        "other columns do not: 'P10 leer x \\[mm\\]', 'P10 leer y \\[mm\\]', 'P10 leer z \\[mm\\]'$",
+        CAMPAIGN.replace("P10 unloaded ", "P10 leer "),
+        state_words={"leer": "unloaded"},
     ),
     "state in headers and in a column": table(
         "there is a column `state`", with_column("state", "loaded", "loaded", "loaded"), CAMPAIGN

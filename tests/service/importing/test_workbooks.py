@@ -6,7 +6,7 @@ import re
 import zipfile
 
 import pytest
-from support.importing_samples import CAMPAIGN_NUMBERS, answered, numbers_of, refusals
+from support.importing_samples import CAMPAIGN_NUMBERS, answered, numbers_of, points_of, read, refusals
 from support.workbooks import SHEET, bomb, repacked, rows_of_values, workbook
 
 from jointstiff.service.importing.errors import ImportFileError
@@ -205,3 +205,12 @@ def test_the_tags_of_all_parts_are_counted_together():
     assert str(caught.value) == (
         f"'a.xlsx': the file has more than 2500000 XML tags up to part '{SHEET}'; {SAVE_AGAIN}"
     )
+
+
+def test_the_preview_shows_numbers_as_excel_does_and_the_import_keeps_all_digits():
+    values = rows_of_values()
+    values[1] = [*values[1][:2], -69.95999999999999, *values[1][3:7], 841.8997000000001, *values[1][8:]]
+    file = "a.xlsx", workbook(values)
+    first_row = answered(file).files[0].first_rows[0]
+    assert (first_row[2], first_row[7]) == ("-69.96", "841.8997")
+    assert points_of(read(file))["c01", "P10", "unloaded"][0] == 841.8997000000001

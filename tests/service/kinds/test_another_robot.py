@@ -10,6 +10,7 @@ import jointstiff as js
 from jointstiff.schemas.finding import AdvisedAction
 from jointstiff.service.resources.known_robots import catalogue_robots
 from jointstiff.service.tables.report import remedies
+from jointstiff.simulator import default_arm, simulate_campaign
 
 MEASURED, CHOSEN = "Stäubli TX2-90", "KUKA KR 210 R2700 extra"
 """Arms of the catalogue; no other test stores the first one in the shared service."""
@@ -43,6 +44,16 @@ def test_the_action_identifies_with_the_arm_that_was_measured():
     assert after.campaign.measurement_set.name == f"readings from arrays ({MEASURED})"
     assert after.campaign.measurement_set.observations == campaign().measurement_set.observations
     assert codes(after.result) == codes(js.identify(campaign(chosen=MEASURED)).result)
+
+
+def test_of_an_unknown_arm_no_joint_map_is_proposed_that_explains_little():
+    measured = simulate_campaign(default_arm(), configurations=8, load="pull", seed=1)
+    wrong = measured | {"robot": js.robot(CHOSEN).model_dump(mode="json")}
+    first, *others = js.identify(wrong, elasticity="joints").result.assessment.reasons
+    assert first.message.startswith("the readings do not fit this robot: ")
+    assert first.remedy.startswith("choose the robot that was measured; ")
+    assert "apply_joint_map" not in [each.action and each.action.kind for each in (first, *others)]
+    assert js.identify(measured, elasticity="joints").result.assessment.verdict != "do_not_use"
 
 
 def test_of_a_tie_the_terminal_offers_to_apply_the_first():

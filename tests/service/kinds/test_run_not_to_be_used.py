@@ -169,7 +169,12 @@ FEWER = "no bound of the model error at 95 %: 19 postures are needed, but the ca
                     {"joints": POSTURE, "force": [0, 0, -1400], "moment": [0, 0, 100]},
                 ]
             },
-            ("numbers_missing", "use_with_care", "1 of 2 cases have a number"),
+            (
+                "numbers_missing",
+                "use_with_care",
+                "1 of 2 cases have a number; the first without one is 2: the load or own weight twists "
+                "joint_1, which the readings of the run do not determine: the prediction is not valid",
+            ),
             [[0.00052615, 0.0, 1.367e-5], None],
             None,
         ),

@@ -440,7 +440,7 @@ def test_readings_without_a_balance_are_identified_without_it():
     size = found.complementary_stiffness
     assert (size.included, size.iterations) == (False, 0)
     (reason,) = (each for each in found.assessment.reasons if each.code == "complementary_stiffness_matters")
-    assert "had to be neglected: with joints as soft as these, there is no equilibrium" in reason.message
+    assert "had to be neglected: with such soft joints, the loaded arm has no equilibrium" in reason.message
     assert "units" in reason.remedy
     assert found.assessment.verdict == "do_not_use"
     assert "include_complementary_stiffness" not in {

@@ -217,7 +217,7 @@ class TestWorkOfARail:
         assert one == pytest.approx(other, rel=1e-9)
         assert one == pytest.approx([-0.000234755, 0.000403190, -0.00278497], rel=1e-3)
         assert refused(js.predict, runs["rail"], wrong, **options) == (
-            "prediction.line 1 | the header 'J1 [deg]' has the unit deg | write one of [m], [mm] behind "
+            "wrong.csv, line 1 | the header 'J1 [deg]' has the unit deg | write one of [m], [mm] behind "
             "the name"
         )
 

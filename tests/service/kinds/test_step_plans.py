@@ -111,7 +111,7 @@ def test_without_stated_joints_a_plan_has_those_that_the_weight_twists():
         ({"load": {"kind": "dead_weight", "force": 981.0}}, "load", "the plan has `load`"),
         ({"targets": {"A": [0.0, 0.0, 0.1]}}, "targets", "the plan has `targets`"),
         ({"goal": "2 %"}, "goal", "the plan has `goal`"),
-        ({"readings": 3}, "readings", "3 postures do not determine"),
+        ({"readings": 3}, "readings", "3 postures are too few to determine"),
         ({"joints": ["joint_9"]}, "joints", "joint_9"),
         ({"criterion": "worst_place"}, "criterion", "give relative_a, d or e"),
         ({"joints": ["joint_1"]}, "joints", "the weight twists joint_1 in no candidate posture"),

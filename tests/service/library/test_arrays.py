@@ -91,8 +91,8 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
         ({"units": "mm"}, "units: the unit of angle is missing; remedy: write the units as in 'mm, deg, N'"),
         (
             {"units": "m, deg, kN, N·mm"},
-            "load_point: the point is 190.788 m from the flange, but a tool reaches at most 5 m; "
-            "remedy: check the unit of the point; for a longer tool, put the flange of the "
+            "load_point: the point is 190.788 m from the flange, where no tool reaches; up to 5 m is "
+            "plausible; remedy: check the unit of the point; for a longer tool, put the flange of the "
             "robot's model on "
             "the tool",
         ),

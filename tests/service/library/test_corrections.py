@@ -106,7 +106,7 @@ def test_joints_have_the_robots_own_names_in_any_order(tmp_path, shown):
     named["J2 [deg]"] = frame["J2 [deg]"]
     named.to_csv(own, index=False)
     with pytest.raises(
-        js.CampaignError, match="'joint_2' and 'j2' are the same joint; remedy: give each joint once"
+        js.CampaignError, match="'joint_2' and 'j2' state the same joint; remedy: give each joint once"
     ):
         run.correct(own, tool=TOOL_IN_MM, forces=FORCE)
 
@@ -223,13 +223,19 @@ ROTATION = POSES[2, :3, :3]
 TOOL_MATRIX = np.eye(4)
 TOOL_MATRIX[:3, 3] = 1e3 * TOOL
 NO_POSES = {
-    "each element too large": (IN_MM + 0.05, "the last row of the matrix in row 1 is 0.05, 0.05, 0.05, 1.05"),
-    "rotations too large": (with_rotation(ROTATION + 0.05), "the rotation of row 3 is none"),
+    "each element too large": (
+        IN_MM + 0.05,
+        "the last row of the matrix in row 1 must be 0, 0, 0, 1, but is 0.05, 0.05, 0.05, 1.05",
+    ),
+    "rotations too large": (with_rotation(ROTATION + 0.05), "the matrix of row 3 is not a rotation"),
     "a scale": (with_rotation(1.01 * ROTATION), "differs from the identity by 0.02"),
     "mirrored": (with_rotation(-ROTATION), "the rotation of row 3 is mirrored"),
-    "zero": (with_rotation(0.0 * ROTATION), "the rotation of row 3 is none"),
+    "zero": (with_rotation(0.0 * ROTATION), "the matrix of row 3 is not a rotation"),
     "transposed": (IN_MM.transpose(0, 2, 1), "transpose the matrices"),
-    "another last row": (np.where(np.arange(16).reshape(4, 4) == 15, 2.0, IN_MM), "0, 0, 0, 2 in place of"),
+    "another last row": (
+        np.where(np.arange(16).reshape(4, 4) == 15, 2.0, IN_MM),
+        "must be 0, 0, 0, 1, but is 0, 0, 0, 2",
+    ),
     "ragged": ([[1, 2], [3]], "`poses` is not an array of numbers"),
     "words": ([["x"] * 6], "`poses` is not an array of numbers"),
     "of another shape": (IN_MM[0], r"`poses` has shape \(4, 4\)"),

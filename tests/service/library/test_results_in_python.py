@@ -157,7 +157,7 @@ def test_every_kind_has_the_common_names(results, name, tmp_path):
     assert any(character.isdigit() for character in result.summary())
     assert result.to_latex().startswith(r"\begin{t")
     assert len(result.to_frame()) >= 1
-    with pytest.raises(ValueError, match="leave out `dpi`"):
+    with pytest.raises(ValueError, match="omit `dpi`"):
         result.save(tmp_path / "plot.svg", dpi=300)
     if name == "fleet":
         with pytest.raises(ValueError, match="no numbers to draw: print the result"):
@@ -283,8 +283,8 @@ def test_residuals_and_configurations_are_tables_of_their_own(results):
         ),
         (
             lambda run, _: run.predict([[0.0] * 6], FORCE, at=(0, 0, 120e3)),
-            "prediction.load_point: the point is 120 m from the flange, but a tool reaches at most "
-            "5 m; remedy: check the unit of the point; for a longer tool, ",
+            "prediction.load_point: the point is 120 m from the flange, where no tool reaches; up to "
+            "5 m is plausible; remedy: check the unit of the point; for a longer tool, ",
         ),
         (
             lambda run, _: run.predict([[0] * 5], FORCE, at=(0, 0, 100)),

@@ -231,12 +231,12 @@ SPOILT: dict[str, tuple[Answer, str]] = {
     "jumps": (jumping, "jumped"),
     "stops": (lambda count, line: line if count <= 6 else "", "sent nothing for 1 s"),
     "ends": (lambda count, line: line if count <= 6 else "end", "stopped"),
-    "rubbish": (lambda count, line: line if count <= 6 else "ERR 17\n" * 20, "no readings"),
+    "rubbish": (lambda count, line: line if count <= 6 else "ERR 17\n" * 20, "contain no reading"),
     "exchanged": (
         lambda count, line: line.replace("P10", "P1X") if count > 6 else line,
         "sent nothing of the next target for 1 s, but positions of other names: P1X",
     ),
-    "binary": (lambda count, line: line if count <= 6 else "\x00\x1b[2J\ufffd\n" * 20, "no readings"),
+    "binary": (lambda count, line: line if count <= 6 else "\x00\x1b[2J\ufffd\n" * 20, "contain no reading"),
 }
 
 

@@ -505,7 +505,7 @@ def test_an_assumed_scale_is_each_campaigns_own_unless_the_cell_is_said_to_be_th
 
 def test_campaigns_of_other_uncertainties_of_the_force_have_no_cell_in_common(simulated):
     first, second = with_scale(simulated[0]), with_scale(simulated[1], 0.003)
-    with pytest.raises(RequestError, match=r"scale of 1 and 0\.3 %") as error:
+    with pytest.raises(RequestError, match=r"uncertainties of 1 and 0\.3 %") as error:
         pair_of(first, second, shared=SharedErrors(cell=True))
     assert error.value.where == "same_cell"
 

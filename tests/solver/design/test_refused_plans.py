@@ -76,7 +76,7 @@ FEWER = "request fewer readings, a smaller angle, or more candidates"
         (
             {"goal": LoadPointGoal(kind="load_point", mistake=0.02), "nominal": np.full(6, np.nan)},
             "goal | an error of the load point shows in deflections, but no stiffness is known to compute "
-            "them | continue a campaign, or state the expected `stiffness` of the joints",
+            "the deflections | continue a campaign, or state the expected `stiffness` of the joints",
         ),
         (
             {"work_area": [[50.0] * 3, [60.0] * 3]},

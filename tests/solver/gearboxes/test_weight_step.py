@@ -149,5 +149,5 @@ def test_joints_that_the_joint_map_couples_are_refused():
 def test_a_position_of_no_arm_is_refused():
     document, _ = exact_step(link_holds=False)
     document["observations"][3]["joints"][0] = 1e3
-    with pytest.raises(MeasurementError, match="farther than 100 rad or m"):
+    with pytest.raises(MeasurementError, match="more than 100 rad or m from zero"):
         read(document)

@@ -229,7 +229,7 @@ class TestIdentified:
         dead = replace(load, force=np.tile([0.0, 0.0, -900.0], (COUNT, 1)))
         assert not model.deflect(dead).unseen.any()
         last = replace(dead, force=np.vstack([dead.force[1:], load.force[:1]]))
-        with pytest.raises(RequestError, match="twists joint_1, which the readings do not determine"):
+        with pytest.raises(RequestError, match="twists joint_1, but the readings do not determine"):
             compensate(model, last, ANY)
 
     @pytest.mark.parametrize("draws", [40, pytest.param(150, marks=pytest.mark.slow)])

@@ -13,7 +13,7 @@ import { FittingRobot } from "../../components/choosers";
 import { likelyRobot, ROBOTS } from "../../state/choices";
 import { isKnown, useQuery } from "../../state/query";
 import { text } from "../../words";
-import { meaningsFor, widthOf, fits, UNKNOWN, dimensionOf } from "./imports";
+import { meaningsFor, widthOf, fits, maybeJoints, UNKNOWN, dimensionOf } from "./imports";
 import { keptTemplates, freshDraft, keepDraft, keepFiles, keptDraft, keepTemplate } from "./begun";
 import type { Opened } from "./opening";
 import { Assumptions, FaultList, ImportTable } from "./import_table";
@@ -169,7 +169,7 @@ function Proposal({ answer: { proposal }, options, change }: ImportProps) {
 }
 
 /** What was read of the files, column by column, and what is wrong with it. */
-function ImportContent({ answer, files, options, change }: ImportProps & { files: File[] }) {
+function ImportContent({ answer, files, options, change, robot }: ImportProps & { files: File[]; robot: string }) {
   const { faults } = answer;
   const groups = useMemo(() => meaningsFor(answer.files, answer.targets), [answer]);
   const named = new Set(answer.files.map(({ file }) => file));
@@ -202,6 +202,7 @@ function ImportContent({ answer, files, options, change }: ImportProps & { files
           options={options}
           change={change}
           groups={groups}
+          robot={robot}
         />
       ))}
       <Assumptions of={answer.assumptions} />
@@ -341,7 +342,7 @@ export function ImportFlow({ opened: { files, template }, robot: asked, take }: 
         <FileDrop again take={take} />
         {problem && <ProblemNote problem={problem} />}
         {answer ? (
-          <ImportContent {...{ answer, files, options, change }} />
+          <ImportContent {...{ answer, files, options, change, robot }} />
         ) : (
           busy && <Busy label={words.readingFiles} />
         )}
@@ -412,7 +413,9 @@ function lengthOfFiles(answer: ImportAnswer | null): string | null {
 export function lackOf(answer: ImportAnswer | null, robot: string): string | null {
   if (!answer) return null;
   if (answer.files.some(({ columns }) => columns.some(({ meaning }) => meaning === UNKNOWN))) {
-    return words.columnsFirst;
+    return robot === "" && answer.files.some((file) => maybeJoints(file).length > 0)
+      ? words.robotFirst
+      : words.columnsFirst;
   }
   if (answer.faults.length > 0) return words.faultsFirst(answer.faults.length);
   const missing = [...new Set(answer.missing_fields)];

@@ -19,9 +19,11 @@ interface Props extends Told {
   preview: imports.FilePreview;
   faults: imports.ImportFault[];
   groups: imports.MeaningGroup[];
+  /** Id of the chosen robot; empty while none is chosen. */
+  robot: string;
 }
 
-export function ImportTable({ preview, faults, options, change, groups }: Props) {
+export function ImportTable({ preview, faults, options, change, groups, robot }: Props) {
   const id = useId();
   const lines = [...preview.first_lines, ...preview.fault_lines];
   const rows = [...preview.first_rows, ...preview.fault_rows].map((cells, i) => ({ line: lines[i] ?? i + 1, cells }));
@@ -34,7 +36,7 @@ export function ImportTable({ preview, faults, options, change, groups }: Props)
         <bdi>{preview.file}</bdi>
       </h3>
       <p class="soft">{words.fileFacts(preview)}</p>
-      <ToLookAt preview={preview} options={options} change={change} places={places} table={id} />
+      <ToLookAt {...{ preview, options, change, places, robot }} table={id} />
       <Scroll label={words.firstRows(preview.file)}>
         <table class="readings" id={id}>
           <thead>
@@ -96,15 +98,18 @@ interface LookProps extends Told {
   preview: imports.FilePreview;
   places: (string | null)[];
   table: string;
+  robot: string;
 }
 
-function ToLookAt({ preview, options, change, places, table }: LookProps) {
+function ToLookAt({ preview, options, change, places, table, robot }: LookProps) {
   const faulty = new Set(places.flatMap((place) => (place === null ? [] : [Number(place.split(":")[1])])));
   const columns = preview.columns.filter(
     ({ column, guessed, meaning }) => faulty.has(column) || guessed || meaning === imports.UNKNOWN,
   );
   if (columns.length === 0) return null;
-  const unknown = columns.filter(({ meaning }) => meaning === imports.UNKNOWN);
+  // A robot's own names of its joints are known when the robot is chosen.
+  const joints = robot === "" ? imports.maybeJoints(preview) : [];
+  const unknown = columns.filter((column) => column.meaning === imports.UNKNOWN && !joints.includes(column));
   const show = (column: number) => {
     const head = document.getElementById(table)?.querySelectorAll("thead th")[column];
     head?.scrollIntoView({ block: "nearest", inline: "center" });
@@ -128,6 +133,7 @@ function ToLookAt({ preview, options, change, places, table }: LookProps) {
           {words.leaveUnknown(unknown.length)}
         </Button>
       )}
+      {joints.length > 0 && <span>{words.robotFirst}</span>}
     </div>
   );
 }

@@ -18,6 +18,21 @@ export const UNKNOWN = "unknown";
 const IGNORED = "ignored";
 const AXES = ["x", "y", "z"];
 const LEAST_JOINTS = 6;
+const MOST_DEGREES = 720;
+
+/** The unknown columns that may be joints of a robot that is not chosen yet: by their unit, or by their numbers. */
+export function maybeJoints({ columns, first_rows }: Pick<FilePreview, "columns" | "first_rows">): ColumnMeaning[] {
+  const isAngle = (cell: string | undefined) => {
+    const number = Number((cell ?? "").replace(",", "."));
+    return cell !== undefined && cell.trim() !== "" && Math.abs(number) <= MOST_DEGREES;
+  };
+  return columns.filter(({ column, header, meaning }) => {
+    if (meaning !== UNKNOWN) return false;
+    const unit = /[[(]([^\])]*)[\])]\s*$/.exec(header)?.[1]?.toLowerCase();
+    if (unit !== undefined) return ["deg", "°", "rad", "grad"].includes(unit);
+    return first_rows.length > 0 && first_rows.every((row) => isAngle(row[column - 1]));
+  });
+}
 
 /** The dimension of a column's numbers; null of texts. */
 export function dimensionOf(meaning: string): Dimension | null {

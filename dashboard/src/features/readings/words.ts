@@ -80,6 +80,7 @@ export const importWords = {
   saveTemplate: "Save as template",
   templateFirst: (name: string) => `Template “${name}”: drop the tables to read with it.`,
   columnsFirst: "Choose the columns that were not understood",
+  robotFirst: "Choose the robot first: columns that were not understood may be its joints",
   faultsFirst: (count: number) => `${plural(count, "fault", "faults")} must be corrected first; see each remedy`,
   missing: {
     joints: "Joint angles are missing: choose their columns, or add a file that has them",

@@ -105,9 +105,11 @@ class ChangeCollector:
         """Let each name change at any time that is changed by a routine which may run at any time.
 
         Such a routine handles errors or interrupts, or is called by a timer. Two of its changes do not count:
-        the end of what lasts, such as force control, which spoils no move and is a cause without a reason;
-        and the call of an unknown routine, if the routine is attached to an event: this call counts as one at
-        the statement that attaches the routine.
+
+        1. It ends a mode, such as force control: that spoils no move. Such a change is a cause without a
+           reason.
+        2. It calls an unknown routine, and is attached to an event: the call counts as one at the statement
+           that attaches the routine, because it cannot run before.
         """
         for routine in sorted(self._flow.anytime_routines):
             is_attached = routine in self._calls.attached_routines
@@ -120,7 +122,8 @@ class ChangeCollector:
     def _find_new_meanings(self) -> None:
         """Let no move be certain if the program gives constants of the controller a new meaning.
 
-        A program does so by a routine, a variable or an assignment with the name of such a constant.
+        In URScript, `d2r` and `pose_trans` are functions on which the reading of poses relies. A routine, a
+        variable or an assignment with such a name gives it a new meaning.
         """
         own_names = {*self._flow.begins, *self._declarations.names}
         for place in self._places:
@@ -244,9 +247,12 @@ class ChangeCollector:
     def _may_change_arguments(self, op: ir.Call, own: list[str], passed: Collection[str]) -> bool:
         """Return whether a call may change the variables that it passes as arguments.
 
-        A routine of another file may do so if it gets references to variables; it does not matter whether the
-        user states that the routine does not move the robot. A routine of the program does so only if its
-        statements change its parameters.
+        In `grip(p1)`, the routine may write to p1. There are two cases:
+
+        1. grip is of another file: it may if it gets references to variables, or is a function of the
+           language that writes its last argument. A permission of the user speaks of the robot's motion only,
+           and does not matter here.
+        2. grip is of the program: it may if its statements change its parameters.
 
         Args:
             op: the call.
@@ -301,6 +307,9 @@ class ChangeCollector:
         A call gives arguments by reference, so that such a change would be one of the caller's variables. A
         routine without parameters gets its arguments in an unknown way, and may change them.
 
+        Where a routine begins, an operation makes each of its parameters unknown: so each has one change, and
+        only further changes are those of its statements.
+
         Args:
             routine: name of the routine.
             passed: names that any call of the program passes as arguments.
@@ -331,8 +340,8 @@ class ChangeCollector:
     def _find_unread_operations(self) -> None:
         """Note in `unread` the operations that change only names which no move, frame or copy reads.
 
-        The interpretation leaves these operations out: with them, its time grows with the square of the
-        program's length.
+        Such as `n=n+1`, if n only counts parts. The interpretation leaves these operations out: with them,
+        its time grows with the square of the program's length.
         """
         read = self._list_read_variables()
         for i, (place, op) in enumerate(zip(self._places, self._ops, strict=True)):

@@ -411,7 +411,11 @@ class Columns:
         return show_text(_NAME_OR_TEXT.sub(spell, without_routines))
 
     def _find_spelling(self, name: str, source: int, line: int) -> None:
-        """Store the spelling of a name in the text from a line on in `spelled`; the first spelling stays."""
+        """Note in `spelled` how the program spells a name: the text of its first occurrence from a line on.
+
+        For `BASE_DATA` and the line `$BASE=Base_Data[3]`, this is `Base_Data`. A name that does not occur
+        keeps its letters; a name whose spelling is known already keeps this one.
+        """
         if name in self.spelled:
             return
         start = self._sources[source].starts[max(line - 1, 0)]
@@ -510,10 +514,17 @@ class Columns:
                 self.keep_numbers(target, cause, line)
 
     def add_offset(self, target: WrittenNumbers, frames: Frames, line: int) -> None:
-        """Add a remark to a move that ends at an offset from a target, such as `MoveL Offs(p1,0,0,50),...`.
+        """Note a move that ends at an offset from a target, such as `MoveL Offs(p1,0,0,50),...`.
 
-        A correction of p1 shifts the end of the move. If base or tool of the move are unknown, or differ from
-        those of p1, then p1 is not corrected: the shift would have another direction.
+        The end of this move shifts with a correction of p1, in the same direction if both have the same base
+        and tool. There are three cases:
+
+        1. Base or tool of the move are unknown: p1 is not corrected.
+        2. They are not those of p1: p1 is not corrected.
+        3. They are those of p1: p1 is corrected, and a remark says that the end of the move shifts.
+
+        There is no remark if the declaration of p1 stays as it is, because moves to p1 have copies of its
+        numbers, and these are corrected.
 
         Args:
             target: target from which the offset counts.
@@ -524,11 +535,27 @@ class Columns:
             if isinstance(frame, Cause):
                 self.keep_numbers(target, frame, line)
                 return
-        self._index_target(target, frames, line)  # this notes whether the frames differ from its own
-        has_own_numbers = target.label in self._own_labels
-        if has_own_numbers:  # copies at the moves are corrected, and the declaration stays as it is
-            return
-        name = quote_text(_get_plain_name(target.label))
+        self._note_use(target, frames, line)
+        declaration_stays = target.label in self._own_labels
+        if not declaration_stays:
+            self._remark_shift(target.label, line)
+
+    def _note_use(self, target: WrittenNumbers, frames: Frames, line: int) -> None:
+        """Note that a line uses a target; if it was used with another base or tool, it cannot be corrected.
+
+        Args:
+            target: the target.
+            frames: base and tool of this use.
+            line: the line.
+        """
+        self._index_target(target, frames, line)
+
+    def _remark_shift(self, label: str, line: int) -> None:
+        """Add a remark that the end of the move on a line shifts with the correction of another target.
+
+        `label` is the full name of this target, from which the end is at an offset.
+        """
+        name = quote_text(_get_plain_name(label))
         place = f"the move ends at an offset from {name}"
         text = f"{place}, so the end of the move shifts with the correction of {name}"
         self.add_remark(At(line), self.restore_spelling(text, 0, line))
@@ -621,9 +648,13 @@ class Columns:
     def _make_key(self, target: WrittenNumbers, literal: int) -> int:
         """Return a number that is the same for the same numbers in the text, read in the same way.
 
-        It has in its upper bits the file and `literal`, the index of the way to read the numbers; and in its
-        lower bits the index of the target's first number in the file. One integer takes less memory than a
-        tuple.
+        It packs three indices into one integer, which takes less memory than a tuple: in the lower 40 bits
+        that of the target's first number in its file; above them, those of the file and of the literal. In a
+        program of 2 files, the number 7 of file 1, read by literal 3, has the key (3 · 2 + 1) · 2⁴⁰ + 7.
+
+        Args:
+            target: the target.
+            literal: index of its literal, which says what its numbers mean.
         """
         file_and_literal = literal * len(self._sources) + target.source
         return file_and_literal << _KEY_BITS | target.first
@@ -769,10 +800,10 @@ class Columns:
             self.add_remark(At(own.line), f"where the move is corrected, numbers replace {name}: {reason}")
 
     def _find_begin_of_target(self, index: int) -> int:
-        """Return the first character of a target in the first file, such as `{` of `{X 1,...}`.
+        """Return the first character of a target in the first file: that of `{` in `{X 1,Y 2,...}`.
 
-        The text before its first number, here `{X `, has a form that the language states. It is -1 if the
-        text has another form.
+        Only the place of its first number, `1`, is known. The language states which form the text before this
+        number has, here `{X `. The result is -1 if the text before it has another form.
         """
         first_number = int(self._filled.spans[index, 0, 0])
         text_before = self._sources[0].text[max(first_number - 100, 0) : first_number]
@@ -820,8 +851,10 @@ class Columns:
     def _copy_numbers_to_move(self, target: int, move: int) -> OwnNumbers | None:
         """Return the numbers that a move gets in place of a target's name, as the declaration has to stay.
 
-        Return None if the move itself states the numbers, if the numbers or the place of the name are not
-        certain, or if the line becomes too long for the controller.
+        `MoveL p1,...` gets the numbers `[[100,0,50],...]` of the declaration of p1 in place of the name `p1`.
+        Return None if the target has no name; if its numbers cannot be corrected in any place (they are out
+        of range, for example); if the declaration or the place of the name in the line is not plain enough to
+        copy or to replace; or if the line becomes too long for the controller.
 
         Args:
             target: index of the target.
@@ -875,7 +908,12 @@ class Columns:
     def _fits_in_line(self, numbers: str, move: int) -> bool:
         """Return whether the line of a move is short enough after numbers replaced the name of each target.
 
-        The numbers may also grow when they are corrected.
+        A line of 40 characters with the targets of `CIRC P1,P2` may have 40 + 2 · (length of `numbers` + 40)
+        characters then: the numbers grow, too, when they are corrected.
+
+        Args:
+            numbers: text of the numbers that replace a name.
+            move: index of the move.
         """
         first_file = self._sources[0]
         line = int(self._sorted.line[move])
@@ -894,16 +932,16 @@ class Columns:
         Raises:
             ProgramError: no move of the program can be corrected.
         """
-        is_corrected = ~self._find_uncorrected_moves(can_replace_names=False).is_uncorrected
-        left = self._list_left_moves(is_corrected)
+        is_uncorrected = self._find_uncorrected_moves(can_replace_names=False).is_uncorrected
+        left = self._list_left_moves(is_uncorrected)
         left_moves = tuple(each.move for each in left)
         faults = self._list_faults([each.cause for each in left])
-        if not is_corrected.any():
+        if is_uncorrected.all():  # or there is no move at all
             reasons = faults if left else self._explain_no_move(causes)
             raise ProgramError(reasons, left=left_moves)
         targets, moves = self._filled, self._sorted
         if left:
-            moves, targets = _select_moves(moves, targets, is_corrected)
+            moves, targets = _select_moves(moves, targets, ~is_uncorrected)
         remarks = tuple(sorted(self._remarks, key=lambda remark: remark.line))
         return Program(
             self._format, self._sources, targets, moves, remarks, left_moves, tuple(faults), self._own
@@ -928,14 +966,15 @@ class Columns:
         reason = self.restore_spelling(cause.reason, cause.source, cause.line)
         return Fault(self._sources[cause.source].name, cause.line, reason, cause.remedy)
 
-    def _list_left_moves(self, is_corrected: BoolArray) -> list[_LeftMove]:
+    def _list_left_moves(self, is_uncorrected: BoolArray) -> list[_LeftMove]:
         """Return all moves that are not corrected, in order of their lines.
 
-        A move may not be corrected for a reason of its own, or because of its targets: `is_corrected` (k,) is
-        the mask of the moves without such targets.
+        There are two kinds. The moves in `_left` were noted with a cause of their own, such as an unknown
+        base, and are not among the k moves of the program. The others are those of the k moves with a target
+        that has to keep its numbers: `is_uncorrected` (k,) is their mask.
         """
-        not_corrected = np.flatnonzero(~is_corrected).tolist()
-        left = [*self._left, *map(self._explain_left_move, not_corrected)]
+        because_of_targets = map(self._explain_left_move, np.flatnonzero(is_uncorrected).tolist())
+        left = [*self._left, *because_of_targets]
         return sorted(left, key=lambda each: each.move.line)
 
     def _explain_left_move(self, index: int) -> _LeftMove:
@@ -1113,8 +1152,9 @@ class _NumbersOfStatements(NamedTuple):
 def _list_value_ordinals(literal: Literal) -> list[int]:
     """Return the ordinals of position, orientation and configuration among the numbers of a statement.
 
-    For `{X 1,Y 2,Z 3,A 4,B 5,C 6,S 2,T 10}`, these are 0 to 5, one -1 because seven numbers have a place, and
-    then 6 and 7 for the configuration, with -1 in its last places.
+    The ordinal is the place of a number in the statement, from 0; it is -1 where a target has no such number.
+    `{X 1,Y 2,Z 3,A 4,B 5,C 6,S 2,T 10}` gives 0 to 5 for the pose, then -1, because a pose has room for seven
+    numbers (a quaternion needs them), then 6 and 7 for S and T, and -1 in the remaining places.
     """
     numbers = [*literal.numbers, *[-1] * NUMBERS][:NUMBERS]
     configuration = [ordinal for _, ordinal in literal.words]
@@ -1122,7 +1162,10 @@ def _list_value_ordinals(literal: Literal) -> list[int]:
 
 
 def _arrange_ordinals(ordinals: Sequence[Sequence[int]]) -> IndexArray:
-    """Return lists of ordinals as rows of an array (count, n), filled with -1 up to the longest list."""
+    """Return lists of ordinals as rows of an array (count, n), filled with -1 up to the longest list.
+
+    The lists [0, 1, 2] and [4] give the rows [0, 1, 2] and [4, -1, -1]; -1 means that there is no number.
+    """
     width = max(map(len, ordinals), default=0)
     rows = np.full((len(ordinals), width), -1)
     for row, ordinals_of_row in zip(rows, ordinals, strict=True):
@@ -1131,9 +1174,13 @@ def _arrange_ordinals(ordinals: Sequence[Sequence[int]]) -> IndexArray:
 
 
 def _find_external_axes(axes: FloatArray, external_axes: ExternalAxes) -> tuple[BoolArray, BoolArray]:
-    """Find the targets at which external axes may displace the target.
+    """Find the targets at which external axes may displace the target, from the positions of these axes.
 
-    If external axes carry nothing, there are none. If they are joints of the robot, only their motion counts.
+    Which targets these are depends on what the user states:
+
+    1. The axes carry nothing: no target.
+    2. They are joints of the robot, whose positions are known: only targets at which they have moved.
+    3. Nothing: also targets at which an axis is away from zero.
 
     Args:
         axes: (t, a) positions of the external axes [mm, °]; NaN where a target states none, which counts as
@@ -1161,7 +1208,8 @@ def _find_external_axes(axes: FloatArray, external_axes: ExternalAxes) -> tuple[
 def _find_changed_numbers(numbers: FloatArray) -> BoolArray:
     """Return a mask (t,) of the targets whose numbers (t, k) differ from those of the first target.
 
-    NaN counts as zero, and differences that rounding explains do not count.
+    The numbers of the rows 5, 5, 7 and NaN give false, false, true and true: NaN, for a number that a target
+    does not state, counts as zero. Differences that rounding explains do not count.
     """
     numbers = np.nan_to_num(numbers)
     is_equal = np.abs(numbers - numbers[:1]) <= _AXIS_ROUNDING
@@ -1187,7 +1235,9 @@ def _select_moves(moves: Moves, targets: Targets, selected: BoolArray) -> tuple[
 def _name_other_line(own: OwnNumbers) -> str:
     """Return why a declared target has to stay, for the remark on a move that has its own numbers instead.
 
-    If the reason names the line of this move, the line of the other use of the target takes its place.
+    The reason may end with the line of this move itself, as in `target 'p1' is used with another base or tool
+    on line 8` for the move on line 8. Such a remark tells nothing, so that the line of the other use, such as
+    5, takes the place of 8.
     """
     names_own_line = own.reason.endswith(f" on line {own.line}")
     if not own.other_line or not names_own_line:

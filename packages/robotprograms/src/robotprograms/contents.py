@@ -70,9 +70,15 @@ class Contents:
     def _judge_protection(self, name: str) -> bool:
         """Return whether the content of a name is safe from changes by unknown routines.
 
-        A routine of another file can change neither constants nor variables that only this program knows. It
-        can change all else, with one exception: the stored frames of the controller, and data that several
-        programs share, are safe if no file of the program writes them.
+        An unknown routine is one of a file that was not sent. The first case that fits a name counts:
+
+        1. Constants and local variables are safe: no other file can write them.
+        2. Names that only this program knows are safe if no statement of it writes them: an unknown routine
+           can change them only by calling a routine of the program that does.
+        3. Names that other files reach in this language, such as the active frame `$BASE`, are not safe.
+        4. Stored frames of the controller, such as `BASE_DATA[2]`, and data that several programs share are
+           safe if no file of the program writes them.
+        5. All other names are safe.
         """
         language = self._language
         if self._is_out_of_reach(name):
@@ -181,9 +187,11 @@ class Contents:
     def _follow_copy(self, copy: ir.Copy, name: str, state: State) -> Content:
         """Return the content of a variable that is copied.
 
+        Behind `$BASE=b`, `$BASE` has the content of b. An indirect copy goes one step further: if b contains
+        the name `BASE_DATA[2]`, it gives the content of `BASE_DATA[2]`.
+
         Args:
-            copy: the copy. If `copy.indirect` is true, the variable contains the name of a second variable,
-                and the content of this second variable is copied.
+            copy: the copy, which says whether it is indirect.
             name: full name of the variable that is copied.
             state: content of each variable before the copy.
         """
@@ -244,11 +252,12 @@ class Contents:
     def _evaluate_element(self, place: Place, value: ir.Element, state: State) -> Content:
         """Return the content of an element of a table whose number is the value of a variable.
 
-        Return the cause why the element is unknown unless the number is whole and certain.
+        For `BASE_DATA[n]`, if n certainly contains 3, this is the content of `BASE_DATA[3]`. Return the cause
+        why the element is unknown if n is not certain, or no whole number.
 
         Args:
             place: place of the statement.
-            value: name of the table with `%s` for the number, and name of the variable.
+            value: name of the table with `%s` for the number, as `BASE_DATA[%s]`; name of the variable.
             state: content of each variable before the statement.
         """
         number = self._find_certain_number(place, value.number, state)
@@ -277,9 +286,10 @@ class Contents:
     def _find_fixed_content(self, name: str) -> Content | None:
         """Return the content that a name has in all states, or None if its content depends on the state.
 
-        A constant of the controller has its own name as its content. An element of an array that some
-        statement changes has its content before the program runs, or the cause that the array changes: which
-        element a statement changes is not known.
+        1. A constant of the controller, such as the frame `$NULLFRAME`, has its own name as its content.
+        2. An element such as `P[2]` of an array P that some statement changes has its content before the
+           program runs, or the cause that P changes: which element the statement changes is not known.
+        3. The content of any other name depends on the state: None.
         """
         is_constant = get_structure_name(name) in self._language.constants
         if is_constant:
@@ -351,6 +361,9 @@ class Contents:
 
 def _calculate_numbers(place: Place, value: ir.Stated, pi: str) -> list[float]:
     """Return the values of expressions such as `pi/2`; one that cannot be calculated is left out.
+
+    In `p[0.1,0,0,pi/2,0,0]`, the expression `pi/2` is kept as `pi/` and a sign, because statements that
+    differ only in their numbers share one operation. Here the numbers replace the signs, in their order.
 
     Args:
         place: place of the statement, which has the numbers of the expressions.

@@ -45,9 +45,13 @@ class FlowFault(NamedTuple):
 class ControlFlow:
     """Control flow of a program: the operations that may follow each operation, besides the next one.
 
-    Operations are given by their indices. A successor that is never reached does no harm, but a missing
-    successor would: any branch may be skipped. Behind a beginning without an end, and in a routine with an
-    end that has no beginning, no move is certain.
+    Operations are given by their indices. In the lines `IF a THEN` (0), `PTP P1` (1), `ELSE` (2), `PTP P2`
+    (3) and `ENDIF` (4), the `successors` are 0 → 2, behind which the text of ELSE begins, and 2 → 4, as the
+    text before ELSE ends there.
+
+    A successor that is never reached does no harm, but a missing successor would: any branch may be skipped.
+    Behind a beginning without an end, and in a routine with an end that has no beginning, no move is
+    certain.
     """
 
     # successors of each operation besides the next one
@@ -157,9 +161,13 @@ class _FlowFinder:
             self._note_routine(end)
 
     def _distrust_labels(self, routine: str, fault: int) -> None:
-        """Note that no move behind any label of a routine is certain: text that was cut off may jump there.
+        """Note that no move behind any label of a routine is certain.
 
-        `fault` is the index of the operation whose end is missing.
+        The text ends before the end of a block: what was cut off may have had a jump to any of the labels.
+
+        Args:
+            routine: name of the routine.
+            fault: index of the operation whose end is missing.
         """
         places_by_name = self._labels[routine]
         for label in chain(*places_by_name.values()):
@@ -231,8 +239,11 @@ class _FlowFinder:
     def _leave_block(self, i: int, kind: str) -> None:
         """Note that the operation with index i leaves the innermost loop or routine, or begins a round.
 
-        `leave` and `again` concern the innermost loop. Without a loop around them, the operation leaves the
-        routine, and so do all other kinds, such as a return.
+        There are three cases:
+
+        1. `again`, as of CONTINUE, begins the next round of the innermost loop.
+        2. `leave`, as of EXIT or BREAK, leaves the innermost loop.
+        3. Any other kind, such as that of RETURN, leaves the routine, as do the first two outside of loops.
         """
         concerns_loop = kind in {"leave", "again"}
         kinds_of_block = ir.LOOPS | {"routine"} if concerns_loop else {"routine"}
@@ -318,7 +329,16 @@ class _FlowFinder:
         return False
 
     def _end_open_block(self, i: int, kind: str, block: _OpenBlock) -> None:
-        """End the innermost block, a branch, loop or routine, at index i, or begin its next branch there."""
+        """End the innermost block, a branch, loop or routine, at index i, or begin its next branch there.
+
+        `ELSE` is of the kind `default`, `ELSEIF` of the kind `branch`: the block stays open behind both.
+        Behind any other kind, the block is closed, and its successors are noted.
+
+        Args:
+            i: index of the operation.
+            kind: kind of the operation.
+            block: the innermost block.
+        """
         begins_next_branch = kind in {"branch", "default"}
         if begins_next_branch:
             block.other_branches.append(i)
@@ -353,6 +373,9 @@ class _FlowFinder:
 
     def _link_rounds(self, end: int, loop: _OpenBlock) -> None:
         """Let each round of a loop continue with the next one, from the loop's end and from jumps to it.
+
+        In `REPEAT … UNTIL a`, the condition stands at the end: a jump to the next round goes there, where the
+        loop may also be left. A loop of the kind `forever` has no condition: only a jump leaves it.
 
         Args:
             end: index of the loop's last operation.

@@ -98,7 +98,11 @@ class Declarations:
 
 @dataclass(slots=True)
 class Uses:
-    """Uses of names otherwise than as the target of a move."""
+    """Uses of names otherwise than as the target of a move.
+
+    `Grind p1;` uses p1 in a way that is not known. `p2:=Offs(p1,0,0,50);` calculates p2 from p1: what that
+    means for p1 depends on the uses of p2.
+    """
 
     used: dict[str, At] = field(default_factory=dict)  # place at which a name is used
     # names from which each name was calculated, with the places

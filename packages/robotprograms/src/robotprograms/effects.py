@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from robotprograms import language as ir
 from robotprograms.calls import Calls, Work
@@ -11,6 +11,9 @@ from robotprograms.control_flow import ControlFlow
 from robotprograms.declarations import UNKNOWN, Entry, State
 from robotprograms.places import Place
 from robotprograms.statements import Statements
+
+_OFF: Final = ""
+"""Content of a mode of the controller, such as force control, that is off: no cause against moves."""
 
 
 class FollowedProgram(NamedTuple):
@@ -72,24 +75,42 @@ class Effects:
                 self._call_unknown_routines(state, op, place)
 
     def _assign(self, state: State, op: ir.Assign, place: Place) -> None:
-        """Set the content of the variable to which a statement assigns a value, in a state."""
+        """Store the content of the variable to which a statement assigns a value in a state.
+
+        Behind `$BASE=BASE_DATA[3]`, `$BASE` has the content of `BASE_DATA[3]`. The names in `lasting` are no
+        variables but modes, such as force control, which statements switch on and off. While a mode is on,
+        its content is the cause why moves are not certain; any other value switches it off.
+        """
         name = place.qualify(op.name)
         content = self._contents.evaluate(place, name, op.value, state)
-        # Force control and the like count while they are on, as a cause against moves: any other content
-        # means that they are off.
-        is_switched_off = name in self._changes.lasting and not isinstance(content, Cause)
-        if is_switched_off:
-            content = ""
+        is_mode = name in self._changes.lasting
+        if is_mode and not isinstance(content, Cause):
+            content = _OFF
         state[name] = Entry(content, place.at)
 
     def _call_unknown_routines(self, state: State, op: ir.Call, place: Place) -> None:
         """Forget what unknown routines may change that a call starts; without such routines, do nothing.
 
-        The call may start a routine of another file. Or the call attaches routines of the program to an
-        event, and these routines call one.
+        A routine is unknown if no file of the program defines it, and the user does not allow it. Two calls
+        may start one: `grip();` itself, and `CONNECT stop WITH brake;`, where the routine brake of the
+        program, which then runs at any time, calls one.
 
         Args:
             state: content of each variable before the call; it is changed in place.
+            op: the call.
+            place: place of the call.
+        """
+        cause = self._explain_unknown(op, place)
+        if cause is None:
+            return
+        self._forget_names(state, cause)
+        if op.may_last:  # the routine may also have switched on a mode such as force control
+            state[ir.MODE] = Entry.from_content(cause)
+
+    def _explain_unknown(self, op: ir.Call, place: Place) -> Cause | None:
+        """Return the cause that a call starts an unknown routine, itself or by an event; None if it does not.
+
+        Args:
             op: the call.
             place: place of the call.
         """
@@ -97,18 +118,13 @@ class Effects:
         is_of_program = op.name in self._flow.begins
         if not is_of_program:
             cause = self._calls.explain_unknown(place, op)
-        if cause is None:
-            cause = self._calls.find_unknown_in_attached(place, op)
-        if cause is None:
-            return
-        self._forget_names(state, cause)
-        if op.may_last:  # the routine may also have switched force control or the like on
-            state[ir.MODE] = Entry.from_content(cause)
+        return cause or self._calls.find_unknown_in_attached(place, op)
 
     def _make_unknown(self, state: State, op: ir.MakeUnknown, place: Place) -> None:
-        """Give variables the cause why they are unknown as their content in a state.
+        """Store why variables are unknown as their contents in a state, for a statement that is not followed.
 
-        A statement without names makes all unknown that other routines may change.
+        Such a statement has either names, which become unknown with all of their fields, or none: then
+        everything becomes unknown that routines of other files may change.
         """
         cause = place.make_cause(op.reason, op.remedy)
         if not op.names:
@@ -119,7 +135,8 @@ class Effects:
     def _forget_names(self, state: State, cause: Cause) -> None:
         """Remove the names that an unknown routine may change from a state, and store the cause there.
 
-        The cause has the name `UNKNOWN`, and is found when a removed name is looked up.
+        A state with `$BASE` and the local variable `i` keeps only `i`, and gets the entry `UNKNOWN` with the
+        cause. A later look-up of `$BASE` finds no entry of its own, and then returns this cause.
         """
         forgotten = [name for name in state if not self._contents.is_protected(name)]
         for name in forgotten:

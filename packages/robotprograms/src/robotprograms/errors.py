@@ -21,17 +21,19 @@ _LETTERS: Final = {
     byte: chr(_FIRST_LETTER + byte) for byte in (*range(0x80, 0xC0), 0xD7, 0xF7) if not chr(byte).isspace()
 }
 _BYTES: Final = {_FIRST_LETTER + byte: chr(byte) for byte in (*_LETTERS, 0x85, 0xA0)}
-_SMALL: Final = re.compile("(?<=\xc3)[\u4ea0-\u4ebe]")  # second bytes of small letters in UTF-8
+_SECOND_OF_SMALL_IN_UTF8: Final = re.compile("(?<=\xc3)[\u4ea0-\u4ebe]")
+"""Letter for the second byte, A0 to BE, of a small letter in UTF-8, such as ü (C3 BC)."""
 
 
 _BLANKS: Final = re.compile("(?<=[\xc3-\xdf])[\x85\xa0]")  # blanks of Latin-1 that end letters in UTF-8
 _CASE_DISTANCE: Final = 0x20
 """Code of a small letter less that of its capital, in ASCII and Latin-1."""
-_CAPITALS: Final = {
+_CAPITAL_OF_SMALL: Final = {
     code: code - _CASE_DISTANCE
     for code in (*range(ord("a"), ord("z") + 1), *range(0xE0, 0xFF))
-    if code != 0xF7
+    if code != 0xF7  # the sign ÷
 }
+"""Code of the capital, by the code of a small letter of ASCII or Latin-1: 0xDC (Ü) by 0xFC (ü)."""
 
 
 def decode_text(content: bytes) -> str:
@@ -51,25 +53,34 @@ def decode_text(content: bytes) -> str:
 
 
 def encode_text(text: str) -> bytes:
-    """Return the bytes of a text of a program."""
+    """Return the bytes of a text of a program, from which `decode_text` made the text."""
     return show_text(text).encode("latin-1")
 
 
 def show_text(text: str) -> str:
-    """Return a text of a program with its bytes as characters of Latin-1."""
+    """Return a text of a program with its bytes as characters of Latin-1, for a message or a file.
+
+    `decode_text` gives some bytes other characters, so that they count as letters: here they get their own.
+    """
     return text if text.isascii() else text.translate(_BYTES)
 
 
 def capitalise(text: str) -> str:
-    """Return a text of a program in capitals, also those of its letters in UTF-8.
+    """Return a text of a program in capitals, whether its letters are in Latin-1 or in UTF-8.
 
-    In Latin-1, and in the second byte of the letters in UTF-8 that begin with C3, a capital comes 32 codes
-    before its small letter.
+    The text has one character for each byte (`decode_text`). So there are two ways to write ü:
+
+    * in Latin-1, as the byte FC: the character becomes DC, which is Ü;
+    * in UTF-8, as the bytes C3 BC: the second character becomes that of 9C, because C3 9C is Ü.
+
+    In both, the code of the capital is 0x20 less than that of the small letter.
     """
     if text.isascii():
         return text.upper()
-    with_capitals = text.translate(_CAPITALS)
-    return _SMALL.sub(lambda small: chr(ord(small[0]) - _CASE_DISTANCE), with_capitals)
+    latin1_in_capitals = text.translate(_CAPITAL_OF_SMALL)
+    return _SECOND_OF_SMALL_IN_UTF8.sub(
+        lambda second_byte: chr(ord(second_byte[0]) - _CASE_DISTANCE), latin1_in_capitals
+    )
 
 
 def quote_text(text: str) -> str:

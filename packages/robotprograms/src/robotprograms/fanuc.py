@@ -119,15 +119,22 @@ _LOGIC: Final = (
 
 
 def _translate_frame_choice(line: Line) -> list[Op]:
-    """Translate a statement that activates a numbered frame, `UFRAME_NUM=1`, or tool, `UTOOL_NUM=1`."""
-    active = f"U{line['which']}_NUM"
-    letters = "UF" if line["which"] == "FRAME" else "UT"
+    """Translate `UFRAME_NUM=3`, which makes the base `UF 3` the active one, or `UTOOL_NUM=1`.
+
+    The groups of the line are `which` (FRAME or TOOL) and the `number`.
+    """
+    which = line["which"]
+    letters = "UF" if which == "FRAME" else "UT"
     frame = line.fill_name(f"{letters} %s", "number")  # such as `UF 3`
-    return [ir.Assign(active, ir.Named(frame))]
+    return [ir.Assign(f"U{which}_NUM", ir.Named(frame))]
 
 
 def _translate_jump(line: Line) -> list[Op]:
-    """Translate a jump `JMP LBL[3]`, or a jump that is made after a time of waiting, and may be skipped."""
+    """Translate `JMP LBL[3]`, or `WAIT DI[1]=ON TIMEOUT,LBL[3]`, which jumps only if it waited too long.
+
+    The groups of the line are the `label`, here 3 (a number, or an expression such as R[1]), and `wait`: the
+    word WAIT, or empty.
+    """
     label = line.part("label")
     uses = [] if label.is_number else label.read_expression()
     jump = _jump_to(label)
@@ -142,10 +149,14 @@ def _jump_to(label: Line) -> ir.Flow:
 
 
 def _translate_conditional_action(line: Line) -> list[Op]:
-    """Translate an action after IF or SELECT, which may be skipped."""
+    """Translate an action behind a condition, such as `IF R[1]=2,JMP LBL[3]`, which may be skipped.
+
+    The groups of the line are the `action`, here `JMP LBL[3]`, and `which`: the `R[1]=2` of
+    `SELECT R[1]=2,JMP LBL[3]`, or empty. The condition of IF was read before, as it is an expression.
+    """
     condition = list[Op]()
     if line["which"]:
-        # SELECT R[1]=2 is not an expression because of its `=`; only the names in it matter.
+        # `R[1]=2` is not an expression because of its `=`; only the names in it matter: R[1]+2 has the same.
         condition = line.read_expression(line["which"].replace("=", "+", 1))
     action = line.language.apply_rules(line.part("action"))
     return [*condition, *ir.make_skippable(action)]
@@ -154,28 +165,40 @@ def _translate_conditional_action(line: Line) -> list[Op]:
 def _translate_harmless_instruction(line: Line) -> list[Op]:
     """Translate an instruction that moves nothing, such as `R[1]=R[2]+1` or `DO[3]=PULSE,0.2sec`.
 
-    The instruction becomes a use of each variable in its value (the line's group `value`). The value is an
-    expression, `ON`, or a pulse, which reads no variable.
+    The instruction becomes a use of each variable in its value (the line's group `value`), here R[2]. The
+    words `PULSE,0.2sec` are no expression, and read no variable.
 
     Raises:
         Misread: the line also chooses a frame by UFRAME or UTOOL, after the value.
     """
-    if re.search(r"(?<=.)U(?:FRAME|TOOL)\w*(?:\[[^\[\]]*\])?=", line.text):
+    also_sets_frame = re.search(r"(?<=.)U(?:FRAME|TOOL)\w*(?:\[[^\[\]]*\])?=", line.text) is not None
+    if also_sets_frame:
         return _refuse_computed_frame(line)
-    value = line["value"].replace("!", "")
-    is_pulse = re.fullmatch(r"PULSE,\0 ?(?:sec)?", value)  # NUL is in place of each number
-    return line.read_expression(value) if value and not is_pulse else []
+    value = line["value"].replace("!", "")  # `!` is NOT
+    is_pulse = re.fullmatch(r"PULSE,\0 ?(?:sec)?", value) is not None  # NUL is in place of each number
+    if not value or is_pulse:
+        return []
+    return line.read_expression(value)
 
 
 def _translate_position_change(line: Line) -> list[Op]:
-    """Return the operation of an assignment to a position P[n], whose numbers become unknown."""
-    name: ir.Name = line.fill_name("P[%s]", "place") if line["place"] else "P"  # one position, or any
+    """Translate an assignment to a position, such as `P[3]=PR[1]`, whose numbers become unknown.
+
+    The group `place` of the line is the 3. It is empty in `P[R[1]]=PR[1]`, which may change any position.
+    """
+    array_of_positions = "P"  # stands for all of them
+    name: ir.Name = line.fill_name("P[%s]", "place") if line["place"] else array_of_positions
     return [ir.MakeUnknown(frozenset({name}), "the position changes while the program runs", _REMEDY)]
 
 
 def _is_known_tail(tail: str) -> bool:
-    """Return whether the text behind a target is known, and does not move the target, apart from offsets."""
-    return _TAIL.fullmatch(_OFFSET.sub("", tail).strip()) is not None
+    """Return whether the text behind a target is known, such as `100mm/sec FINE` or `50% CNT10`.
+
+    An offset, such as `Offset,PR[1]`, is known, too, although it moves the target: callers look for offsets
+    on their own.
+    """
+    tail_without_offset = _OFFSET.sub("", tail).strip()
+    return _TAIL.fullmatch(tail_without_offset) is not None
 
 
 class _PositionsOfMove(NamedTuple):
@@ -183,7 +206,8 @@ class _PositionsOfMove(NamedTuple):
 
     # where the numbers n of its positions P[n] are, as indices among the numbers of the statement
     ordinals: tuple[int, ...]
-    tail: Line  # text behind the first position, without Skip and the second position: `100mm/sec FINE`
+    # text behind the first position, without Skip and the second position: `100mm/sec FINE`
+    text_behind: Line
 
 
 def _translate_move(line: Line) -> list[Op]:
@@ -197,9 +221,9 @@ def _translate_move(line: Line) -> list[Op]:
     """
     positions = _read_positions(line)
     skip = _SKIP.search(line["tail"])
-    reason = _explain_tail(line, positions.tail, may_be_skipped=skip is not None)
+    reason = _explain_tail(line, positions.text_behind, may_be_skipped=skip is not None)
     move = _make_move(_MOTIONS[line["letter"]], positions, reason)
-    ops = [*_list_calls_near_target(positions.tail), move]
+    ops = [*_list_calls_near_target(positions.text_behind), move]
     if skip is None:
         return ops
     # `Skip,LBL[5]`: the program continues at the label if the condition of Skip is not met.
@@ -208,15 +232,17 @@ def _translate_move(line: Line) -> list[Op]:
 
 
 def _make_move(motion: Motion, positions: _PositionsOfMove, reason: str) -> ir.Move:
-    """Return a move to positions P[n]; with a reason, it is not corrected.
+    """Return a move to positions, such as `C P[1] P[2] 100mm/sec FINE`; with a reason, it is not corrected.
 
-    Each position states its own base P[n].UF and tool P[n].UT, which have to be active (`matched_frames`).
+    The numbers of a position are given in a base and a tool of its own, whatever is active. The controller
+    stops if others are active: so the move is certain only if the names in UFRAME_NUM and UTOOL_NUM are
+    those of the position (`matched_frames`). The text behind the positions gives the feed, `100mm/sec`.
     """
     targets, bases, tools = list[ir.Name](), list[ir.Value](), list[ir.Value]()
     for ordinal in positions.ordinals:
         targets.append(ir.NumberedName("P[%s]", ordinal))
-        bases.append(ir.Copy(ir.NumberedName("P[%s].UF", ordinal), indirect=True))
-        tools.append(ir.Copy(ir.NumberedName("P[%s].UT", ordinal), indirect=True))
+        bases.append(_copy_frame_of_position("P[%s].UF", ordinal))
+        tools.append(_copy_frame_of_position("P[%s].UT", ordinal))
     return ir.Move(
         motion,
         tuple(targets),
@@ -225,8 +251,21 @@ def _make_move(motion: Motion, positions: _PositionsOfMove, reason: str) -> ir.M
         matched_frames=("UFRAME_NUM", "UTOOL_NUM"),
         reason=reason,
         remedy=_REMEDY,
-        feed=_read_feed(positions.tail),
+        feed=_read_feed(positions.text_behind),
     )
+
+
+def _copy_frame_of_position(template: str, ordinal: int) -> ir.Copy:
+    """Return the base or tool of a position P[n], as a copy of the frame that the position names.
+
+    The variable `P[1].UF` has no numbers, but the name of a frame, such as `UF 3`: the copy is `indirect`,
+    which means that it is the frame UF 3.
+
+    Args:
+        template: `P[%s].UF` for the base, `P[%s].UT` for the tool.
+        ordinal: index of the number n among those of the statement.
+    """
+    return ir.Copy(ir.NumberedName(template, ordinal), indirect=True)
 
 
 def _list_calls_near_target(tail: Line) -> list[Op]:
@@ -308,7 +347,10 @@ def _read_feed(tail: Line) -> ir.Feed | None:
 
 
 def _translate_copy_to_register(line: Line) -> list[Op]:
-    """Return the use of a position whose numbers a register gets: a correction would change both."""
+    """Translate `PR[1]=P[3]`, by which a register gets the numbers of a position: a use of P[3].
+
+    The use matters because a correction of P[3] would change the register, too. The group `place` is the 3.
+    """
     return [ir.Use(frozenset({line.fill_name("P[%s]", "place")}))]
 
 
@@ -324,47 +366,59 @@ def _translate_pallet_move(line: Line) -> list[Op]:
 
 
 def _translate_lasting(line: Line) -> list[Op]:
-    """Return the operation of an instruction that displaces targets until its own end."""
-    statement = line.quote()
-    return [ir.begin_lasting(line["kind"], f"{statement} moves targets", "omit the statement")]
+    """Translate an instruction that displaces targets until its end: `Track[1]`, until `Track End`.
+
+    The group `kind` of the line is what displaces them: here Track.
+    """
+    return [ir.begin_lasting(line["kind"], f"{line.quote()} moves targets", "omit the statement")]
 
 
 def _translate_call(line: Line) -> list[Op]:
-    """Translate the call of a program, whose name may be that in a string register `SR[1]`.
+    """Translate the call of a program: `CALL GRIP`, `RUN GRIP`, `MONITOR GRIP` or `CALL SR[1]`.
 
-    Manual: CALL waits for the end of the called program, RUN and MONITOR do not wait.
+    Manual: CALL waits for the end of the called program; RUN and MONITOR do not, so that the program may run
+    at any time from here on. The string register SR[1] has the name of a program: any one may be meant.
     """
     name = line["name"].replace(ir.A_NUMBER, "n").upper()
     is_in_register = name.startswith("SR[")
-    prefix = "" if is_in_register else None  # with a prefix "", any program may be meant
+    prefix = "" if is_in_register else None  # all names begin with ""; None: the name itself is meant
     if line["verb"] == "CALL":
         return [ir.Call(name, prefix=prefix)]
     return [ir.Call(name, anytime=True, event=name, prefix=prefix)]
 
 
 def _translate_event(line: Line) -> list[Op]:
-    """Return the attachment of a program that runs when an alarm occurs, or when this program resumes."""
+    """Translate `ERROR_PROG=GRIP`: the program GRIP runs at any time, when an alarm occurs.
+
+    RESUME_PROG and MAINT_PROG have programs for other events.
+    """
     name = line["name"].upper()
     return [ir.Call(name, anytime=True, event=name)]
 
 
 def _translate_macro(line: Line) -> list[Op]:
-    """Translate the call of a macro, whose name may have several words and a number.
+    """Translate an instruction that may be the call of a macro, such as `Open hand 1` or `Glue on(2)`.
 
-    A macro is a program of the controller. An instruction with words alone looks like one, and may begin
-    something that lasts, such as an offset. Certainly macros are those with arguments in parentheses, and
-    those of the hand, such as `Open hand 1`, which are delivered with controllers.
+    A macro is a program of the controller, and its name may have several words and a number. There are two
+    calls: the first counts if a program with this name was sent, the second if none was. Then three cases:
+
+    * `Open hand 1`, of a hand, or `Glue on(2)`, with arguments: a macro, which changes no targets;
+    * `Shift on(2)`: a macro, too, but its name has a word of what moves targets, and may begin that;
+    * `Grind on`: perhaps an instruction of the controller, which may move targets until another ends it.
     """
     name = line["name"].replace(ir.A_NUMBER, "n")
     has_arguments = line.text.endswith(")")
     is_macro = has_arguments or _OF_HAND.search(name) is not None
-    may_last = not is_macro or _MAY_LAST.search(name) is not None
+    has_word_of_what_lasts = _MAY_LAST.search(name) is not None
     program_of_this_name = ir.call_if_defined(name.upper())  # names have no case
-    return [program_of_this_name, ir.Call(name, may_last=may_last)]
+    return [program_of_this_name, ir.Call(name, may_last=not is_macro or has_word_of_what_lasts)]
 
 
 def _translate_register_move(line: Line) -> list[Op]:
-    """Translate a move to a register or a computed position; the move is not corrected.
+    """Translate a move that is not corrected: to a register `PR[1]`, or to a computed position `P[R[1]]`.
+
+    A register is no position in /POS. The computed one is any position in /POS: a remark says that the move
+    shifts with the correction of that position.
 
     Raises:
         Misread: the text after the target is unknown, or calls a routine.
@@ -374,37 +428,41 @@ def _translate_register_move(line: Line) -> list[Op]:
     statement = line.quote()
     reason = f"{statement}: the target is not a position in /POS"
     move = ir.make_uncorrected_move([], reason, _REMEDY)
-    is_to_computed_position = re.match(r"\w P\[", line.text)
-    if not is_to_computed_position:
-        return move
-    text = f"{statement}: the move may go to any position in /POS, and then shifts with its correction"
-    return [ir.Note(text), *move]
+    is_to_computed_position = re.match(r"\w P\[", line.text) is not None
+    if is_to_computed_position:
+        text = f"{statement}: the move may go to any position in /POS, and then shifts with its correction"
+        return [ir.Note(text), *move]
+    return move
 
 
 def _translate_assignment(line: Line) -> list[Op]:
-    """Translate an assignment to an unknown name, which can change only what has this name.
+    """Translate an assignment to an unknown name, such as `WELD_MODE=R[1]`: a remark, and uses of its value.
+
+    The assumption, which the remark states, is that only what has this name changes, and so no target.
 
     Raises:
-        Misread: the name is that of something that may move targets, or the value is not understood.
+        Misread: the name has a word of what may move targets, as `TOOL_SHIFT` has, or the value is not
+            understood.
     """
     if _MAY_LAST.search(line["name"]):
         raise Misread(ir.UNKNOWN_STATEMENT)
-    statement = line.quote()
-    note = ir.Note(f"{statement} is unknown; it is assumed to change only what it names")
+    note = ir.Note(f"{line.quote()} is unknown; it is assumed to change only what it names")
     return [*_translate_harmless_instruction(line), note]
 
 
 def _translate_frame_change(line: Line) -> list[Op]:
-    """Translate a statement that changes the numbers of a frame of the controller, such as `UFRAME[1]=PR[2]`.
+    """Translate a statement that changes the numbers of a frame of the controller.
 
-    The frame is unknown also before this statement, because the next run begins with the changed frame.
+    `UFRAME[1]=PR[2]` changes the base `UF 1`, `UTOOL[2]=PR[3]` the tool `UT 2`; `UFRAME[R[1]]=PR[2]` may
+    change any frame, so that no target is certain. The frame is unknown also before this statement, because
+    the next run begins with the changed frame.
     """
     reason = f"{line.quote()}: the frame changes while the program runs"
     remedy = "set the frames before the program starts, because all of its moves depend on them"
-    numbered = re.match(r"(UF|UT)(?:RAME|OOL)\[\0\]=", line.text)
-    if numbered is None:  # any frame may be meant
+    numbered = re.match(r"(?P<kind>UF|UT)(?:RAME|OOL)\[\0\]=", line.text)
+    if numbered is None:
         return [ir.MakeUnknown(ir.ALL_TARGETS, reason, remedy, anytime=True)]
-    frame = line.fill_name(f"{numbered[1]} %s")  # such as `UF 1`
+    frame = line.fill_name(f"{numbered['kind']} %s")
     return [ir.MakeUnknown(frozenset({frame}), reason, remedy, anytime=True)]
 
 
@@ -528,13 +586,20 @@ def _match_fields(position: str) -> Iterator[re.Match[str]]:
 
 
 def _make_field(match: re.Match[str], ordinals: Iterator[int]) -> _Field:
-    """Return the field that matched `_FIELD`, such as `X=100.0 mm`, `CONFIG:'N U T,0,0,0'` or `UF:F`.
+    """Return a field of a position: its numbers, and a text that depends on its form.
 
-    `ordinals` yields the indices of the numbers that have not been read: the field takes its own ones.
+    The text of `X=100.0 mm` is `mm`, that of `CONFIG:'N U T,0,0,0'` is `N U T,0,0,0`, and that of `UF:F` is
+    `F`; `UF:1` has none.
+
+    Args:
+        match: match of `_FIELD`.
+        ordinals: yields the indices of the numbers that have not been read: as many as the field has are
+            read here.
     """
     text = (match["unit"] or "").lower() or match["text"] or match["word"] or ""
     count_of_numbers = match[0].count(ir.A_NUMBER)
-    return _Field(tuple(islice(ordinals, count_of_numbers)), text)
+    ordinals_of_field = tuple(islice(ordinals, count_of_numbers))
+    return _Field(ordinals_of_field, text)
 
 
 def _list_ordinals_of_others(fields_of_group: Mapping[str, _Fields]) -> tuple[int, ...]:
@@ -581,7 +646,8 @@ def _read_coordinates(fields: _Fields) -> _Coordinates:
     """
     for notation, names, units in _FIELDS:
         stated = [fields.get(name, _Field()) for name in names]
-        if not all(field.ordinals for field in stated):
+        is_complete = all(field.ordinals for field in stated)
+        if not is_complete:
             continue
         if [field.text for field in stated] != units.split():
             remedy = "write the program with the controller set to mm"
@@ -620,11 +686,13 @@ def _refuse_incomplete_position(fields: _Fields) -> None:
 def _read_turns(configuration: _Field) -> tuple[tuple[str, int], ...]:
     """Return the turns of joints 1, 4 and 6 that a configuration `N U T, 0, 0, 0` states.
 
-    Each turn has a name and the ordinal of its number. There are none in a configuration of another form.
+    Each turn is given by its name and the ordinal of its number: `turn1`, `turn4` and `turn6`. There are none
+    in a configuration of another form.
     """
     if not _CONFIG.fullmatch(configuration.text):
         return ()
-    return tuple(zip(("turn1", "turn4", "turn6"), configuration.ordinals, strict=False))
+    turn1, turn4, turn6, *_ = configuration.ordinals
+    return ("turn1", turn1), ("turn4", turn4), ("turn6", turn6)
 
 
 def _read_letters(configuration: _Field) -> str:
@@ -683,13 +751,17 @@ def _add_main_program(statements: Statements, source: Source) -> None:
 def _add_called_program(statements: Statements, index: int, source: Source) -> None:
     """Add the instructions of a program that is called, which is the file with this index.
 
+    The head of a program states which groups of axes it moves: with `DEFAULT_GROUP = *,1,*,*,*;` a positioner
+    (group 2), not the arm (group 1). Then `UFRAME_NUM=2` in it may choose a frame of the positioner, and what
+    is active for the arm is unknown: such a program is translated by `_translate_other_groups`.
+
     Raises:
         ProgramError: a section is missing or misplaced.
     """
     sections = _find_sections(statements, index, source)
-    is_for_other_groups = _OTHER_GROUPS.search(source.text, 0, sections.end_of_head) is not None
+    does_not_move_arm = _OTHER_GROUPS.search(source.text, 0, sections.end_of_head) is not None
+    translate = _translate_other_groups if does_not_move_arm else None  # None: as all other programs
     starts, ends = sections.instructions.to_arrays()
-    translate = _translate_other_groups if is_for_other_groups else None
     statements.add_statements(index, starts, ends, translate=translate)
 
 
@@ -698,19 +770,33 @@ _OTHER_GROUPS: Final = re.compile(r"(?m)^DEFAULT_GROUP\s*+=\s*+\*")
 
 
 def _translate_other_groups(masked: str) -> list[tuple[int, Op]]:
-    """Translate an instruction that may act on other groups of axes than the arm's.
+    """Translate an instruction of a program that moves other axes than the arm's, such as a positioner.
 
-    `masked` is the instruction with NUL in place of each number. Each operation is given with its number of
-    lines below the first line.
+    Behind a choice of a frame, such as `UFRAME_NUM=2`, the arm's active frame is unknown. All other
+    instructions are translated as those of any program.
+
+    Args:
+        masked: the instruction with NUL in place of each number.
+
+    Returns:
+        Operations, each with its number of lines below the first line of the instruction.
     """
     ops = list[tuple[int, Op]]()
     for line_offset, op in LANGUAGE.translate(masked):
-        chooses_frame = isinstance(op, ir.Assign) and op.name in LANGUAGE.active
-        if isinstance(op, ir.Assign) and chooses_frame:
-            reason = "a program for other groups of axes chooses a frame"
-            op = ir.MakeUnknown(frozenset({op.name}), reason, _REMEDY)
-        ops.append((line_offset, op))
+        ops.append((line_offset, _forget_chosen_frame(op)))
     return ops
+
+
+def _forget_chosen_frame(op: Op) -> Op:
+    """Return an operation that makes the active frame unknown in place of one that chooses it.
+
+    For the assignment of `UF 2` to UFRAME_NUM, this makes UFRAME_NUM unknown, because it is not certain that
+    the frame is one of the arm. Any other operation is returned as it is.
+    """
+    if not isinstance(op, ir.Assign) or op.name not in LANGUAGE.active:
+        return op
+    reason = "a program for other groups of axes chooses a frame"
+    return ir.MakeUnknown(frozenset({op.name}), reason, _REMEDY)
 
 
 class _Spans:
@@ -817,16 +903,24 @@ def _refuse_text_behind_end(statements: Statements, index: int, line: _LineOfFil
 def _refuse_misplaced_section(
     statements: Statements, index: int, line: int, section: str, earlier: Collection[str]
 ) -> None:
-    """Refuse a section that occurs twice among earlier ones, or behind one that has to follow it.
+    """Refuse a section such as /POS that occurs twice, or is before one that it has to follow.
 
-    `line` is that of the section in the file with this index.
+    The order is /PROG, /ATTR, /APPL, /MN, /POS, /END; only /APPL may occur several times.
+
+    Args:
+        statements: statements of the program, which raise the error.
+        index: index of the file.
+        line: number of the section's line.
+        section: name of the section.
+        earlier: names of the sections before it.
 
     Raises:
         ProgramError: the section is such a one.
     """
     occurs_twice = section in earlier and section != "APPL"
     latest = max(map(_SECTION_ORDER.index, earlier), default=0)
-    if occurs_twice or _SECTION_ORDER.index(section) < latest:
+    comes_too_late = _SECTION_ORDER.index(section) < latest
+    if occurs_twice or comes_too_late:
         reason = f"the section /{section} occurs twice or in the wrong place"
         statements.refuse(line, reason, "send each program as a file of its own", index)
 

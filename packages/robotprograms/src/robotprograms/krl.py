@@ -89,7 +89,7 @@ _TRIGGER: Final = (
     r"TRIGGER WHEN (?:DISTANCE|PATH)=((?:(?! ?\b(?:ONSTART|DELAY=)).)+)(?: ?ONSTART)? ?\bDELAY="
     r"((?:(?! ?\bDO ).)+) ?\bDO "
 )
-_FIELD_OF_FRAMES: Final = re.compile(r"\.(?:(BASE|TOOL)_NO=\0|IPO_FRAME=(?P<mode>#(?:BASE|TCP)))")
+_FIELD_OF_FRAMES: Final = re.compile(r"\.(?:(?P<role>BASE|TOOL)_NO=\0|IPO_FRAME=(?P<mode>#(?:BASE|TCP)))")
 _ELEMENT: Final = re.compile(r"(?P<array>[^\W\d]\w*+)\[\0\]")
 """An element of an array whose index is a number, such as `A[3]`."""
 _NEAR: Final = re.compile(r"(?P<target>[^\W\d]\w*+):(?P<offset>[^:,]++|\{[^{}]*\})")
@@ -153,15 +153,21 @@ def _read_speed(part: Line) -> ir.Value | None:
 
 
 def _read_value(line: Line, text: str) -> list[Op]:
-    """Translate a value, which may be an expression or a structure `{X 1,Y 2}`, into uses of names."""
-    is_structure = text.startswith("{")
+    """Translate a value such as `A+F(B)` or `{X A,Y 2}` into uses of its names and calls of its routines.
+
+    The active frame is an exception: `P1.X=$BASE.X` only reads $BASE, and is no use of it, so that $BASE gets
+    another name here. In `P1=F($BASE)` the routine may change the frame: this is a use.
+
+    Args:
+        line: the statement.
+        text: the value.
+    """
     calls_routine = "(" in text
     if not calls_routine:
-        # Who reads the active frame does not use the name: it gets another name here. A routine that gets the
-        # frame may change it, and so uses the name.
         text = re.sub(r"\$(?=(?:BASE|TOOL)\b)", "$ACTIVE_", text)
+    is_structure = text.startswith("{")
     if is_structure:
-        text = _SEPARATED.sub(",", text)  # names and values of the fields become a list of expressions
+        text = _SEPARATED.sub(",", text)  # `{X A,Y 2}` becomes a list of expressions, `{X,A,Y,2}`
     return line.read_expression(text)
 
 
@@ -191,12 +197,17 @@ def _read_structure(part: Line) -> dict[str, int | str]:
 def _find_target_in_fields(fields: dict[str, int | str]) -> Literal | None:
     """Return the target of a structure; None if it is neither a whole pose nor all joint angles.
 
-    `fields` are those of `_read_structure`: ordinals of numbers, or texts. The target has the ordinals of its
-    pose or joint angles, of its external axes E1 ... E6 (-1 where one is absent), and of status and turn.
+    `{X 1,Y 2,Z 3,A 4,B 5,C 6,S 2,T 35,E1 7}` is a whole pose, with status S and turn T of the arm, and the
+    external axis E1. The target has ordinals in place of the numbers: those of pose or joint angles, those of
+    E1 ... E6 (-1 where one is absent; none if all are), and those of S and T by their names.
+
+    Args:
+        fields: fields of the structure, as `_read_structure` returns them: ordinals of numbers, or texts.
     """
     ordinals = {name: value for name, value in fields.items() if isinstance(value, int)}
     external_axes = tuple(ordinals.get(f"E{i}", -1) for i in range(1, 7))
-    if max(external_axes) < 0:  # none is stated
+    is_any_axis_stated = max(external_axes) >= 0
+    if not is_any_axis_stated:
         external_axes = ()
     status_and_turn = tuple((name, ordinals[name]) for name in ("S", "T") if name in ordinals)
     for notation, names in _POSES:
@@ -207,8 +218,11 @@ def _find_target_in_fields(fields: dict[str, int | str]) -> Literal | None:
 
 
 def _copy_frames(target: str, source: str) -> list[Op]:
-    """Return the operations that copy frame data, with their interpolation mode, to those of `target`."""
-    return [ir.Assign(f"{target}.{role}", ir.Copy(f"{source}.{role}")) for role in ("BASE", "TOOL", "IPO")]
+    """Translate `FDAT_ACT=FP1`: the frame data FDAT_ACT (`target`) get those of FP1 (`source`).
+
+    Frame data have three fields, and each becomes a copy: base, tool and interpolation mode.
+    """
+    return [ir.Assign(f"{target}.{field}", ir.Copy(f"{source}.{field}")) for field in ("BASE", "TOOL", "IPO")]
 
 
 def _set_frame_data(name: ir.Name, ordinals: dict[str, int], mode: str) -> list[Op]:
@@ -237,10 +251,12 @@ def _set_frame_data(name: ir.Name, ordinals: dict[str, int], mode: str) -> list[
 
 
 def _translate_value(name: ir.Name, value: Line) -> list[Op]:
-    """Translate the assignment of a value to a name, as in `P1={X 1,Y 2,...}` or `$BASE=MY_FRAME`.
+    """Translate the assignment of a value to a name.
 
-    The name gets a pose or joint angles in numbers, frames, a single number, or a copy of another variable.
-    Any other value, such as `P1=P2` or `N=N+1`, is not followed: then the name has an unknown value.
+    * `N=5`: the name gets the number;
+    * `P1={X 1,Y 2,...}`: it gets a whole pose, or all joint angles;
+    * `FDAT_ACT={TOOL_NO 1,BASE_NO 2,...}` and `$BASE=MY_FRAME`: it gets frames;
+    * `P1=P2`, `N=N+1` or `P1={X 1}`: it gets an unknown value, because such values are not followed.
     """
     if value.is_number:
         return [ir.Assign(name, Literal(_NUMBER, value.ordinals))]
@@ -248,7 +264,7 @@ def _translate_value(name: ir.Name, value: Line) -> list[Op]:
     if target := _find_target_in_fields(fields):
         return [ir.Assign(name, target)]
     frames = list[Op]()
-    if isinstance(name, str):
+    if isinstance(name, str):  # not an element of an array, which is no frame that is followed
         frames = _set_all_frame_data(name, fields) or _copy_active_frame(name, value)
     return frames or [*_read_value(value, value.text), _forget_name(name)]
 
@@ -280,17 +296,23 @@ def _set_all_frame_data(name: str, fields: dict[str, int | str]) -> list[Op]:
 
 
 def _activate_frame(active: str, value: Line) -> list[Op]:
-    """Translate the assignment of a named frame, or of an element of an array, to `$BASE` or `$TOOL`.
+    """Translate the assignment of a frame to `$BASE` or `$TOOL`, which is the name `active`.
 
-    `active` is the name of the variable. The list is empty for any other value.
+    * `$BASE=MY_FRAME`: a copy of the variable;
+    * `$BASE=BASE_DATA[I]`: the element whose number is the value of I;
+    * `$BASE=FRAMES[3]`: the element with this number, of the controller's table or of an array.
+
+    The list is empty for any other value, also for an element of the table for the other one of the two:
+    `$BASE=TOOL_DATA[3]`.
     """
-    if re.fullmatch(_NAME, value.text):  # $BASE=MY_FRAME
+    is_variable = re.fullmatch(_NAME, value.text) is not None
+    if is_variable:
         return [ir.Use(frozenset({value.text})), ir.Assign(active, ir.Copy(value.text))]
-    by_variable = _TABLE.fullmatch(value.text)  # $BASE=BASE_DATA[i]
+    by_variable = _TABLE.fullmatch(value.text)
     if by_variable and f"${by_variable['role']}" == active:
         index = by_variable["index"]
         return [*value.read_expression(index), _copy_element(by_variable["role"], index)]
-    by_number = _ELEMENT.fullmatch(value.text)  # $BASE=FRAMES[3]
+    by_number = _ELEMENT.fullmatch(value.text)
     if by_number and by_number["array"] != _OTHER_TABLE[active]:
         return _activate_element(active, by_number["array"], value)
     return []
@@ -308,8 +330,12 @@ def _copy_element(role: str, index: str) -> Op:
 
 
 def _forget_name(name: ir.Name) -> Op:
-    """Return the operation that makes the value of a name unknown, with the reason and a remedy."""
-    text = name if isinstance(name, str) else name.template % "i"  # an element of an array as `A[i]`
+    """Return the operation that makes the value of a name unknown, with the reason and a remedy.
+
+    The message writes an element of an array as `A[i]`. The remedy for a frame is another one than for a
+    target.
+    """
+    text = name if isinstance(name, str) else name.template % "i"
     is_frame = text in {"$BASE", "$TOOL", "FDAT_ACT"} or "_DATA" in text
     remedy = _FRAME_REMEDY if is_frame else _REMEDY
     reason = f"{text} changes while the program runs: it is computed, or set in part"
@@ -373,7 +399,11 @@ def _declare_value(declaration: Line, name: str, value: Line) -> list[Op]:
 
 
 def _set_field_of_frames(line: Line) -> list[Op]:
-    """Translate an assignment to one field of frame data, or to the interpolation mode.
+    """Translate an assignment to one field of frame data, or to the controller's interpolation mode.
+
+    * `$IPO_MODE=#BASE`: nothing is special; `$IPO_MODE=#TCP`: frames are unknown, because the tool is fixed.
+    * `FDAT_ACT.BASE_NO=1`: the base of FDAT_ACT is BASE_DATA[1].
+    * `FDAT_ACT.IPO_FRAME=#TCP`: as above, for frame data.
 
     The list is empty if the line assigns to something else.
     """
@@ -381,19 +411,24 @@ def _set_field_of_frames(line: Line) -> list[Op]:
         return [ir.Assign(_IPO, _ARM_CARRIES_TOOL)]
     if line.text == "$IPO_MODE=#TCP":
         return [ir.Assign(_IPO, ir.Unknown(_FIXED_TOOL, "omit the statement"))]
-    field = _FIELD_OF_FRAMES.fullmatch(f"{line['index']}={line['value']}")
+    field = _FIELD_OF_FRAMES.fullmatch(f"{line['index']}={line['value']}")  # such as `.BASE_NO=1`
     if field is None:
         return []
-    role, mode = field[1], field["mode"] or ""
-    numbers_of_frames = {role: line.part("value").ordinals[0]} if role else {}
-    return _set_frame_data(line["name"], numbers_of_frames, mode)
+    ordinals = dict[str, int]()
+    if field["role"]:
+        ordinals[field["role"]] = line.part("value").ordinals[0]
+    return _set_frame_data(line["name"], ordinals, field["mode"] or "")
 
 
 def _translate_assignment(line: Line) -> list[Op]:
-    """Translate an assignment; the groups of the line are `name`, `index` and `value`.
+    """Translate an assignment `A[3].X=1`, with the groups `name` (A), `index` ([3].X) and `value` (1).
 
-    In `A[3].X=1`, the name is A, the index [3].X and the value 1; the index is empty if the whole variable is
-    set. An assignment to one element or one field makes the value of the variable unknown.
+    The index is empty if the whole variable is set. The cases, in this order:
+
+    * `A[3].X=1`: one element of an array of the program;
+    * `FDAT_ACT.BASE_NO=1`: frame data, or the interpolation mode;
+    * `$ACT_BASE=1`: the number of the active frame, behind which the frame is unknown;
+    * all else: a variable or a field, or one of the controller's variables that move no targets.
 
     Raises:
         Misread: a system variable that may move targets is set, or the index of a frame is computed.
@@ -405,8 +440,8 @@ def _translate_assignment(line: Line) -> list[Op]:
         element = line.fill_name(f"{name}[%s]", "index")
         field_of_element = index.removeprefix(_NUMBER_AS_INDEX)
         return _assign(line, element, field_of_element)
-    if field_of_frames := _set_field_of_frames(line):
-        return field_of_frames
+    if frame_data := _set_field_of_frames(line):
+        return frame_data
     if name in {"$ACT_BASE", "$ACT_TOOL"} and not index:
         return _choose_number_of_active_frame(line)
     if _MAY_MOVE_TARGETS.match(line.text):
@@ -439,11 +474,14 @@ def _choose_number_of_active_frame(line: Line) -> list[Op]:
 def _assign(line: Line, target: ir.Name, index: str) -> list[Op]:
     """Translate the assignment of the line's value to a variable, an element of an array or a field.
 
+    * `$VEL.CP=0.2`, of the controller: only the feed matters, because no target depends on the others here;
+    * `P1.X=5`: the whole variable P1 is unknown, because single fields are not followed;
+    * `P1={X 1,...}` or `A[3]={X 1,...}`: the target gets the value.
+
     Args:
         line: the assignment.
         target: the variable, or the element such as `A[3]`.
-        index: text behind it, such as `.X` or `[i].X`; empty if the whole `target` is set. If it is not
-            empty, the value of the whole `target` is unknown behind the line.
+        index: text behind it, such as `.X` or `[i].X`; empty if the whole target is set.
     """
     name = line["name"]
     uses = [*_read_indices(line, index), *_note_turned_tool(line)]
@@ -476,9 +514,10 @@ def _set_active_feed(line: Line) -> list[Op]:
 
 
 def _read_indices(line: Line, index: str) -> list[Op]:
-    """Return the uses of variables in the indices of an element, such as i and j in `[i][j].X`.
+    """Return the uses of variables in the indices of an element, such as I and J of `[I][J].X`.
 
-    The indices are expressions; all of them are read as one expression `i,j+X`.
+    The indices are read as one expression `I,J+X`, as only the names in it matter. Without brackets, as in
+    `.X`, there are no indices.
     """
     if "[" not in index:
         return []
@@ -581,7 +620,7 @@ def _read_rest(line: Line) -> Line:
 
 
 def _make_move(motion: Motion, targets: tuple[Literal | ir.Name, ...], settings: _Settings) -> ir.Move:
-    """Return a move to targets, all of which have the same base and the same tool."""
+    """Return a move to targets, which all have the same base and the same tool."""
     count = len(targets)
     bases, tools = (settings.base,) * count, (settings.tool,) * count
     return ir.Move(motion, targets, bases, tools, feed=settings.feed_of_move)
@@ -754,11 +793,17 @@ def _read_own_frame(setting: Line) -> _OwnFrame | None:
 
 
 def _takes_part_of_frame_data(own_frames: list[_OwnFrame]) -> bool:
-    """Return whether only base or only tool is from frame data, or each is from other ones."""
+    """Return whether settings take only the base or only the tool from frame data, or each from other ones.
+
+    `$BASE=SBASE(FP1),$TOOL=STOOL2(FP1)` take both from FP1: the answer is no. It is yes for
+    `$BASE=SBASE(FP1)` alone, and no where no frame data occur.
+    """
     data_of_role = {own.role: own.data for own in own_frames if own.data}
+    if not data_of_role:
+        return False
     has_base_and_tool = data_of_role.keys() >= {"BASE", "TOOL"}
     are_all_the_same = len(set(data_of_role.values())) == 1
-    return bool(data_of_role) and not (has_base_and_tool and are_all_the_same)
+    return not (has_base_and_tool and are_all_the_same)
 
 
 def _is_harmless_setting(setting: str) -> bool:
@@ -797,8 +842,12 @@ def _forget_active_frames(reason: str) -> Op:
 def _translate_sensor(line: Line) -> list[Op]:
     """Translate a function of KUKA RSI, by which a sensor begins or ends to guide the arm.
 
-    In `RET=RSI_ON(#RELATIVE)`, the groups of the line are `name` (RET, the variable that gets the result),
-    `function` (RSI_ON), `action` (ON) and `arguments`. Until RSI_OFF, the sensor moves the targets.
+    The groups of `RET=RSI_ON(#RELATIVE)` are `name` (RET, the variable that gets the result; it may be
+    missing), `function` (RSI_ON), `action` (ON) and `arguments`. There are three actions:
+
+    * ON: the sensor moves all targets from here on;
+    * OFF: it no longer does;
+    * MOVECORR: the sensor alone moves the arm, until the function ends: a move that is not corrected.
     """
     ops = line.read_expression(line["arguments"]) if line["arguments"] else []
     variable_of_result = line["name"]
@@ -808,7 +857,7 @@ def _translate_sensor(line: Line) -> list[Op]:
     reason, remedy = "a sensor moves the targets (RSI)", "omit the statement"
     if line["action"] == "OFF":
         return [*ops, ir.end_lasting("RSI")]
-    if line["action"] == "MOVECORR":  # the motion is that of the sensor alone, and ends here
+    if line["action"] == "MOVECORR":
         return ir.make_uncorrected_move(ops, reason, remedy)
     return [*ops, ir.begin_lasting("RSI", reason, remedy)]
 
@@ -864,16 +913,22 @@ def _complete_call(call: ir.Call, *, is_trigger: bool) -> ir.Call:
 
 
 def _translate_unknown_attachment(line: Line) -> list[Op]:
-    """Return the calls of an attachment that is not understood: its routines may run at any time."""
-    names = [line.text.replace(ir.A_NUMBER, "n"), *re.findall(rf"(?<![\w$])({_NAME})\(", line.text)]
-    return [ir.Call(name, anytime=True) for name in names]
+    """Translate an interrupt or a trigger that is not understood, such as `INTERRUPT DECL 3 ... DO F(,)`.
+
+    Each name before a bracket, here F, may be a routine that runs at any time from here on. The text of the
+    whole statement counts as one more routine, which no program has: an unknown routine, which may run, too.
+    """
+    unknown_routine = line.text.replace(ir.A_NUMBER, "n")
+    called_names = re.findall(rf"(?<![\w$])({_NAME})\(", line.text)
+    return [ir.Call(name, anytime=True) for name in (unknown_routine, *called_names)]
 
 
 def _translate_triggered_assignment(line: Line) -> list[Op]:
-    """Translate a trigger that assigns a value: the value of the name may change at any time.
+    """Translate a trigger that assigns a value, such as `TRIGGER WHEN DISTANCE=0 DELAY=20 DO $OUT[1]=TRUE`.
 
-    In `TRIGGER WHEN DISTANCE=0 DELAY=20 DO $OUT[1]=TRUE`, the group `action` of the line is `$OUT[1]=TRUE`.
-    KSS: what is triggered is an assignment, a pulse of an output, or a call of a routine.
+    The group `action` of the line is the assignment `$OUT[1]=TRUE`. It is made when the arm comes to a place
+    of its path. So the value of the name changes at any time, and is unknown everywhere, also before the
+    line. KSS: what is triggered is an assignment, a pulse of an output, or a call of a routine.
     """
     assignment = line.part("action")
     name, _, _ = assignment.text.partition("=")
@@ -882,7 +937,7 @@ def _translate_triggered_assignment(line: Line) -> list[Op]:
     for op in line.language.apply_rules(assignment):
         if isinstance(op, ir.Assign):
             changes.append(ir.MakeUnknown(frozenset({op.name}), reason, _REMEDY, anytime=True))
-        elif isinstance(op, ir.MakeUnknown):  # a value that is computed
+        elif isinstance(op, ir.MakeUnknown):  # the value is computed, and already unknown
             others.append(op._replace(anytime=True))
         else:
             others.append(op)
@@ -892,15 +947,19 @@ def _translate_triggered_assignment(line: Line) -> list[Op]:
 def _translate_bas(line: Line) -> list[Op]:
     """Translate a call such as `BAS(#TOOL,1)` of KUKA's routine BAS, which sets frames, speeds and the like.
 
-    The line has the groups `function`, the word behind `#`, and `argument`, which may be empty.
+    The groups of the line are `function`, here TOOL, and `argument`, here 1, which may be empty:
+
+    * TOOL and BASE with an argument make a frame of the controller's table the active one;
+    * the functions in `_BAS`, such as INITMOV, have the same effect with any argument;
+    * of these, VEL_CP and CP_PARAMS also set the feed, to their argument.
 
     Raises:
-        Misread: the function is unknown, or its argument is not a number.
+        Misread: the function is unknown, or is TOOL or BASE without an argument.
     """
     function, argument = line["function"], line.part("argument")
     if function in {"TOOL", "BASE"} and argument.text:
         return _translate_frame_of_bas(function, argument)
-    if function not in _BAS:
+    if function not in _BAS:  # also TOOL and BASE without an argument
         raise Misread(f"BAS(#{function}) is unknown, or its argument is not a number")
     ops = [*argument.read_expression(), *_BAS[function]]
     if function in {"VEL_CP", "CP_PARAMS"}:  # BAS: both set $VEL.CP
@@ -908,31 +967,44 @@ def _translate_bas(line: Line) -> list[Op]:
     return ops
 
 
-def _translate_frame_of_bas(role: str, number: Line) -> list[Op]:
-    """Translate `BAS(#TOOL,1)` or `BAS(#BASE,i)`: a frame of the controller's table becomes the active one.
+def _translate_frame_of_bas(role: str, index: Line) -> list[Op]:
+    """Translate `BAS(#TOOL,1)`, which does the same as `$TOOL=TOOL_DATA[1]`.
 
-    `role` is TOOL or BASE. With a number that is computed otherwise, the active frame is unknown.
+    There are three kinds of the index, here 1:
+
+    * a number: the active tool becomes a copy of TOOL_DATA[1];
+    * a variable, as in `BAS(#TOOL,I)`: it becomes a copy of the element whose number is the value of I;
+    * an expression, as in `BAS(#TOOL,I+1)`: it becomes unknown, because expressions are not calculated.
+
+    Args:
+        role: TOOL or BASE.
+        index: text of the index.
     """
-    if number.is_number:
-        frame_in_table = number.fill_name(f"{role}_DATA[%s]")
-        return [ir.Assign(f"${role}", ir.Copy(frame_in_table))]
-    is_variable = re.fullmatch(r"[^\W\d]\w*+", number.text)
-    change = _copy_element(role, number.text) if is_variable else _forget_name(f"${role}")
-    return [*number.read_expression(), change]
+    active = f"${role}"
+    if index.is_number:
+        element = index.fill_name(f"{role}_DATA[%s]")
+        return [ir.Assign(active, ir.Copy(element))]
+    uses_of_index = index.read_expression()
+    is_variable = re.fullmatch(r"[^\W\d]\w*+", index.text) is not None
+    if is_variable:
+        return [*uses_of_index, _copy_element(role, index.text)]
+    return [*uses_of_index, _forget_name(active)]
 
 
 def _translate_reading(line: Line) -> list[Op]:
     """Translate a function that reads values from outside, such as `STATE=EKI_GETREAL("name","x",VALUE)`.
 
-    The variables in its `arguments`, here VALUE, and the one that gets its `status` have unknown values
-    behind the line. A routine of the program with the name of the `function` takes its place.
+    The groups of the line are `status` (STATE, which may be missing), `function` and `arguments`. All
+    variables in the arguments, here VALUE, and STATE have unknown values behind the line. A routine of the
+    program with the name of the function takes its place.
     """
     uses = [op for op in line.read_expression(line["arguments"]) if isinstance(op, ir.Use)]
     arguments = _find_names([*uses])
-    variable_of_result = line["status"] or "_"
+    no_variable = "_"  # keeps the names from being empty, which would mean all names
+    changed = arguments | {line["status"] or no_variable}
     own_routine = ir.call_if_defined(line["function"], arguments)
     reason = "the value is read from outside while the program runs"
-    return [own_routine, ir.MakeUnknown(arguments | {variable_of_result}, reason, _REMEDY)]
+    return [own_routine, ir.MakeUnknown(changed, reason, _REMEDY)]
 
 
 def _find_names(ops: list[Op]) -> frozenset[str]:
@@ -984,18 +1056,25 @@ _NO_DATA: Final = re.compile(
 
 
 def _find_private_names(text: str) -> Iterator[str]:
-    """Yield the names that a file of data (.dat) declares without the word GLOBAL."""
+    """Yield the names that a file of data (.dat) declares without the word GLOBAL.
+
+    These are P1 of `POS P1={X 1}`, but none of lines such as `DEFDAT PART` and `EXT GRIP()`, which declare no
+    data.
+    """
     for line in _LINE_END.split(capitalise(text)):
-        declares_no_private_name = _NO_DATA.match(line)
-        if not declares_no_private_name:
+        may_declare_private_name = _NO_DATA.match(line) is None
+        if may_declare_private_name:
             yield from _list_declared(line)
 
 
 def _list_declared(line: str) -> Iterator[str]:
-    """Yield the variables that a line of a .dat declares or sets, such as P1 and P2 of `POS P1={X 1},P2`."""
+    """Yield the variables that a line of a .dat declares or sets: P1 and P2 of `POS P1={X 1},P2`.
+
+    The line `P1.X=5` sets a field of P1, and gives P1, too.
+    """
     plain = _remove_braces(_NO_NAME.sub("", line))  # without texts, comments, indices and structures
     for part in plain.split(","):
-        before_value = part.partition("=")[0]
+        before_value, _, _ = part.partition("=")
         if name := re.search(rf"({_NAME})(?:\.\w++)*\s*+\Z", before_value):
             yield name[1]
 
@@ -1078,10 +1157,15 @@ def _add_own_data_of_program(
 
 
 def _choose_kind_of_declarations(source: Source, first_line: re.Match[str] | None) -> str:
-    """Return which programs may change the data that a .dat declares.
+    """Return which programs may change the data that a .dat declares, as a word for its declarations.
 
-    It is `shared` for $config.dat, whose data all programs know and may change; `variable` for a file with
-    the word PUBLIC in its `first_line`, so that other programs may import the data; else `constant`.
+    * `shared`: $config.dat; all programs know its data, and may change them;
+    * `variable`: `DEFDAT PART PUBLIC`; other programs may import the data, and change them;
+    * `constant`: any other file; only its own program knows the data, so that they begin with their values.
+
+    Args:
+        source: the file.
+        first_line: match of its line DEFDAT; None if it has none.
     """
     if _is_config(source):
         return "shared"
@@ -1103,12 +1187,21 @@ def _find_global_lines(source: Source) -> BoolArray:
 def _is_of_another_program(
     statements: Statements, sources: tuple[Source, ...], index: int, first_line: re.Match[str]
 ) -> bool:
-    """Return whether a .dat belongs to another program than the first file.
+    """Return whether a .dat belongs to another program than the first file, by its first line `DEFDAT PART`.
 
-    Its `first_line`, `DEFDAT PART`, names the program. The data of $config.dat belong to all programs.
+    * False: the first file is the program PART, or has no name; or the .dat is $config.dat, whose data belong
+      to all programs.
+    * True: the first file is another program, and PART was sent as well, or its data are PUBLIC.
+    * An error: the first file is another program, and nothing known reads the data of PART.
+
+    Args:
+        statements: statements of all files, which raise the error.
+        sources: all files.
+        index: index of the .dat among them.
+        first_line: match of the line.
 
     Raises:
-        ProgramError: the other program is not sent, and the data are not PUBLIC.
+        ProgramError: the data belong to a program that is not sent, and are not PUBLIC.
     """
     main, *others = map(capitalise, _list_programs(sources) or [""])
     owner = first_line["program"]
@@ -1136,19 +1229,40 @@ def _list_programs(sources: tuple[Source, ...]) -> list[str]:
 def _forget_imported_names(statements: Statements, sources: tuple[Source, ...]) -> None:
     """Make the values of names unknown that a program imports from another one, which may change them.
 
-    `IMPORT POS OWN IS /R1/OTHER..P1` gives the name OWN to the variable P1 of the program OTHER: both names
-    have unknown values at any time.
+    `IMPORT POS OWN IS /R1/OTHER..P1` gives the name OWN to the variable P1 of the program OTHER: OWN and P1
+    have unknown values at any time. The imports of the first file are left out: no file gives a value to
+    the names that they make, so that these are unknown in any case.
     """
-    imported = set[str]()
-    for source in sources[1:]:  # a program alone imports nothing that changes here
-        for own_name, foreign_name in _IMPORT.findall(source.text):
-            imported |= {capitalise(own_name), capitalise(foreign_name)}
-    full_names = {*imported}
-    for owner_of_name in statements.owners.values():
-        for owner in owner_of_name.values():
-            full_names |= {f"{name}{OF_ROUTINE}{owner}" for name in imported}
+    imported = _list_imported_names(sources[1:])
+    full_names = imported | _add_owners(imported, statements.owners)
     reason = "a program imports the name of another one, and may change it"
     statements.forget_anytime(frozenset(full_names), reason, _REMEDY)
+
+
+def _list_imported_names(sources: tuple[Source, ...]) -> set[str]:
+    """Return the names in the imports of some files: OWN and P1 of `IMPORT POS OWN IS /R1/OTHER..P1`."""
+    imported = set[str]()
+    for source in sources:
+        for own_name, foreign_name in _IMPORT.findall(source.text):
+            imported |= {capitalise(own_name), capitalise(foreign_name)}
+    return imported
+
+
+def _add_owners(names: set[str], owners: dict[int, dict[str, str]]) -> set[str]:
+    """Return the full names that names may have in further files: the name and each owner of any data.
+
+    Args:
+        names: names such as P1.
+        owners: `statements.owners`: by the index of a file, the owner of each name that means other data in
+            this file, such as `file1` by P1.
+    """
+    all_owners = set[str]()
+    for owner_of_name in owners.values():
+        all_owners.update(owner_of_name.values())
+    full_names = set[str]()
+    for owner in all_owners:
+        full_names |= {f"{name}{OF_ROUTINE}{owner}" for name in names}
+    return full_names
 
 
 def _find_routines_by_value(sources: tuple[Source, ...]) -> frozenset[str]:
@@ -1222,7 +1336,8 @@ def _list_routines_of_programs(sources: tuple[Source, ...]) -> dict[int, _Routin
 def _find_routines_local_elsewhere(index: int, routines_of_file: dict[int, _RoutinesOfFile]) -> set[str]:
     """Return the names of routines that only other files than the one with this index know.
 
-    A name of a routine that is visible in all files, or that the file itself defines, is none of them.
+    If other.src has a local routine GRIP, then a call of GRIP in part.src cannot mean it: GRIP is such a
+    name, unless part.src has a GRIP of its own, or a file has one that all files know.
     """
     local, visible = set[str](), set[str]()
     for other, routines in routines_of_file.items():

@@ -11,7 +11,6 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import accumulate
 from math import nan
 from typing import Any, Final, NamedTuple, TypeAlias
 
@@ -48,7 +47,8 @@ class Copy(NamedTuple):
     """Value that is a copy of another variable's value."""
 
     name: Name  # name of the other variable
-    # whether the other variable only has the name of a third variable, whose value is then copied
+    # whether the other variable only has the name of a third variable, whose value is then copied: `P[1].UF`
+    # of FANUC has the name `UF 3`, and the copy is the frame UF 3
     indirect: bool = False
 
 
@@ -214,11 +214,16 @@ class Move(NamedTuple):
 
     @property
     def differs_only_in_target(self) -> bool:
-        """True if moves with the same text apart from numbers differ only in the numbers of one target."""
-        if len(self.targets) != 1 or not isinstance(self.targets[0], Literal):
-            return False
+        """True if moves with the same text apart from numbers differ only in the numbers of one target.
+
+        `LIN {X 1,...}` and `LIN {X 2,...}` do: base and tool, which are the active ones, are the same. A base
+        in numbers, or one that each position states for itself (`matched_frames`), may differ.
+        """
+        has_one_target_in_numbers = len(self.targets) == 1 and isinstance(self.targets[0], Literal)
         has_base_in_numbers = any(isinstance(base, Literal) for base in self.bases)
-        return not (self.matched_frames or self.reason or has_base_in_numbers)
+        may_differ_in_frames = bool(self.matched_frames) or has_base_in_numbers
+        is_corrected = not self.reason
+        return has_one_target_in_numbers and is_corrected and not may_differ_in_frames
 
 
 class MoveToStored(NamedTuple):
@@ -246,9 +251,13 @@ class Flow(NamedTuple):
     bounds: tuple[int, ...] = ()
 
     def settle_bounds(self, numbers: FloatArray) -> Flow:
-        """Return this `Flow`, of kind `repeat` if its bounds show that the loop runs at least once.
+        """Return this loop with the kind `repeat` if its bounds show that it runs at least once.
 
-        `numbers` (n,) are those of the statement, to which the ordinals in `bounds` belong.
+        `FOR i FROM 1 TO 5` does, and `FOR i FROM 5 TO 1 STEP -1`; `FOR i FROM 5 TO 1` does not. Any other
+        `Flow`, and a loop with bounds that are not numbers, is returned as it is.
+
+        Args:
+            numbers: (n,) numbers of the statement, to which the ordinals in `bounds` belong.
         """
         if not self.bounds:
             return self
@@ -295,8 +304,13 @@ class Line:
     match: re.Match[str] | None = None  # with the pattern of a rule; None before a rule is applied
 
     def __getitem__(self, group: str) -> str:
-        """Return the text that matched a named group of the rule; empty if the group did not match."""
-        return (self.match and self.match.groupdict().get(group)) or ""
+        """Return the text that matched a named group of the rule.
+
+        It is empty if the group did not match, if the rule has no such group, or before a rule is applied.
+        """
+        if self.match is None:
+            return ""
+        return self.match.groupdict().get(group) or ""
 
     def part(self, group: str) -> Line:
         """Return the part that matched a named group of the rule; empty if the group did not match."""
@@ -304,11 +318,16 @@ class Line:
         return self.cut(begin, end)
 
     def cut(self, begin: int, end: int | None = None) -> Line:
-        """Return the part between two indices of the text, with the numbers in this part."""
+        """Return the part between two indices of the text, with the ordinals of the numbers in this part.
+
+        With NUL written as #, the part of `X #,Y #` with the ordinals (4, 5) from index 4 on is `Y #`, with
+        the ordinal 5.
+        """
         end = len(self.text) if end is None else end
-        first = self.text.count(A_NUMBER, 0, begin)
+        numbers_before = self.text.count(A_NUMBER, 0, begin)
         count = self.text.count(A_NUMBER, begin, end)
-        return Line(self.language, self.text[begin:end], self.ordinals[first : first + count])
+        ordinals = self.ordinals[numbers_before : numbers_before + count]
+        return Line(self.language, self.text[begin:end], ordinals)
 
     def substitute(self, begin: int, end: int, text: str) -> Line:
         """Return the line with a text, which has no numbers, in place of the part between two indices."""
@@ -325,9 +344,10 @@ class Line:
         return self.text.strip() == A_NUMBER
 
     def fill_name(self, template: str, group: str = "") -> NumberedName:
-        """Return the name `P[3]` for the template `P[%s]` and the first number 3 in a named group.
+        """Return the name for a template, with the first number in a named group, or else in the line.
 
-        Without a group, the number is the first one of the line.
+        In `LIN P[3]`, the template `P[%s]` gives the name P[3]. It has the ordinal of the 3, not the 3,
+        because statements that differ in their numbers only share the name.
         """
         part = self.part(group) if group else self
         return NumberedName(template, part.ordinals[0])
@@ -527,7 +547,10 @@ class Language:
         return Misread(f"{line.quote()}: {fault.reason}", fault.remedy or self.remedy)
 
     def _overlooks_move(self, line: Line, ops: list[Op]) -> bool:
-        """Return whether a statement has more words of motions, such as LIN, than moves in its operations."""
+        """Return whether a statement has more words of motions, such as LIN, than moves in its operations.
+
+        Such a statement was not understood, although a rule fits: no move of the robot may be overlooked.
+        """
         count_of_moves = sum(isinstance(op, Move | MoveToStored) for op in ops)
         words_of_motions = self._motion.findall(_QUOTED.sub("", line.text))
         return len(words_of_motions) > count_of_moves
@@ -580,19 +603,24 @@ class Language:
     def _apply_flow_rule(self, line: Line, kind: str, uses: list[Op]) -> list[Op]:
         """Return the operations of a statement that begins or ends a branch, loop, jump or routine.
 
+        The uses of its expressions come first. `RETURN a` uses a for the result, `WHILE a<5` for a condition.
+        Functions in the condition of a loop run in each round; those of a further branch, such as ELSEIF, may
+        not run at all. So their calls are marked.
+
         Args:
             line: the statement, such as `WHILE A<5` or `GOTO again`.
             kind: kind of the `Flow`, such as `loop` or `jump`; empty for a statement that only uses names.
-            uses: operations of the expressions in the statement, which come first.
+            uses: operations of the expressions in the statement.
         """
-        if kind == "loop":  # its condition is computed in each round
+        if kind == "loop":
             uses = mark_anytime(uses, _EVENT_OF_LOOP)
-        elif kind == "branch":  # its condition may not be computed at all
+        elif kind == "branch":
             uses = mark_anytime(uses)
-        uses = pass_uses(uses, RESULT if kind == "return" else CONDITION)
+        purpose = RESULT if kind == "return" else CONDITION
+        uses = pass_uses(uses, purpose)
         if not kind:
             return uses
-        is_numbered_label = line["name"] == A_NUMBER  # the name is the number itself
+        is_numbered_label = line["name"] == A_NUMBER  # as in `LBL[3]`: the name is the number itself
         name = line.fill_name("%s", "name") if is_numbered_label else line["name"]
         return [*uses, Flow(kind, name)]
 
@@ -653,18 +681,24 @@ class Language:
         return ops
 
     def _forget_changed_values(self, line: Line, fault: Misread) -> list[Op]:
-        """Return operations that make all values unknown which a statement may change, and its calls.
+        """Return the operations for a statement that is not understood: what it may change is unknown.
 
-        The statement is not understood. Words in it, which each language lists, decide what it may change:
-        only the names in it, all values, or also targets, as offsets and force control do.
+        Patterns of the language, `forgets` and `lasting`, decide by the words in the statement:
+
+        * the names in it are unknown in any case, because their values change while the program runs;
+        * all values are unknown behind a word of `forgets`, such as BASE, or IF, whose branch is not known;
+        * no target is certain behind a word of `lasting`, because offsets or force control may be active.
+
+        Then come the calls of routines, and, if it moves nothing, a remark. Where all values are unknown,
+        they are left out: they would add nothing. But RAPID, which calls by a name alone, has them always.
         """
         plain = _QUOTED.sub("_", line.text)
         may_change_all = re.search(self.forgets, plain) is not None
         may_move_targets = re.search(self.lasting, line.text) is not None
         ops = list[Op]()
-        if may_change_all:  # without names, `MakeUnknown` makes all values unknown
-            ops.append(MakeUnknown(frozenset(), fault.reason, fault.remedy))
-        # The names of the statement are listed as well, because their values change while the program runs.
+        if may_change_all:
+            all_names = frozenset[Name]()  # without names, `MakeUnknown` makes all values unknown
+            ops.append(MakeUnknown(all_names, fault.reason, fault.remedy))
         ops.append(self._forget_names_in(line, plain, fault))
         if may_move_targets:
             ops.append(make_targets_uncertain(fault.reason, fault.remedy))
@@ -686,21 +720,26 @@ class Language:
     def _find_changed_names(self, line: Line, text: str) -> set[Name]:
         """Return the names that a statement may change; `text` is its normal form without quotations.
 
-        Of an array of positions, such as P of FANUC, only the elements that the statement names may change:
-        P[3], or all of them if the index is computed.
+        Of the array of the program's positions, such as P of FANUC, only the elements that the statement has
+        may change: P[3] for `P[3].X=R[1]`, or all of them, under the name P, for the computed `P[R[1]]`.
         """
         names: set[Name] = set(_NAME.findall(text))
-        if self.positions:
-            names.discard(self.positions)
-            for element in re.finditer(rf"(?<![\w$]){self.positions}\[(\0\])?", line.text):
-                part = line.cut(*element.span())
-                has_number = bool(part.ordinals)
-                names.add(part.fill_name(f"{self.positions}[%s]") if has_number else self.positions)
+        if not self.positions:
+            return names
+        names.discard(self.positions)
+        for element in re.finditer(rf"(?<![\w$]){self.positions}\[(\0\])?", line.text):
+            part = line.cut(*element.span())
+            has_number = bool(part.ordinals)
+            names.add(part.fill_name(f"{self.positions}[%s]") if has_number else self.positions)
         return names
 
     def _find_lines_of_motions(self, masked: str) -> Iterator[int]:
-        """Yield for each word of a motion in a statement its number of lines below the first line."""
-        plain = self.blank_comments(masked)  # words of motions in comments and texts mean nothing
+        """Yield for each word of a motion in a statement its number of lines below the first line.
+
+        For a text of two lines, `x := 1` and `MoveL p1`, this is 1. Words in comments and quotations mean
+        nothing.
+        """
+        plain = self.blank_comments(masked)
         line_offset, place = 0, 0
         for word in self._motion.finditer(plain):
             line_offset += len(_LINE_END.findall(plain, place, word.start()))
@@ -710,31 +749,37 @@ class Language:
     def _find_calls(self, text: str) -> Iterator[Op]:
         """Yield the operations of the calls in a statement that is not understood, which is the text.
 
-        Each call may be skipped; or the statement may attach the routine to an event, so that the routine
-        runs at any time. The routine may change the variables that the statement names.
+        A function of the controller, such as ABS, is harmless. Any other routine gets all other names of the
+        statement, which it may change. It may be skipped; or it may run at any time, because the statement
+        may attach it to an event, such as an interrupt.
         """
         names = frozenset(_NAME.findall(text))
         called_names = dict.fromkeys(called[1] for called in _CALLED.finditer(text))
         for name in called_names:
             is_move = self._motion.fullmatch(name) is not None
+            is_harmless = self._words.functions.fullmatch(name) is not None
             if is_move:
                 continue
-            harmless = self._words.functions.fullmatch(name) is not None
-            passed = frozenset[str]() if harmless else names - {name}
-            call = Call(name, passed, anytime=not harmless, event=name, harmless=harmless)
+            if is_harmless:
+                call = Call(name, event=name, harmless=True)
+            else:
+                call = Call(name, names - {name}, anytime=True, event=name)
             yield from make_skippable([call])
 
     def read_expression(self, text: str) -> list[Op]:
         """Translate an expression: one operation for all names that it reads, one for each routine call.
 
-        Operands and operators have to alternate, so that no unknown statement passes for an expression.
+        For `a+f(b)`, these are the use of a, f and b, and the call of f with a and b. Operands and operators
+        have to alternate, so that no unknown statement passes for an expression.
 
         Raises:
             Misread: the text is not an expression.
         """
         words = self._words
-        plain = words.operators.sub("+", _QUOTED.sub('""', text))
-        if words.reserved.search(plain) or _NO_EXPRESSION.search(plain) or not _is_balanced(plain):
+        without_quotations = _QUOTED.sub('""', text)
+        plain = words.operators.sub("+", without_quotations)  # a sign in place of words such as AND
+        is_statement = words.reserved.search(plain) is not None  # it has a word such as GOTO
+        if is_statement or _NO_EXPRESSION.search(plain) or not _is_balanced(plain):
             raise Misread("this text is not understood, or is not complete")
         names = frozenset(_NAME.findall(plain))
         ops: list[Op] = [Use(names)] if names else []
@@ -746,6 +791,11 @@ class Language:
     def _call_function(self, expression: str, name: str, others: frozenset[str]) -> list[Op]:
         """Return the operations of the call of a function in an expression.
 
+        * `f(a)` alone is one call. In `f(a)+g(b)`, each call may be skipped, as behind OR, and the order is
+          not known.
+        * A function of the controller that writes, such as `StrToVal("1",a)`, writes its last argument only.
+          A routine of the program with this name may write others: a second call counts for it.
+
         Args:
             expression: the expression.
             name: name of the function.
@@ -754,15 +804,12 @@ class Language:
         ops = list[Op]()
         passed = others
         if re.fullmatch(self.writers, name):
-            # The controller's function writes its last argument only; a routine of the program with this name
-            # may write others.
             ops.append(call_if_defined(name, others))
             passed = others & frozenset(_NAME.findall(_find_last_argument(expression, name)))
         call = self._make_call(name, passed)
         is_whole_expression = expression.startswith(f"{name}(") and expression.count("(") == 1
         if call.harmless or is_whole_expression:
             return [*ops, call]
-        # A call in a larger expression may be skipped, and several calls may run in any order.
         return [*ops, *make_skippable([call])]
 
     def _make_call(self, name: str, passed: frozenset[str]) -> Call:
@@ -788,9 +835,14 @@ class _NormalForm:
         self._is_after_word = False  # whether the last piece is a word, a number or a text
 
     def add(self, kind: str | None, token: str) -> None:
-        """Add a token; its kind is word (or number), sign, text (a quotation), blank or comment.
+        """Add a token of the statement to its normal form.
 
-        Blanks and comments are left out; one blank separates two words.
+        Blanks and comments are left out. Their line breaks are counted before the first word, and their
+        numbers are counted, because an ordinal counts all numbers of the statement as it is written.
+
+        Args:
+            kind: `word` (a number is one, too), `sign`, `text` (a quotation), `blank` or `comment`.
+            token: text of the token.
         """
         if kind not in {"blank", "comment"}:
             self._add_piece(kind, token)
@@ -799,24 +851,32 @@ class _NormalForm:
         self._passed_numbers += token.count(A_NUMBER)
 
     def _add_piece(self, kind: str | None, token: str) -> None:
-        """Add a word, a number, a sign or a quotation, in which numbers are no numbers of the statement."""
+        """Add a word, a number, a sign or a quotation.
+
+        One blank goes between two words, as in `GOTO again`. In a quotation, such as `"part 3"`, the number
+        is not one of the statement, and becomes 0: quotations that differ in numbers only are the same.
+        """
         if token == A_NUMBER:
             self.ordinals.append(self._passed_numbers)
         is_word = kind != "sign"
         if self._is_after_word and is_word:
             self.pieces.append(" ")
-        self.pieces.append(token.replace(A_NUMBER, "0") if kind == "text" else token)
+        is_quotation = kind == "text"
+        self.pieces.append(token.replace(A_NUMBER, "0") if is_quotation else token)
         self._is_after_word = is_word
 
 
 def _refuse_deep_braces(text: str) -> None:
-    """Refuse a statement with braces in braces in braces ...
+    """Refuse a statement with braces in braces in braces ..., such as `{{{{X 1}}}}`, which has a depth of 4.
 
     Raises:
         Misread: braces are nested too deep.
     """
-    depths = accumulate((character == "{") - (character == "}") for character in text)
-    if max(depths, default=0) > _MAX_DEPTH:
+    depth, greatest_depth = 0, 0
+    for brace in re.findall(r"[{}]", text):
+        depth += 1 if brace == "{" else -1
+        greatest_depth = max(greatest_depth, depth)
+    if greatest_depth > _MAX_DEPTH:
         reason = f"braces are nested more than {_MAX_DEPTH} deep"
         raise Misread(reason, "declare inner structures on their own")
 
@@ -828,9 +888,11 @@ def _note_assumption(fault: Misread) -> Note:
 
 
 def _make_uncorrected(move: Move, fault: Misread) -> Move:
-    """Return a move in place of another one, which is not corrected because of a fault.
+    """Return a move like another one that is not corrected because of a fault.
 
-    The correction of a target that the other move names, such as p1, shifts this move.
+    Its base and tool are those of the other move's first target. The targets that the other move names, such
+    as p1, go to `offset_from`: the correction of p1 shifts this move, too. Targets in numbers are omitted,
+    because their numbers stay.
     """
     named_targets = tuple(target for target in move.targets if not isinstance(target, Literal))
     return Move(
@@ -845,16 +907,17 @@ def _make_uncorrected(move: Move, fault: Misread) -> Move:
 
 
 def quote_statement(text: str, ordinals: Iterable[int]) -> str:
-    """Return a statement in quotation marks, with NUL, ordinal, NUL in place of each number.
+    """Return a statement in quotation marks for a message, with places for its numbers.
 
-    The interpreter replaces these places by the numbers when it makes a message of the text.
+    Statements that differ in their numbers only share this text: the interpreter fills in the numbers. With
+    NUL written as #, `X #,Y #` and the ordinals 0 and 1 give `'X #0#,Y #1#'`: each place is the ordinal of
+    its number between two NULs. A statement that is cut, because it is long, has its first numbers only.
     """
-    # `quote_text` would escape NUL: another text marks the numbers in between.
+    # `quote_text` would escape NUL: a mark takes its place until the statement is quoted.
     mark = "@#@"
-    *parts, last_part = quote_text(text.replace(A_NUMBER, mark)).split(mark)
-    numbers = [f"\0{ordinal}\0" for ordinal in ordinals]
-    pairs = zip(parts, numbers, strict=False)  # the quoted text may be cut before its last numbers
-    return "".join(part + number for part, number in pairs) + last_part
+    quoted = quote_text(text.replace(A_NUMBER, mark))
+    places = (f"\0{ordinal}\0" for ordinal in ordinals)
+    return re.sub(mark, lambda _: next(places, ""), quoted)
 
 
 def calls_routine(ops: list[Op]) -> bool:
@@ -902,11 +965,15 @@ def mark_anytime(ops: list[Op], event: Name = "") -> list[Op]:
 
 
 def sets_feed_only(op: Op) -> bool:
-    """Return whether an operation changes nothing but the active feed."""
+    """Return whether an operation changes nothing but the active feed, on which no target depends.
+
+    Such are the assignment of `$VEL.CP=0.2`, and a `MakeUnknown` of feeds alone. A `MakeUnknown` without
+    names makes all values unknown, and so is none of them.
+    """
     if isinstance(op, Assign):
         return str(op.name).startswith(FEED)
-    if isinstance(op, MakeUnknown):
-        return bool(op.names) and all(str(name).startswith(FEED) for name in op.names)
+    if isinstance(op, MakeUnknown) and op.names:
+        return all(str(name).startswith(FEED) for name in op.names)
     return False
 
 
@@ -998,24 +1065,29 @@ _NO_EXPRESSION: Final = re.compile(
 )
 _NAME: Final = re.compile(r"(?<![\w$.#'\"])\$?[^\W\d]\w*+")
 _CALLED: Final = re.compile(r"(?<![\w$.])(\$?[^\W\d][\w.]*+) ?\(")
-_PAIRS: Final = {")": "(", "]": "[", "}": "{"}
+_OPENING_OF: Final = {")": "(", "]": "[", "}": "{"}
 
 
 def _is_balanced(text: str) -> bool:
-    """Return whether each bracket and each quotation of a text is closed."""
+    """Return whether each bracket and each quotation of a text is closed: `f(a[1])`, but not `f(a[1)]`."""
     open_brackets: list[str] = []
-    for character in re.findall(r"[()\[\]{}\"]", _QUOTED.sub("", text)):
-        if character == '"':  # closed quotations were removed
-            return False
-        if character in "([{":
-            open_brackets.append(character)
-        elif not open_brackets or open_brackets.pop() != _PAIRS[character]:
+    without_quotations = _QUOTED.sub("", text)
+    if '"' in without_quotations:  # the begin of a quotation that is not closed
+        return False
+    for bracket in re.findall(r"[()\[\]{}]", without_quotations):
+        if bracket in "([{":
+            open_brackets.append(bracket)
+        elif not open_brackets or open_brackets.pop() != _OPENING_OF[bracket]:
             return False
     return not open_brackets
 
 
 def _find_last_argument(text: str, name: str) -> str:
-    """Return the last argument of a function that is called once in a text; else the whole text."""
+    """Return the last argument of a function in an expression: `c` for `1+f(a,g(b),c)` and the name f.
+
+    The whole expression is returned, which has more names, if the function is called more than once, or its
+    brackets do not close.
+    """
     if text.count(f"{name}(") != 1:
         return text
     _, _, behind = text.partition(f"{name}(")
@@ -1024,7 +1096,7 @@ def _find_last_argument(text: str, name: str) -> str:
         depth += 1 if bracket[0] == "(" else -1
         if depth == 0:
             arguments = behind[: bracket.start()]
-            *_, (begin, end) = split_outside_brackets(arguments)
+            begin, end = list(split_outside_brackets(arguments))[-1]
             return arguments[begin:end]
     return text
 
@@ -1041,7 +1113,8 @@ _LINE_END: Final = re.compile(r"\r\n?|\n")
 def split_outside_brackets(text: str, separator: str = ",") -> Iterator[tuple[int, int]]:
     """Yield the span of each part of a text between separators that are not in brackets or quotations.
 
-    A span is the index of the first character, and of the last + 1.
+    A span is the index of the first character, and of the last + 1: `a,f(b,c)` has the spans (0, 1) and
+    (2, 8).
     """
     depth = 0  # of brackets within one another
     begin = 0

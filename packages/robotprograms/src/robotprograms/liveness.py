@@ -82,7 +82,11 @@ class _Graph:
 
 
 class _LiveRange:
-    """Operations at which one name is live: its content there may be read later."""
+    """Operations at which one name is live: its content there may be read later.
+
+    In the lines `$BASE=b` (0), `n=1` (1) and `PTP P1` (2), the move reads `$BASE`: the name is live before 2
+    and 1, and behind 0 and 1. It is not live before 0, which gives it a new content.
+    """
 
     def __init__(self, name: str, traffic: Traffic, graph: _Graph) -> None:
         """Prepare to follow a name backwards from the operations that read it.
@@ -153,7 +157,9 @@ class _LiveRange:
         """Return the operations on the way to which the name dies: states before them leave it out.
 
         The way leads from an operation behind which the name may have a content to one before which it is not
-        live. If that one is a move, the operation behind the move counts: moves have no states of their own.
+        live. For `$BASE=b` (0), `PTP P1` (1), `n=1` (2) and `HALT` (3), if nothing reads `$BASE` behind the
+        move, this is 2. If the first operation on the way is a move, the operation behind it counts: moves
+        have no states of their own.
         """
         read_by_moves = self._traffic.reads.get(self.name, set()) & self._traffic.moves
         may_have_content_behind = self.behind | self._writes | read_by_moves

@@ -232,7 +232,11 @@ class Moves:
         return np.diff(self.ends, prepend=0)
 
     def sort_by_line(self) -> Moves:
-        """Return the moves in order of their lines, with their visits; moves of one line keep their order."""
+        """Return the moves in order of their lines, with their visits; moves of one line keep their order.
+
+        `CIRC P1,P2` on line 9 and `PTP P3` on line 4, with the visits P1, P2, P3, become the moves on the
+        lines 4 and 9 with the visits P3, P1, P2.
+        """
         order = np.argsort(self.line, kind="stable")  # old index of each move, in the new order
         new_index = np.empty_like(order)  # new index of each move, in the old order
         new_index[order] = np.arange(len(order))
@@ -262,7 +266,10 @@ class Moves:
 
     @property
     def is_middle_of_arc(self) -> BoolArray:
-        """Mask (v,) of the visits at which a circular move passes a target on its way to its end."""
+        """Mask (v,) of the visits at which a circular move passes a target on its way to its end.
+
+        For `PTP P1` and `CIRC P2,P3`, with the visits P1, P2 and P3, these are false, true and false.
+        """
         is_circular_move = np.asarray(self.motion == _MOTIONS.index(Motion.CIRCULAR))
         # A move without visits ends where the move before it does; before the first visit, no move ends.
         counts_up_to_end = self.ends[self.ends > 0]
@@ -328,8 +335,9 @@ class Program:
     def common_names(self) -> frozenset[str]:
         """Names in capitals that several targets have because they are own numbers of one declared target.
 
-        Own numbers are numbers that a move gets in place of the name of a declared target. A name is left out
-        if other targets have the name, too.
+        Own numbers are numbers that a move gets in place of the name of a declared target. If two moves to p1
+        have them, both of their targets are named p1, and P1 is in the set. A name is left out if it is that
+        of two declared targets (of different routines), or if further targets have the name, too.
         """
         labels_of_name: dict[str, set[str]] = {}  # declared targets by their names in capitals
         for own in self.own_numbers:
@@ -576,6 +584,8 @@ def _list_decimals(notations: Sequence[Notation]) -> IndexArray:
 
 def _merge_edits(spans: Places, texts: list[str], edits: list[Edit]) -> tuple[Places, list[str]]:
     """Return spans (n, 2) of characters and their new texts, with further edits, in order of their places.
+
+    New texts at the characters 3–5 and 20–22, and an edit at 8–9, become texts at 3–5, 8–9 and 20–22.
 
     Args:
         spans: (m, 2) first and last + 1 character of each text that is replaced.

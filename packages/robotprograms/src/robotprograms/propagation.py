@@ -111,7 +111,13 @@ class Propagation:
     def _find_entry_state(self, routine: str, *, is_main: bool, is_called: bool) -> State | None:
         """Return the state in which a routine begins if it may be started otherwise than by the program.
 
-        Return None if only other routines of the program call it.
+        There are three cases:
+
+        1. The main routine, which the user starts, and in some languages any routine: a state without
+           entries, as nothing has run before it.
+        2. Only other routines of the program call it: None, as the states of the calls are joined later.
+        3. Another program may call it, or must, as no routine of this one does: all names are unknown,
+           because that program may have changed them.
 
         Args:
             routine: name of the routine.
@@ -165,7 +171,11 @@ class Propagation:
         return {}
 
     def _forget_unread(self, i: int, passed: _PassedState) -> _PassedState:
-        """Return a state without the variables that nothing reads from operation i on."""
+        """Return a passed state without the variables that nothing reads from operation i on.
+
+        If variables are left out, the state is a new object, which is stored nowhere else, so that it may be
+        changed in place: `is_shared` becomes false.
+        """
         if passed.state is None:
             return passed
         kept = self._leave_out_unread(i, passed.state)
@@ -190,14 +200,11 @@ class Propagation:
     def _keep_read_names(self, read_names: Collection[str], state: State) -> State:
         """Return a state without the variables that nothing reads any more, which makes states small.
 
-        Of the variables whose uses were followed, those in `read_names` may still be read. All others, whose
-        uses were not followed, may be read, too.
+        Only of the names in `liveness.followed` it is known where they are read: those of them that are not
+        in `read_names` are left out. All other names may be read anywhere, and stay.
         """
-        unread = []
-        for name in state:
-            may_be_read = name in read_names or name not in self._liveness.followed
-            if not may_be_read:
-                unread.append(name)
+        followed = self._liveness.followed
+        unread = [name for name in state if name in followed and name not in read_names]
         return _leave_out(unread, state)
 
     def _operate(self, op: Op, i: int, state: State, *, shared: bool) -> _PassedState:
@@ -261,8 +268,15 @@ class Propagation:
     def _find_state_that_goes_on(self, op: ir.Flow, i: int, state: State | None) -> State | None:
         """Return the part of the state before operation i that goes on to the next line of the text.
 
-        It is None where only jumps lead to the next line, as behind ELSE. Behind a jump, the state is marked
-        as one that no path reaches: any other state takes its place where both meet.
+        1. Behind `ELSE`, which only a jump from IF reaches, and where no path leads to operation i: None.
+        2. Behind `GOTO`, `RETURN` and a loop without end: the state, marked as one that no path reaches. Any
+           other state takes its place where both meet.
+        3. Behind any other operation: the state itself.
+
+        Args:
+            op: beginning or end of a branch, loop or routine, or a jump.
+            i: its index.
+            state: content of each variable before it; None if no path leads there.
         """
         is_reached_by_jumps_alone = op.kind in ir.ROUTINES | {"switch", "branch", "default"}
         if state is None or is_reached_by_jumps_alone:
@@ -291,30 +305,43 @@ class Propagation:
         return self._contents.look_up(state, ir.MODE).cause is not None
 
     def _follow_calls(self, op: ir.Call, i: int, routines: list[str], state: State) -> State | None:
-        """Return the state behind a call of one of several routines of the program.
+        """Return the state behind a call: what the states behind all routines that it may mean agree in.
 
-        The state is None if the end of the called routines was not reached yet: a later pass reaches it.
+        `GRIP()` means one routine. `CallByVar "sub",n;` computes the name: it means each routine whose name
+        begins with `sub`, and perhaps one of another file. The state is None if the end of no called routine
+        was reached yet, as in a routine that calls itself: a later pass reaches it.
 
         Args:
             op: the call.
             i: its index.
-            routines: routines of the program that the call may mean; several if the name is computed.
+            routines: routines of the program that the call may mean.
             state: content of each variable before the call.
         """
         is_computed = op.prefix is not None
-        end: State | None = None
+        behind_call: State | None = None
         for routine in routines:
-            self._work.count(len(state) if is_computed else 0)
+            if is_computed:
+                self._work.count(len(state))  # for the variables that are joined below
             self._enter_called(routine, state)
-            at_exit = self.exits.get(routine)
-            behind_call = None if at_exit is None else self._return_from(routine, i, state, at_exit)
-            end = self._join_states(end, behind_call)
-        if op.name in routines:
-            return end
-        # The name is computed: it may also be that of a routine of another file.
-        behind_other_routine = dict(state)
-        self._effects.apply(behind_other_routine, i)
-        return self._join_states(behind_other_routine, end)
+            behind_routine = self._find_state_behind_call(routine, i, state)
+            behind_call = self._join_states(behind_call, behind_routine)
+        may_mean_other_file = op.name not in routines
+        if may_mean_other_file:
+            behind_unknown = dict(state)
+            self._effects.apply(behind_unknown, i)
+            behind_call = self._join_states(behind_unknown, behind_call)
+        return behind_call
+
+    def _find_state_behind_call(self, routine: str, i: int, state: State) -> State | None:
+        """Return the state behind the call of a routine; None if its end was not reached yet.
+
+        Args:
+            routine: name of the called routine.
+            i: index of the call.
+            state: content of each variable before the call.
+        """
+        at_exit = self.exits.get(routine)
+        return None if at_exit is None else self._return_from(routine, i, state, at_exit)
 
     def _enter_called(self, routine: str, state: State) -> None:
         """Join the state at a call into the one with which the routine begins; if it is new, pass it through.
@@ -333,7 +360,8 @@ class Propagation:
         """Return the state behind the call of a routine: the caller's, with what the routine may change.
 
         A state has the content of each variable. Behind `GRIP()`, a base that GRIP never sets is that before
-        the call; a tool that GRIP sets is that at the end of GRIP.
+        the call; a tool that GRIP sets is that at the end of GRIP. If GRIP calls an unknown routine, all
+        contents are those at the end of GRIP.
 
         Args:
             routine: the called routine.
@@ -341,20 +369,30 @@ class Propagation:
             state: state before the call.
             at_exit: state at the end of the routine.
         """
-        changed = self._changes.of_routine[routine]
-        read_behind_call = [name for name in self._liveness.returned.get(i, ()) if name in changed]
-        names = [*self._always_returned.get(routine, ()), *read_behind_call]
+        names = self._list_changed_by_call(routine, i)
         self._work.count(len(names))
-        may_change_all = UNKNOWN in changed
+        may_change_all = UNKNOWN in self._changes.of_routine[routine]
         if may_change_all:
             after = dict(at_exit)
         else:
             after = dict(state)
             for name in names:
                 after[name] = self._contents.look_up(at_exit, name)
-        if UNREACHED in state or UNREACHED in at_exit:
+        is_never_reached = UNREACHED in state or UNREACHED in at_exit
+        if is_never_reached:
             after[UNREACHED] = NOT_SET
         return after
+
+    def _list_changed_by_call(self, routine: str, i: int) -> list[str]:
+        """Return the names that a called routine may change, and that something behind the call may read.
+
+        Args:
+            routine: the called routine.
+            i: index of the call.
+        """
+        changed = self._changes.of_routine[routine]
+        read_behind_call = [name for name in self._liveness.returned.get(i, ()) if name in changed]
+        return [*self._always_returned.get(routine, ()), *read_behind_call]
 
     def _join_into(self, i: int, state: State | None) -> bool:
         """Join a state into the one in which jumps reach operation i; return whether the joined state is new.
@@ -394,14 +432,18 @@ class Propagation:
         return first if joined == first else joined
 
     def _join_contents(self, name: str, first: State, second: State, joined: State) -> None:
-        """Make the content of a variable unknown in the joined state of two paths if it differs on them.
+        """Store in the joined state of two paths that a content is unknown, if it differs on the paths.
 
-        A content that is unknown on the first path stays unknown for the same cause.
+        1. Both have the same content, or it is unknown on the first path: `joined`, a copy of the state
+           `first`, stays as it is.
+        2. It is unknown on the second path only: the cause of this path is stored.
+        3. The contents differ, as `$TOOL` after different assignments behind IF and ELSE: the cause that the
+           name changes is stored.
         """
         on_first = self._contents.look_up(first, name)
         on_second = self._contents.look_up(second, name)
-        is_known_unknown = on_first.cause is not None
-        if is_known_unknown or self._are_equal(name, on_first.content, on_second.content):
+        is_unknown_on_first = on_first.cause is not None
+        if is_unknown_on_first or self._are_equal(name, on_first.content, on_second.content):
             return
         at = max(on_first.place, on_second.place)
         cause = on_second.cause or _explain_change(name, at)
@@ -412,10 +454,10 @@ class Propagation:
         return first == second or self._contents.have_equal_frames(name, first, second)
 
     def _find_what_outlasts_routines(self) -> None:
-        """Let force control and the like be on at any time if it is on where a routine ends.
+        """Let each mode, such as force control, be on at any time if it is on where a routine ends.
 
-        The next routine may then be called from outside of the program. In a language without such calls,
-        nothing outlasts routines unseen.
+        In a language in which other programs call the routines (`callable_from_outside`), the next routine
+        may be called while the mode is on. In other languages, the calls themselves show this.
         """
         if not self._language.callable_from_outside:
             return

@@ -135,16 +135,20 @@ def _translate_routine(line: Line) -> list[Op]:
 
 
 def _translate_test(line: Line) -> list[Op]:
-    """Translate TEST, the switch statement of RAPID, up to its first branch: `TEST n CASE 1:`.
+    """Translate TEST, the switch statement of RAPID, up to its first branch.
 
-    The groups of the line are `subject`, here n, and `first`, the values of the first CASE. `first` is empty
-    if DEFAULT or ENDTEST follows. The values of a CASE may be computed more than once, as in a loop.
+    The groups of the line are `subject` and `first`, the values of the first CASE. There are three forms:
+
+    * `TEST n CASE 1,m:` begins the first branch; m may be computed more than once, as in a loop;
+    * `TEST n DEFAULT:` begins the only branch;
+    * `TEST n ENDTEST` has no branch, and ends here.
     """
     ops = [*ir.pass_uses(line.read_expression(line["subject"]), ir.CONDITION), ir.Flow("if")]
-    ends_here = not line.text.endswith(":")  # `TEST n ENDTEST`
-    if ends_here:
+    has_branch = line.text.endswith(":")
+    if not has_branch:
         return [*ops, ir.Flow("close")]
-    if not line["first"]:  # `TEST n DEFAULT:`
+    is_default = not line["first"]
+    if is_default:
         return [*ops, ir.Flow("default")]
     values_of_case = ir.mark_anytime(line.read_expression(line["first"]))
     return [*ops, *ir.pass_uses(values_of_case, ir.CONDITION), ir.Flow("branch")]
@@ -198,12 +202,15 @@ def _translate_instruction(line: Line) -> list[Op]:
 def _translate_harmless_instruction(line: Line, uses: list[Op]) -> list[Op]:
     r"""Translate an instruction that changes neither target, frame nor variable, such as `WaitTime 2;`.
 
-    A routine of the program with the same name takes its place. `SingArea \Wrist;` gives a remark.
+    * `SingArea \Wrist;` gives a remark, because the tool may turn;
+    * `WaitUntil n>2;` uses n for a condition, because n decides how the program goes on;
+    * `TPWrite text1;` does not use text1 in a way that matters, because it is shown only.
+
+    A routine of the program with the same name, such as `PROC WaitTime`, takes the place of the instruction.
 
     Args:
-        line: the instruction.
-        uses: uses of names in its arguments. They do not matter, apart from those of WaitUntil, where they
-            decide how the program goes on.
+        line: the instruction, with the groups `name` and `arguments`.
+        uses: uses of names in its arguments.
     """
     name = line["name"]
     if name == "SINGAREA" and "WRIST" in line["arguments"]:
@@ -248,16 +255,16 @@ def _call_routine(line: Line, name: str, arguments: frozenset[str]) -> list[Op]:
 def _translate_speeds(line: Line) -> list[Op]:
     """Translate `VelSet 50,800;`: moves behind it have 50 % of their speeds, and at most 800 mm/s.
 
-    Each of the two gets a value under a name of its own, from which moves compute their feed. A value that is
-    not a number is unknown, and so is one that is missing.
+    Each of the two numbers is assigned to a name of its own, from which moves compute their feed. Instead of
+    a number that is computed or missing, the name gets an unknown value.
     """
     uses = _read_arguments(line)
     ops = [*ir.omit_uses(uses), ir.call_if_defined("VELSET", _find_names(uses))]
-    arguments = line.part("arguments").split()[:2]
-    for name, argument in zip_longest((_PERCENTAGE, _GREATEST), arguments):
+    stated_values = line.part("arguments").split()[:2]
+    for name, stated_value in zip_longest((_PERCENTAGE, _GREATEST), stated_values):
         value: ir.Value = ir.Unknown("VelSet is computed", _REMEDY)
-        if argument is not None and argument.is_number:
-            value = Literal(_NUMBERS, argument.ordinals)
+        if stated_value is not None and stated_value.is_number:
+            value = Literal(_NUMBERS, stated_value.ordinals)
         ops.append(ir.Assign(name, value))
     return ops
 
@@ -320,15 +327,19 @@ class _RoutineName(NamedTuple):
 def _translate_late_call(line: Line) -> list[Op]:
     """Translate a call of a routine whose name is a text, or is computed while the program runs.
 
-    `%"sub"+name%` computes the name; `CallByVar "sub",number` calls sub1, sub2 and so on. The groups of the
-    line are `routine` between the signs %, or else `variable`, here "sub", and `more`, here number.
+    * `%"sub"%` calls the routine sub;
+    * `%"sub"+name% p1` computes the name: any routine whose name begins with `sub` may be meant;
+    * `CallByVar "sub",number` calls sub1, sub2 and so on: as if the name were computed as `"sub"+N`.
+
+    The groups of the line are `routine`, between the signs %, and the `arguments` behind them, here p1; or
+    else `variable`, here "sub", and `more`, here number.
     """
-    text = line["routine"] or f"{line['variable']}+N"
-    routine = _read_routine_name(text)
+    text_of_name = line["routine"] or f"{line['variable']}+N"
+    routine = _read_routine_name(text_of_name)
     ops = list[Op]()
     is_computed = routine.prefix is not None
     if is_computed:
-        ops += line.read_expression(text)
+        ops += line.read_expression(text_of_name)
     ops += _read_arguments(line)
     if line["more"]:
         ops += line.read_expression(line["more"])
@@ -336,17 +347,22 @@ def _translate_late_call(line: Line) -> list[Op]:
 
 
 def _read_routine_name(text: str) -> _RoutineName:
-    """Read the name of a routine: that of `"sub"` is certain, that of `"sub"+n` begins with `sub`."""
+    """Read the name of a routine from a text.
+
+    * `"sub"` is the name sub, which is certain;
+    * `"sub"+n` is a name that begins with `sub`;
+    * `name+"1"` may be any name, because all begin with the empty prefix.
+    """
     is_whole_name = re.fullmatch(rf'"{_WORD}"', text) is not None
     if is_whole_name:
         return _RoutineName(text.strip('"'), None)
-    beginning = re.match(r'"(\w*)"', text)
-    prefix = beginning[1] if beginning else ""
+    beginning = re.match(r'"(?P<letters>\w*)"', text)
+    prefix = beginning["letters"] if beginning else ""
     return _RoutineName(text.replace(ir.A_NUMBER, "n"), prefix)
 
 
 class _Obstacle(NamedTuple):
-    """Why a move is not corrected, and what the user can do."""
+    """Reason why a move is not corrected, and what the user can do."""
 
     reason: str
     remedy: str
@@ -444,7 +460,7 @@ def _read_expressions(arguments: list[Line]) -> list[Op]:
 
 
 def _make_move(parts: _PartsOfMove, feed: ir.Feed | None) -> ir.Move:
-    """Return a move to its targets, all of which have the same work object and the same tool."""
+    """Return a move to its targets, which all have the same work object and the same tool."""
     targets = _read_targets(parts.points)
     bases, tools = (parts.base_frame,) * len(targets), (parts.tool_frame,) * len(targets)
     return ir.Move(_MOTIONS[parts.letter], targets, bases, tools, feed=feed)
@@ -464,7 +480,8 @@ def _read_targets(arguments: list[Line]) -> tuple[Literal | ir.Name, ...]:
 def _translate_search(line: Line, uses: list[Op], index_of_result: int) -> list[Op]:
     """Translate a search, which moves until a signal comes and writes the place to one of its arguments.
 
-    `SearchL di1,p1,p2,v100,tool1;` moves towards p2, and writes to p1 where the signal di1 comes.
+    `SearchL di1,p1,p2,v100,tool1;` moves towards p2, and writes to p1 where the signal di1 comes. So p1 is
+    unknown behind it, and the move is not corrected. If the argument is no name, all names may be written.
 
     Args:
         line: the instruction.
@@ -472,15 +489,17 @@ def _translate_search(line: Line, uses: list[Op], index_of_result: int) -> list[
         index_of_result: index of the argument that gets the place, here 1, counted without options.
     """
     obstacle = _Obstacle(f"{line['name']} moves until a signal comes", "omit the statement")
-    changed_names = _find_result_of_search(line, index_of_result)
-    if not changed_names:
-        changed_names = _find_names(uses)  # any of them may be meant
+    result = _find_result_of_search(line, index_of_result)
+    changed_names = result or _find_names(uses)
     change = ir.MakeUnknown(changed_names, obstacle.reason, obstacle.remedy)
     return [change, *_translate_uncorrected_instruction(line, uses, obstacle)]
 
 
 def _find_result_of_search(line: Line, index: int) -> frozenset[str]:
-    """Return the name in the argument of a search with this index; empty if there is none."""
+    r"""Return the name that a search writes: p1 of `SearchL \Stop,di1,p1,p2,v100,tool1;` for the index 1.
+
+    Options such as `\Stop` do not count. The set is empty if there is no such argument, or it is no name.
+    """
     parts = line["arguments"].split(",")
     arguments = [part.strip() for part in parts if not part.lstrip().startswith("\\")]
     if index >= len(arguments):
@@ -526,10 +545,11 @@ _OFFSET: Final = re.compile(rf"(?:OFFS|RELTOOL)\((?P<point>{_WORD}),(?P<numbers>
 
 
 def _translate_uncorrected_move(parts: _PartsOfMove, obstacle: _Obstacle) -> list[Op]:
-    """Translate a move that is not corrected.
+    """Translate a move that is not corrected, such as `MoveL Offs(p1,0,0,50),v100,z10,tool1`.
 
-    The move ends at the points that its arguments name, or at offsets from them such as `Offs(p1,0,0,50)`:
-    corrections of these points shift the move. If the tool is computed, the frames of the move are not known.
+    It ends at points that its arguments name, or at offsets from them, here from p1. Corrections of these
+    points shift the move. If the tool is computed, the frames of the move are not known: then p1 counts as
+    used, so that it is not corrected at all.
     """
     points, expressions = _split_points(parts.points)
     uses = [*parts.uses]
@@ -605,9 +625,11 @@ def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
 def _begin_shift(kind: str, names: frozenset[str], reason: str, remedy: str) -> Op:
     """Return the operation of an instruction that shifts targets, such as `PDispOn p1,tool1;`.
 
+    `PDispOn` shifts all targets, until `PDispOff;` ends it. `WaitWObj wobj1;` waits for a part on a conveyor,
+    which moves wobj1 from then on: only its frames are unknown, at any time.
+
     Args:
-        kind: kind of the shift: PDISP, or WAITWOBJ for a conveyor, which moves the work object that the
-            instruction names, and no other one.
+        kind: kind of the shift: PDISP, or WAITWOBJ for a conveyor.
         names: names in the arguments.
         reason: why moves behind the instruction are not corrected.
         remedy: what the user can do.
@@ -636,15 +658,21 @@ def _read_target(part: Line) -> Literal | None:
 def _read_robtarget(part: Line, configuration: str, axes_name: str) -> Literal:
     """Return the target of a robtarget, as indices of its numbers.
 
+    `[[x,y,z],[q1,q2,q3,q4],[cf1,cf4,cf6,cfx],[eax_a,...]]` has seven numbers of the pose, four of the arm's
+    configuration, and those of the external axes. A variable may take the place of the last two parts: it
+    gives no numbers here.
+
     Args:
-        part: the robtarget, with the numbers of the pose first.
-        configuration: its third part: four numbers in brackets, or the name of a variable.
+        part: the robtarget.
+        configuration: text of its third part: four numbers in brackets, or the name of a variable.
         axes_name: name of the variable in place of its external axes; empty if these are numbers.
     """
     numbers = iter(part.ordinals)
     pose = tuple(islice(numbers, _NUMBERS_OF_POSE))
-    has_numbers = configuration.startswith("[")
-    words = tuple(zip(_CONFIGURATION, numbers, strict=False)) if has_numbers else ()
+    words: tuple[tuple[str, int], ...] = ()
+    if configuration.startswith("["):
+        numbers_of_configuration = islice(numbers, len(_CONFIGURATION))
+        words = tuple(zip(_CONFIGURATION, numbers_of_configuration, strict=True))
     external_axes = tuple(numbers)  # the rest
     return Literal(POSE, pose, external_axes, words, axes_name=axes_name)
 
@@ -689,15 +717,18 @@ def _read_fixed_target(value: Line) -> Literal | None:
 def _find_type_of_data(value: Line, kinds: Collection[str]) -> str:
     """Return the type of data that a text states in numbers, among the types `kinds`; empty if it is none.
 
-    The types are EXTJOINT (external axes), SPEEDDATA (speed), WOBJDATA (work object) and TOOLDATA (tool). The
-    load of a tool may be an expression, but must not call a routine.
+    * EXTJOINT: external axes, `[0,0,0,0,0,0]`;
+    * SPEEDDATA: a speed, `[100,500,5000,1000]`;
+    * WOBJDATA: a work object, `[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]]`;
+    * TOOLDATA: a tool, `[TRUE,[[0,0,100],[1,0,0,0]],load1]`, whose load may be an expression without calls.
     """
     for kind in ("EXTJOINT", "SPEEDDATA", "WOBJDATA"):
         if kind in kinds and _LITERALS[kind].fullmatch(value.text):
             return kind
     tool = _LITERALS["TOOLDATA"].fullmatch(value.text) if "TOOLDATA" in kinds else None
-    is_tool = tool is not None and not ir.calls_routine(value.read_expression(tool["load"]))
-    return "TOOLDATA" if is_tool else ""
+    if tool is None or ir.calls_routine(value.read_expression(tool["load"])):
+        return ""
+    return "TOOLDATA"
 
 
 def _speed_of_tool(speed: Line) -> Literal:
@@ -748,9 +779,11 @@ def _translate_declaration(line: Line) -> list[Op]:
 def _declare_data(line: Line) -> list[ir.Assign]:
     """Return the assignments of the numbers in a declaration `CONST robtarget p1:=[...]` to its name.
 
-    They are empty if the declaration has no value, an array, or a value that is not in numbers.
+    There are none if the declaration has no value, an array, or a value that is not in numbers. CONST data
+    stay as they are; PERS and VAR data begin with these values. Other modules do not know LOCAL data.
     """
-    if line["array"] or not line["value"]:
+    is_array = line["array"] != ""
+    if is_array or not line["value"]:
         return []
     declares = "constant" if line["kind"] == "CONST" else "variable"
     is_private = line["scope"] == "LOCAL"
@@ -759,10 +792,13 @@ def _declare_data(line: Line) -> list[ir.Assign]:
 
 
 def _translate_assignment(line: Line) -> list[Op]:
-    """Translate an assignment, which gives numbers or an unknown value to a name or to one of its parts.
+    """Translate an assignment, with the groups `name`, `part` (behind the name; may be empty) and `value`.
 
-    In `tool1.tframe:=[...];` and `p{i,j}:=p1;`, the groups of the line are `name` (tool1, p), `part`
-    (.tframe, {i,j}; empty for the whole) and `value`.
+    * `p1:=[[0,0,500],...];`: the name gets data in numbers, such as a target or a tool;
+    * `tool1.tframe:=[[0,0,100],[1,0,0,0]];`: one frame of a tool or work object gets a pose in numbers;
+    * `p1:=Offs(p2,0,0,50);`, `p1.trans.x:=5;` or `p{i}:=p2;`: the value of the whole name, p1 or p, is
+      unknown from here on, because values that are computed, single fields and elements are not followed.
+      What the value reads, here p2, goes into the name: it matters only if the name is used.
     """
     name, part, value = line["name"], line["part"], line.part("value")
     if not part and (assignments := _assign_data(name, value, _LITERALS)):
@@ -776,13 +812,21 @@ def _translate_assignment(line: Line) -> list[Op]:
 
 
 def _read_indices(line: Line, part: str) -> list[Op]:
-    """Return the uses of variables in the indices of a part, such as i and j of `{i,j}.trans`."""
-    indices = part.replace("{", ",[").replace("}", "]").lstrip(",") if "{" in part else ""
+    """Return the uses of variables in the indices of a part, such as i and j of `{i,j}.trans`.
+
+    The part is read as an expression `[i,j].trans`. Without braces, as in `.trans`, there are no indices.
+    """
+    has_indices = "{" in part
+    indices = part.replace("{", ",[").replace("}", "]").lstrip(",") if has_indices else ""
     return line.read_expression(indices)
 
 
 def _translate_move(line: Line) -> list[Op]:
-    """Translate a move; without a target in numbers, or with unknown options, it is not corrected.
+    """Translate a move such as `MoveL p1,v100,z10,tool1`, or one with a process such as `MoveLDO`.
+
+    * A complete move is corrected.
+    * A move without a target in numbers, or with an option that may move the target, is not corrected.
+    * A text whose arguments are no expressions is no move: it is not understood.
 
     `MoveLSync p1,v100,z10,tool1,"grip";` also calls its last argument, a routine, when it reaches the target.
 
@@ -793,8 +837,9 @@ def _translate_move(line: Line) -> list[Op]:
     try:
         return [*calls, *_translate_plain_move(line)]
     except Misread as fault:
-        is_no_move = not fault.remedy
-        if is_no_move:
+        # Faults of a move, such as a tool that is computed, have a remedy; those of expressions have none.
+        are_arguments_understood = bool(fault.remedy)
+        if not are_arguments_understood:
             raise
         obstacle = _Obstacle(fault.reason, fault.remedy)
     uncorrected = _translate_uncorrected_instruction(line, _read_arguments(line), obstacle)
@@ -841,18 +886,21 @@ def _split_move(line: Line) -> _PartsOfMove:
 
 
 def _find_tool_of_move(line: Line, arguments: _Arguments, count_of_targets: int) -> Line:
-    """Return the argument of a move that is its tool.
+    """Return the argument of a move that is its tool, by its place among the arguments.
 
-    Behind the targets come the speed, a trigger in TriggL and the like, the zone and the tool. Behind the
-    tool come the arguments of a signal in MoveLDO and the like.
+    * `MoveL p1,v100,z10,tool1`: behind the targets, the speed and the zone;
+    * `TriggL p1,v100,trigger1,z10,tool1`: behind a trigger, too;
+    * `MoveLDO p1,v100,z10,tool1,do1,1`: further arguments follow, here two.
 
     Raises:
         Misread: arguments are missing, or the tool is computed.
     """
-    count_before_tool = count_of_targets + (3 if line["trigger"] else 2)
-    is_complete = len(arguments.values) == count_before_tool + 1 + _count_arguments_after_tool(line)
-    if is_complete and re.fullmatch(_WORD, arguments.values[count_before_tool].text):
-        return arguments.values[count_before_tool]
+    has_trigger = line["trigger"] != ""
+    place_of_tool = count_of_targets + (3 if has_trigger else 2)
+    expected_count = place_of_tool + 1 + _count_arguments_after_tool(line)
+    is_complete = len(arguments.values) == expected_count
+    if is_complete and re.fullmatch(_WORD, arguments.values[place_of_tool].text):
+        return arguments.values[place_of_tool]
     reason = "the target is not given by numbers, or the move names no speed, zone and tool"
     remedy = "write speed, zone and tool by their names, and \\WObj:= if there is a work object"
     raise Misread(reason, remedy)
@@ -939,16 +987,21 @@ def _split_arguments(line: Line, known_options: re.Pattern[str]) -> _Arguments:
 
 
 def _separate_options(arguments: Line) -> tuple[list[Line], list[_Option]]:
-    r"""Return the values p1 and v100 and the option `\T:=3` of the arguments `p1,v100\T:=3`."""
+    r"""Return the values p1 and v100 and the option `\T:=3` of the arguments `p1,v100\T:=3`.
+
+    A part between commas that has only options, as in `\Conc,p1`, is no value. An empty part is one, so that
+    the places of the others stay the same, apart from a first one: `MoveL ,p1` has one value.
+    """
     values, options = list[Line](), list[_Option]()
     for index, part in enumerate(arguments.split()):
         value, *options_of_value = part.split("\\")
         options += map(_read_option, options_of_value)
         is_blank = not value.text.strip()
-        # A part that has only options is not an argument; nor is an empty text before the first comma.
-        is_no_argument = is_blank and (index == 0 or bool(options_of_value))
-        if not is_no_argument:
-            values.append(value.cut(1) if value.text.startswith(" ") else value)
+        has_only_options = is_blank and bool(options_of_value)
+        is_before_first_comma = is_blank and index == 0
+        if has_only_options or is_before_first_comma:
+            continue
+        values.append(value.cut(1) if value.text.startswith(" ") else value)
     return values, options
 
 
@@ -1063,23 +1116,27 @@ def _list_names(module: _Module) -> _NamesOfModule:
 
 
 def _rename_local_names(modules: list[_Module]) -> list[dict[str, str]]:
-    """Return for each module new names of those that mean something else elsewhere.
+    """Return for each module new names of those that mean something else elsewhere, by their old names.
 
     `LOCAL CONST robtarget p1:=...` declares a point that only its own module knows: p1 means something else
-    in all other modules. The first module keeps its names, so that messages have them.
+    in all other modules. The first module keeps its names, so that messages have them. In another module,
+    p1 gets a new name in two cases:
+
+    * p1 is LOCAL in the first module: what this module names p1 is another thing;
+    * p1 is LOCAL in this module, and a further module has the name, too.
     """
     if len(modules) < 2:
         return [{} for _ in modules]
     first, *others = map(_list_names, modules)
-    count_of_modules = Counter([*first.every])
+    count_of_modules = Counter([*first.every])  # by each name, in how many modules it occurs
     for names in others:
         count_of_modules.update(names.every)
     renamed: list[dict[str, str]] = [{}]
     for index, names in enumerate(others, 1):
-        # What is LOCAL in the first module is a name of its own here; so is what is LOCAL here elsewhere.
-        used_elsewhere = {name for name in names.local if count_of_modules[name] > 1}
-        new_names = {name: f"{name}{IN_MODULE}0" for name in first.local & names.every}
-        new_names |= {name: f"{name}{IN_MODULE}{index}" for name in used_elsewhere}
+        local_in_first = first.local & names.every
+        local_here = {name for name in names.local if count_of_modules[name] > 1}
+        new_names = {name: f"{name}{IN_MODULE}0" for name in local_in_first}
+        new_names |= {name: f"{name}{IN_MODULE}{index}" for name in local_here}
         renamed.append(new_names)
     return renamed
 
@@ -1087,19 +1144,27 @@ def _rename_local_names(modules: list[_Module]) -> list[dict[str, str]]:
 _ROUTINE: Final = rf"\bPROC\s++({_WORD})"
 _LOCAL: Final = rf"\bLOCAL\s++(?:PROC|TRAP|(?:FUNC|CONST|PERS|VAR)\s++\w++)\s++({_WORD})"
 _TEXT_OR_COMMENT: Final = re.compile(r'"[^"\r\n]*+"|![^\r\n]*+')
-_TEXT_OR_NAME: Final = re.compile(rf'"({_WORD})"|"[^"\r\n]*+"|(?<![\w.\\])({_WORD})')
+_TEXT_OR_NAME: Final = re.compile(rf'"(?P<quoted_name>{_WORD})"|"[^"\r\n]*+"|(?<![\w.\\])(?P<name>{_WORD})')
 
 
 def _translate_renamed(masked: str, renamed: dict[str, str]) -> list[tuple[int, Op]]:
-    """Translate a statement after names got new names that are unique among the modules.
+    """Translate a statement of a module in which some names got new ones, so that modules are kept apart.
 
-    Routines that are called by texts, such as `%"sub"%`, are renamed, too. `masked` is the statement with NUL
-    in place of each number. Each operation is given with its number of lines below the first line.
+    Routines that are called by texts, such as `%"sub"%`, are renamed, too; other texts, such as those of
+    `TPWrite "sub 1"`, stay.
+
+    Args:
+        masked: the statement with NUL in place of each number.
+        renamed: new names, by the old ones in capitals.
+
+    Returns:
+        Operations, each with its number of lines below the first line of the statement.
     """
 
     def rename(match: re.Match[str]) -> str:
-        name = match[1] or match[2]  # name in quotations, or name
-        if not name:  # another text
+        name = match["quoted_name"] or match["name"]
+        is_other_text = not name
+        if is_other_text:
             return match[0]
         return match[0].replace(name, renamed.get(capitalise(name), name))
 
@@ -1142,14 +1207,14 @@ def _find_borders(text: str) -> _Borders:
     """Find where the statements and modules of a file begin and end.
 
     A statement ends at a semicolon, or behind a word such as THEN. The head of a module, `MODULE part`, ends
-    the statement before it, and is one itself.
+    the statement before it, and is one itself: it has a border on both sides.
     """
     borders = _Borders(of_statements=[0], begins_of_modules=[])
     for match in _ENDS.finditer(text):
         if match["head"]:
             borders.begins_of_modules.append(match.start())
             borders.of_statements.append(match.start())
-        if match["end"]:
+        if match["end"]:  # also the head of a module
             borders.of_statements.append(match.end())
     borders.of_statements.append(len(text))
     return borders

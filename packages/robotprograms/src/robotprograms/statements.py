@@ -227,7 +227,11 @@ class Statements:
         self._add_held(pending.held)
 
     def _cut_statements(self, source: int, starts: IndexArray, ends: IndexArray) -> Iterator[_StatementText]:
-        """Cut the text of a file into statements, whose first and last characters + 1 are given.
+        """Yield the statements of a file, given the first and the last + 1 character (k,) of each.
+
+        `PTP {X 10,Y 20}` on line 4 has the masked text `PTP {X ?,Y ?}`, with the sign NUL in place of each
+        number, shown as ? here: statements that differ in numbers only have the same masked text. Its numbers
+        stand in a table of all numbers of the file; `first` is the index of the number 10 in this table.
 
         Raises:
             ProgramError: a statement is too long to be translated.
@@ -235,8 +239,9 @@ class Statements:
         lines = np.searchsorted(self.sources[source].starts, starts, side="right")
         self._refuse_long_statements(source, lines, ends - starts)
         masked_texts, first_numbers = self.numerals[source].masked_texts(starts, ends)
-        line_numbers, firsts = iterate_integers(lines), iterate_integers(first_numbers)
-        return map(_StatementText, masked_texts, line_numbers, firsts)
+        columns = masked_texts, iterate_integers(lines), iterate_integers(first_numbers)
+        for masked_text, line, first in zip(*columns, strict=True):
+            yield _StatementText(masked_text, line, first)
 
     def _translate(self, translator: _Translator, text: _StatementText, source: int) -> Operations:
         """Return the operations of a statement of a file.

@@ -88,7 +88,10 @@ _LITERALS: Final = (
 
 
 def _translate_routine(line: Line) -> list[Op]:
-    """Translate the head of a function, `def f(a, b=1):`, or of a thread, which may run at any time."""
+    """Translate the head of a function, `def f(a, b=c):`, or of a thread, which may run at any time.
+
+    The parameters a and b have unknown values. The default value c is used, and may be computed at each call.
+    """
     uses = list[Op]()
     for default_value in re.findall(r"=([^,]+(?:\([^()]*\))?)", line["parameters"]):
         uses += line.read_expression(f"({default_value})")
@@ -139,9 +142,10 @@ def _translate_call(line: Line) -> list[Op]:
 
 
 def _replace_call(name: str, operations: list[Op]) -> list[Op]:
-    """Replace the calls of a function of the controller by one that counts if the program has such a routine.
+    """Replace the calls of a function of the controller, such as `servoj`, among some operations.
 
-    No function of the controller sets the tool.
+    The one call in their place counts only if the program itself has a routine servoj. It gets no arguments:
+    no function of the controller sets the tool.
     """
     others = [op for op in operations if not _is_call_of(name, op)]
     return [ir.call_if_defined(name), *others]
@@ -184,10 +188,13 @@ def _read_value(line: Line, text: str) -> list[Op]:
 
 
 def _translate_assignment(line: Line) -> list[Op]:
-    """Translate an assignment: a name gets a target in numbers, one number or an unknown value.
+    """Translate an assignment, with the groups `local`, `name`, `index` (may be empty) and `value`.
 
-    In `local a[1] = b`, the groups of the line are `local`, `name` (a), `index` ([1]; empty if the whole name
-    is set) and `value` (b).
+    * `p1 = p[0.1,0,0.5,0,0,0]` or `v = 0.25`: the name gets a target, or a number;
+    * `p2 = pose_add(p1, d)`: its value is unknown, but a pose at an offset from a target is noted;
+    * `a[1] = b`: the value of the whole name is unknown, because single elements are not followed.
+
+    With the word `local` before it, the name means another variable than outside of the routine.
     """
     name, index, value = line["name"], line["index"], line.part("value")
     declaration: list[Op] = [ir.Local(frozenset({name}))] if line["local"] else []
@@ -219,9 +226,10 @@ def _read_indices(line: Line, index: str) -> list[Op]:
 
 
 def _translate_computed_value(line: Line, name: str) -> list[Op]:
-    """Translate the value of an assignment that is no number, such as `name = pose_add(target, offset)`.
+    """Translate the value of an assignment that is no number, such as `p2 = pose_add(p1, d)`.
 
-    A pose at an offset from a target is noted: a correction of the target shifts moves to this pose.
+    The pose p2 is at an offset from p1: this is noted, because a correction of p1 shifts moves to p2. In any
+    other value, such as `x + 1`, the names are used.
     """
     expression = line["value"]
     offset = _OFFSET.fullmatch(expression)
@@ -263,9 +271,14 @@ def _translate_move(line: Line) -> list[Op]:
 
 
 def _read_targets(arguments: list[Line], names: tuple[str, ...]) -> list[_Target]:
-    """Read the targets of a move from its first arguments; fewer than `names` if there are fewer arguments.
+    """Read the targets of a move from its first arguments: one, or the two of an arc.
 
-    An argument may have its name before it, as in `pose_to=p[...]`; `names` are patterns of the names.
+    The arguments behind the targets are settings such as `v=0.1`, and left out. If there are fewer arguments
+    than targets, fewer targets are returned.
+
+    Args:
+        arguments: all arguments; one may have its name before it, as in `pose_to=p[...]`.
+        names: pattern of the name of each target.
 
     Raises:
         Misread: a target is neither in numbers nor in a variable.
@@ -339,9 +352,10 @@ class _Setting(NamedTuple):
 
 
 def _name_settings(motion: str, arguments: list[Line]) -> list[_Setting]:
-    """Return the arguments behind the targets of a move, such as `movel`, with their names.
+    """Return the arguments behind the targets of a move, each with its name: a, v, t, r or mode.
 
-    An argument has its name before it, as in `v=0.1`, or the name that belongs to its place.
+    In `movel(p1, 1.2, v=0.1)`, 1.2 has the first place, which is that of a, and 0.1 has its name before it.
+    There may be fewer arguments than places; what is behind the last place is no setting, and left out.
     """
     settings = list[_Setting]()
     for argument, name_of_place in zip(arguments, _ARGUMENTS[motion], strict=False):
@@ -352,10 +366,12 @@ def _name_settings(motion: str, arguments: list[Line]) -> list[_Setting]:
 
 
 def _read_feed(settings: list[_Setting]) -> ir.Feed | None:
-    """Return the feed of a move; None if it states none in numbers or by a name.
+    """Return the feed of a move from its settings, such as `v=0.1` (speed [m/s]) and `t=3` (time [s]).
 
-    The setting `v` is the speed [m/s], `t` the time of the move. URScript manual: a time that is not zero
-    counts in place of the speed.
+    * `v=0.1` or `v=speed`: the number, or the variable with this name;
+    * `v=0.1, t=3`: the feed keeps the time as well, because a time that is not zero counts in place of the
+      speed (URScript manual);
+    * None: there is no `v`, or one of the two is computed.
     """
     value_of_setting = dict(settings)
     speed, time = value_of_setting.get("v"), value_of_setting.get("t")
