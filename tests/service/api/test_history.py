@@ -200,7 +200,7 @@ def test_a_trend_is_shown_as_a_table_a_picture_and_a_file(client, long, tmp_path
     assert [row for row in rows if row] == [
         ["joint_1", "", "1.2 % (-1.2 … 3.6 %)", "0.31"],
         ["joint_2", "", "0.90 % (-1.09 … 2.90 %)", "0.37"],
-        ["joint_3", "changed", "-10.3 % (-13.2 … -7.3 %)", "8.8 · 10⁻¹¹"],
+        ["joint_3", "changed", "-10.3 % (-13.3 … -7.3 %)", "1.7 · 10⁻¹⁰"],
         ["joint_4", "", "3 % (-19 … 26 %)", "0.77"],
         ["joint_5", "", "-2.2 % (-9.7 … 5.2 %)", "0.56"],
         ["joint_6", "", "-11 % (-35 … 14 %)", "0.42"],

@@ -250,7 +250,7 @@ def test_methods_that_agree_are_compared_in_the_unit_that_is_asked_for():
         "interval; ≥ 0 gives the same numbers as free: no constraint is active",
         "fit explained rms [µm] condition",
         "CP/L free 98.6 % 41 3.04",
-        "DPP free 98.6 % 42 1.8 ",
+        "DPP free 98.6 % 42 1.81",
         "1 warning; --details",
     )
 
