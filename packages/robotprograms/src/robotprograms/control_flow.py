@@ -374,7 +374,7 @@ class _FlowFinder:
     def _link_rounds(self, end: int, loop: _OpenBlock) -> None:
         """Let each round of a loop continue with the next one, from the loop's end and from jumps to it.
 
-        In `REPEAT … UNTIL a`, the condition stands at the end: a jump to the next round goes there, where the
+        In `REPEAT … UNTIL a`, the condition is at the end: a jump to the next round goes there, where the
         loop may also be left. A loop of the kind `forever` has no condition: only a jump leaves it.
 
         Args:

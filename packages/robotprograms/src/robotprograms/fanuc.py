@@ -186,7 +186,7 @@ def _translate_position_change(line: Line) -> list[Op]:
 
     The group `place` of the line is the 3. It is empty in `P[R[1]]=PR[1]`, which may change any position.
     """
-    array_of_positions = "P"  # stands for all of them
+    array_of_positions = "P"  # the one name of all positions
     name: ir.Name = line.fill_name("P[%s]", "place") if line["place"] else array_of_positions
     return [ir.MakeUnknown(frozenset({name}), "the position changes while the program runs", _REMEDY)]
 
