@@ -201,7 +201,7 @@ def _unwrap_type(annotation: Any) -> Any:  # noqa: ANN401 - a type
 
 
 _FIELD_IN_TEXT: Final = re.compile(
-    r"`(?:open\.)?(\w+)(?:: (\w+|\[[^`\]]*\]))?`(?:: (\[[^`\]]*\]|\{[^`}]*\}))?"
+    r"`(?:open\.)?(\w+)(?:: (\w+|\[[^`\]]*\]))?`(?:: (\[[^`\]]*\]|\{(?:[^\"`{}]|\"(?:[^\"\\`]|\\.)*\")*\}))?"
 )
 """A field in backquotes, with a word, a list or an object as its value: `field`, `field: word`, `field: [A]`,
 `field`: [A] or `field`: {"A": "B"}; of a live campaign, `open.field`, too."""

@@ -10,6 +10,8 @@ from support.terminal import terminal
 from typer.main import get_command
 
 import jointstiff
+from jointstiff.schemas.fields import Terminal
+from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.cli.app import app
@@ -117,6 +119,15 @@ VALUES = {
     "give `accept_verdict: do_not_use`": "give `--despite-verdict`",
     "give `units.length` or `nothing: ['A']`": "give `units.length` or `nothing: ['A']`",
 }
+
+
+@pytest.mark.parametrize(
+    ("word", "option"), [("leer", "leer=unloaded"), ("le}er", "'le}er=unloaded'"), ('a"b', "'a\"b=unloaded'")]
+)
+def test_a_state_word_with_any_sign_becomes_an_option_to_type(word, option):
+    text = f"give `state_words`: {json.dumps({word: 'unloaded'})}"
+    forms = {"state_words": Terminal("--state-word", "WORD=STATE", str, "dict")}
+    assert name_options_in_text(ImportRequest, text, forms) == f"give `--state-word {option}`"
 
 
 @pytest.mark.parametrize("text", VALUES)
