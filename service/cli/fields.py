@@ -207,6 +207,15 @@ _FIELD_IN_TEXT: Final = re.compile(
 `field`: [A] or `field`: {"A": "B"}; of a live campaign, `open.field`, too."""
 
 
+def _read_pairs(value: str) -> dict[str, str] | None:
+    """Return the object of a text in JSON; None for another text, such as one of a user's file."""
+    try:
+        pairs = json.loads(value)
+    except ValueError:
+        return None
+    return pairs if isinstance(pairs, dict) else None
+
+
 def name_options_in_text(message_class: type[Message], text: str, form_of_field: Forms = NO_FORMS) -> str:
     """Return a text in which the fields of a message are replaced by the options of a command.
 
@@ -235,7 +244,9 @@ def name_options_in_text(message_class: type[Message], text: str, form_of_field:
         if _unwrap_type(field_info.annotation) is bool:
             return f"`{flag}`" if value == "true" else f"`--no-{name.replace('_', '-')}`"
         if form.gather == "dict" and value.startswith("{"):
-            pairs = json.loads(value)
+            pairs = _read_pairs(value)
+            if pairs is None:
+                return match[0]
             values = [shlex.quote(f"{key}={meaning}") for key, meaning in pairs.items()]
             return f"`{' '.join(f'{flag} {each}' for each in values)}`"
         values = [each.strip(" '\"") for each in value.strip("[]").split(",")]

@@ -158,9 +158,12 @@ def _read_columns(
     """
     if isinstance(poses, str | PathLike):
         path = Path(poses)
-        _refuse_program(path)
         with naming_file(path):
-            file = read_number_table(path.read_bytes())
+            try:
+                file = read_number_table(path.read_bytes())
+            except RequestError:
+                _refuse_program(path)
+                raise
             return convert_headers(file.columns, units, robot), file.labels
     return name_poses(poses, "poses", units.angle), None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
+from collections.abc import Iterable
 from typing import Final
 
 LABEL_HEADERS: Final = (
@@ -22,3 +23,13 @@ def fold_word(text: str) -> str:
 def is_label(header: str) -> bool:
     """Return whether a header names the column of texts that name the rows."""
     return fold_word(header) in LABEL_HEADERS
+
+
+def find_label_header(headers: Iterable[str]) -> str | None:
+    """Return the header of the column that names the rows: `label`, or the first other one; None without one.
+
+    Of the headers `id` and `point`, `id` names the rows, and `point` is an ordinary column.
+    """
+    label_headers = [header for header in headers if is_label(header)]
+    label_headers.sort(key=lambda header: fold_word(header) != "label")
+    return next(iter(label_headers), None)

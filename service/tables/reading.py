@@ -12,7 +12,7 @@ import numpy as np
 
 from jointstiff.service.problems import TooManyRowsError, naming_missing_extra
 from jointstiff.service.tables.files import iterate_table_rows
-from jointstiff.service.tables.labels import is_label
+from jointstiff.service.tables.labels import find_label_header
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 
@@ -124,14 +124,15 @@ def _read_csv_rows(
         RequestError: a header or a cell is not understood, or there is no row.
         TooManyRowsError: the table has too many rows.
     """
-    names = [header for header in headers if not is_label(header)]
+    label_header = find_label_header(headers)
+    names = [header for header in headers if header != label_header]
     labels, blocks, block = list[str](), list[FloatArray](), list[list[float]]()
     for line, row in _iterate_filled_rows(rows, limits):
         if not block and not blocks:
             refuse_bad_headers(headers)
         numbers = list[float]()
         for header, cell in _name_cells(headers, row, line):
-            if is_label(header):
+            if header == label_header:
                 labels.append(_check_label(cell, f"line {line}"))
                 continue
             text = cell if has_comma_separators else cell.replace(",", ".")
@@ -204,16 +205,13 @@ def _parse_number(cell: str, line: int, header: str) -> float:
     try:
         return float(cell)
     except ValueError:
+        remedy = "write a number, or leave the row out"
         if _WITHOUT_UNIT.fullmatch(header.strip()) is None and "[" not in header:
-            raise RequestError(
-                f"unknown header '{header[:_LONGEST_QUOTE]}' of a column of texts",
-                where=f"line {line}",
-                remedy="if the column names the rows, name it `label`; else leave the column out",
-            ) from None
+            remedy = f"if the column names the rows, call the column `label`; else {remedy}"
         raise RequestError(
             f"the cell {cell[:_LONGEST_QUOTE]!r} of the column '{header[:_LONGEST_QUOTE]}' is not a number",
             where=f"line {line}",
-            remedy="write a number, or leave the row out",
+            remedy=remedy,
         ) from None
 
 
@@ -233,7 +231,8 @@ def _read_parquet(content: bytes, limits: TableLimits | None) -> NumberTable:
     try:
         schema = parquet.ParquetFile(source, **_THRIFT_LIMITS).schema_arrow
         # Labels are decoded by a dictionary: a text that is repeated in all rows needs its memory once.
-        labels = [each.name for each in schema if is_label(each.name)]
+        label_header = find_label_header(schema.names)
+        labels = [] if label_header is None else [label_header]
         file = parquet.ParquetFile(
             source, read_dictionary=labels, arrow_extensions_enabled=False, **_THRIFT_LIMITS
         )
@@ -241,7 +240,7 @@ def _read_parquet(content: bytes, limits: TableLimits | None) -> NumberTable:
         if limits is not None:
             _refuse_large_parquet(file.metadata, limits)
         for each in schema:
-            _refuse_other_column(each.name, each.type)
+            _refuse_other_column(each.name, each.type, names_rows=each.name == label_header)
         table = file.read(use_threads=False)
     except (pyarrow.ArrowException, OSError):
         raise RequestError(
@@ -251,7 +250,7 @@ def _read_parquet(content: bytes, limits: TableLimits | None) -> NumberTable:
         raise RequestError("the table has no rows", where="line 1", remedy="give a row a pose")
     columns, texts = dict[str, FloatArray](), None
     for header, column in zip(table.column_names, table.columns, strict=True):
-        if is_label(header):
+        if header == label_header:
             texts = [text for chunk in column.chunks for text in _read_labels(chunk)]
         else:
             columns[header] = column.to_numpy().astype(np.float64)
@@ -289,7 +288,12 @@ def _refuse_large_parquet(description: Any, limits: TableLimits) -> None:  # noq
         )
 
 
-def _refuse_other_column(header: str, kind: Any) -> None:  # noqa: ANN401 - a type of pyarrow
+def _refuse_other_column(
+    header: str,
+    kind: Any,  # noqa: ANN401 - a type of pyarrow
+    *,
+    names_rows: bool,
+) -> None:
     """Refuse a column of a Parquet file that has no numbers, and labels that are no texts or numbers.
 
     Raises:
@@ -300,7 +304,7 @@ def _refuse_other_column(header: str, kind: Any) -> None:  # noqa: ANN401 - a ty
     is_number = types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind)
     is_text = types.is_string(kind) or types.is_large_string(kind) or types.is_null(kind)
     is_name = is_text or (types.is_dictionary(kind) and types.is_string(kind.value_type))
-    if not (is_number or (is_label(header) and is_name)):
+    if not (is_number or (names_rows and is_name)):
         raise RequestError(
             f"the column '{header[:_LONGEST_QUOTE]}' has cells that are not numbers",
             where="line 1",
@@ -328,11 +332,3 @@ def refuse_bad_headers(headers: Sequence[str]) -> None:
                 remedy="give each column a header of its own",
             )
         names.add(name)
-    label_headers = [header for header in headers if is_label(header)]
-    if len(label_headers) > 1:
-        first, second = (header[:_LONGEST_QUOTE] for header in label_headers[:2])
-        raise RequestError(
-            f"the headers '{first}' and '{second}' both name the rows",
-            where="line 1",
-            remedy=f"leave out the column '{second}'",
-        )

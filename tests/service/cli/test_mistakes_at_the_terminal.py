@@ -129,9 +129,9 @@ class TestCorrect:
     def test_an_unknown_column_of_texts_is_named_with_its_file_and_the_header_to_write(self, folder):
         (folder / "rows.csv").write_text(ROWS.format(header="Bahn"))
         words = words_of(terminal("correct", "pull.json", "rows.csv", *CORRECT, width=200))
-        assert "rows.csv, line 2: unknown header 'Bahn' of a column of texts" in words
+        assert "of the column 'Bahn' is not a number" in words
         assert "correction.rows" not in words
-        assert "if the column names the rows, name it `label`" in words
+        assert "if the column names the rows, call the column `label`" in words
 
     def test_no_file_is_written_without_a_corrected_row_so_that_the_remedy_works(self, folder):
         (folder / "rows.csv").write_text(ROWS.format(header="label"))

@@ -130,6 +130,12 @@ def test_a_state_word_with_any_sign_becomes_an_option_to_type(word, option):
     assert name_options_in_text(ImportRequest, text, forms) == f"give `--state-word {option}`"
 
 
+def test_a_text_of_a_file_that_looks_like_a_field_stays_as_it_is():
+    text = "the header '`state_words`: {x}' is not known"
+    forms = {"state_words": Terminal("--state-word", "WORD=STATE", str, "dict")}
+    assert name_options_in_text(ImportRequest, text, forms) == text
+
+
 @pytest.mark.parametrize("text", VALUES)
 def test_a_field_with_its_value_becomes_an_option_with_its_value(text):
     assert name_options_in_text(ProgramOptions, text) == VALUES[text]
