@@ -279,7 +279,7 @@ def find_mistyped_joint(view: View, row: int, places: FloatArray) -> MistypedJoi
     """Find the revolute joint of a row whose position alone brings the targets to their places.
 
     Every joint is tried at each degree of a turn, and then near the best one. The joint must bring the
-    targets far nearer than any other joint does; otherwise None is returned.
+    targets far nearer than any other joint does; otherwise, or without a revolute joint, None is returned.
 
     Args:
         view: measurement set.
@@ -287,6 +287,8 @@ def find_mistyped_joint(view: View, row: int, places: FloatArray) -> MistypedJoi
         places: (T, 3) places of the targets on the flange [m].
     """
     joints = np.flatnonzero(~view.robot.prismatic)
+    if not len(joints):
+        return None
     given = view.measurements.joints[row, joints]
     fitting, step = given, np.radians(1.0)
     offsets = np.arange(-180, 180) * step

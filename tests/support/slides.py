@@ -1,4 +1,4 @@
-"""Robots with prismatic joints for the simulator: a SCARA with its z, and a six-axis arm on a rail."""
+"""Robots with prismatic joints: a SCARA with its z, a six-axis arm on a rail, and a gantry."""
 
 import numpy as np
 
@@ -34,4 +34,17 @@ def arm_on_rail() -> SpringArm:
         stiffnesses=np.concatenate([[20e6], arm.stiffnesses]),
         limits=np.vstack([[-1.0, 5.0], arm.limits]),
         prismatic=(0,),
+    )
+
+
+def gantry() -> SpringArm:
+    """Three linear axes along x, y and z of R0, with a flange that points downwards."""
+    return SpringArm(
+        axis_points=np.zeros((3, 3)),
+        axis_directions=np.eye(3),
+        flange_rotation=np.diag([1.0, -1.0, -1.0]),
+        flange_translation=np.array([0.0, 0.0, 0.5]),
+        stiffnesses=np.array([20e6, 20e6, 10e6]),
+        limits=np.array([[0.0, 3.0], [0.0, 2.0], [0.0, 1.0]]),
+        prismatic=(0, 1, 2),
     )

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.catalogue_arms import build_nominal_robots, readings_on
+from support.slides import gantry
+from support.springs import readings_of, robot_of
 
 from jointstiff.solver.integrity import inspect_measurements, inspect_unloaded
 from jointstiff.solver.mechanics.robot import JointMap, Robot
@@ -151,6 +153,20 @@ def test_a_mistyped_angle_is_named_with_the_angle_that_fits(joint):
     words = cause.message.partition(f"with {name} at ")[2]
     assert float(words.partition("°")[0]) == pytest.approx(fitting, abs=0.5)
     assert f"check the angle of {name} for a typing error" in cause.remedy
+
+
+def test_a_wrong_reading_of_three_linear_axes_is_no_mistyped_angle():
+    arm, draw = gantry(), np.random.default_rng(1)
+    joints = draw.uniform(0.0, 1.0, (5, 3))
+    unloaded = joints[:, None] + arm.flange_translation + np.array([[0.1, 0.0, -0.2]])
+    unloaded[3] += [0.2, 0.1, 0.3]
+    pulls = 400.0 * draw.standard_normal((5, 3))
+    deflection = np.full_like(unloaded, 1e-4)
+    measurements = readings_of(joints, pulls, np.zeros(3), unloaded, deflection, sigma=2e-5, targets=("A",))
+    findings = inspect_measurements(robot_of(arm), measurements, degrees=True, others=[])
+    (cause,) = [finding for finding in findings if finding.weight == "do_not_use"]
+    assert (cause.code, cause.observation) == ("target_off_model", measurements.labels[3])
+    assert "typing error" not in cause.remedy
 
 
 def test_the_remedy_of_a_left_handed_frame_leads_to_the_frame():
