@@ -272,20 +272,20 @@ def _joint_tables(
     Only the first table has the caption.
     """
     methods = list(dict.fromkeys(map(_method_abbreviation, compared_runs)))
-    return [
-        _joint_table(
-            [
-                entry
-                for entry in compared_runs
-                if _method_abbreviation(entry) in methods[start : start + methods_per_table]
-            ],
-            f"{title}, continued" if start else title,
-            format_cell,
-            "" if start else caption,
-            shows_repeated=shows_repeated,
+    tables = list[Table]()
+    for start in range(0, len(methods), methods_per_table):
+        shown = methods[start : start + methods_per_table]
+        entries = [entry for entry in compared_runs if _method_abbreviation(entry) in shown]
+        if tables:
+            title_of_table, caption_of_table = f"{title}, continued", ""
+        else:
+            title_of_table, caption_of_table = title, caption
+        tables.append(
+            _joint_table(
+                entries, title_of_table, format_cell, caption_of_table, shows_repeated=shows_repeated
+            )
         )
-        for start in range(0, len(methods), methods_per_table)
-    ]
+    return tables
 
 
 def _list_resampled_share_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]:
