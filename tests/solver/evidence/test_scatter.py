@@ -153,8 +153,9 @@ def test_the_posterior_is_the_restricted_likelihood_of_whole_covariances_times_t
             r = d - A @ fit
             squares = (r.mT @ np.linalg.solve(V, r)).sum()
             log_likelihood = -0.5 * (np.linalg.slogdet(V)[1].sum() + squares + np.linalg.slogdet(N)[1])
-            sizes = np.array([turn * SIGMA / ASSUMED_REPEATABILITY, shift * SIGMA / ASSUMED_STATION_ERROR])
-            expected[s, u] = log_likelihood + stats.t(4).logpdf(sizes).sum()
+            of_turns = stats.t(4).logpdf(turn * SIGMA / ASSUMED_REPEATABILITY)
+            of_station = stats.cauchy.logpdf(shift * SIGMA / ASSUMED_STATION_ERROR)
+            expected[s, u] = log_likelihood + of_turns + of_station
     found = posterior.density.reshape(expected.shape)
     np.testing.assert_allclose(found, np.exp(expected - expected.max()), rtol=1e-6, atol=1e-9)
 
