@@ -120,7 +120,7 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
 def _list_further_parts(
     report: Report, assessment: Assessment, warnings: Sequence[Finding], view: View
 ) -> list[Part]:
-    """Return what stands behind the results: with details all assumptions and warnings, otherwise hints."""
+    """Return what follows the results: with details all assumptions and warnings, otherwise hints."""
     if not view.details:
         return [*hint_lines(report, assessment, warnings, view.door)]
     assumed = [Line(f"  assumed: {each}", "dim") for each in view.assumed]

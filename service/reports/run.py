@@ -260,7 +260,7 @@ def build_results_section(model: ExportedModel, readings: MeasurementSetDocument
 def _draw_results(model: ExportedModel, readings: MeasurementSetDocument) -> list[Picture]:
     """Return the pictures of stiffnesses, of deflections, and of the arm in its first posture.
 
-    A picture of which nothing is known is left out.
+    A picture without numbers is left out.
     """
     first_posture = joint_factors(model.robot, readings.units) * readings.observations[0].joints
     pictures = [
