@@ -482,16 +482,25 @@ def _convert_to_units_of_file(
         file_unit = units.get(quantity)
         if file_unit not in unit_sizes:
             continue
-        has_linear_axes = isinstance(value, list | tuple) and len(value) > _JOINTS_OF_ARM
-        if quantity == "angle" and file_unit != "deg" and has_linear_axes:
-            raise typer.BadParameter(
-                f"the unit of angles in the file of options is {file_unit}, so values of linear axes in "
-                f"deg cannot be converted; remedy: state `{name}` in the file of options, in the units "
-                "of this file",
-                param_hint=option_flag(message_class, name),
-            )
+        if quantity == "angle" and file_unit != "deg":
+            _refuse_linear_axes(value, name, str(file_unit), message_class)
         converted[name] = scale_numbers(unit_sizes[unit_of_option] / unit_sizes[file_unit], value)
     return converted
+
+
+def _refuse_linear_axes(value: object, name: str, file_unit: str, message_class: type[Message]) -> None:
+    """Refuse a posture with more joints than an arm has, because a factor of angles would scale linear axes.
+
+    Raises:
+        typer.BadParameter: names the option of the field `name`.
+    """
+    if isinstance(value, list | tuple) and len(value) > _JOINTS_OF_ARM:
+        raise typer.BadParameter(
+            f"the unit of angles in the file of options is {file_unit}, so values of linear axes in "
+            f"deg cannot be converted; remedy: state `{name}` in the file of options, in the units "
+            "of this file",
+            param_hint=option_flag(message_class, name),
+        )
 
 
 def scale_numbers(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON
