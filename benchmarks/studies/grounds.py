@@ -18,7 +18,7 @@ from benchmarks.report import Figure, Section
 from jointstiff import identify
 from jointstiff.schemas.measurement import Noise
 from jointstiff.schemas.options import RunOptions
-from jointstiff.service.conversion.readings import to_common_uncertainty
+from jointstiff.service.conversion.measurements import to_common_uncertainty
 from jointstiff.simulator import default_arm, deflections, simulate_campaign
 from jointstiff.simulator.campaign import plan_experiment
 from jointstiff.solver.arrays import FloatArray

@@ -46,7 +46,7 @@ class Layout:
     order: str = "rows"
     count: int = 1  # rows of a posture
     counting: Array | None = None  # own counting times this matrix
-    may_be_refused: bool = False  # a mirrored frame fits as well, or better
+    twin: Layout | None = None  # another meaning, which is right by an arm that is its own mirror image
 
 
 def _place(rows: Array, convention: str, q: Array) -> tuple[Array, Array]:
@@ -300,13 +300,10 @@ def kuka_signs(c: Campaign) -> Layout:
 
 
 def exchanged_axes(c: Campaign) -> Layout:
+    tables = {"a": _wide(c.joints, 1e3 * c.unloaded[..., ::-1])}
     signs = np.diag([-1.0, 1, 1, -1, 1, -1])
-    return Layout(
-        {"a": _wide(c.joints, 1e3 * c.unloaded[..., ::-1])},
-        points={"a": _triples(6, 3)},
-        counting=signs,
-        may_be_refused=True,
-    )
+    twin = Layout(tables, points={"a": _triples(6, 3)}, counting=signs)
+    return Layout(tables, points={"a": ((8, 7, 6), (11, 10, 9), (14, 13, 12))}, twin=twin)
 
 
 def two_damaged(c: Campaign) -> Layout:

@@ -15,8 +15,9 @@ from benchmarks.report import Figure, Part, Section
 from jointstiff.schemas.options import CrossValidation, Loss
 from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.schemas.run import Campaign
+from jointstiff.service.conversion.measurements import to_measurements
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.conversion.readings import ReadingArrays, to_measurements
+from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.choice.held_out import (
     WEIGHTS,

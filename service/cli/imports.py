@@ -362,7 +362,7 @@ def _complete_grounds(
     Raises:
         typer.BadParameter: the controller knew of the load, so the readings cannot be used.
     """
-    from jointstiff.service.conversion.readings import refuse_informed_controller
+    from jointstiff.service.conversion.measurements import refuse_informed_controller
     from jointstiff.solver.errors import MeasurementError
 
     complete_set = _state_grounds(document, grounds)

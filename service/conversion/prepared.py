@@ -26,6 +26,7 @@ from jointstiff.schemas.measurement import (
 from jointstiff.schemas.robot import CatalogueModel, DhModel, DhRow, GeometryModel, RobotDocument, UrdfModel
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion.catalogue import find_arm
+from jointstiff.service.conversion.measurements import to_measurements
 from jointstiff.service.conversion.readings import (
     NamedObservationError,
     PointNoise,
@@ -33,7 +34,6 @@ from jointstiff.service.conversion.readings import (
     ReadingArrays,
     compute_content_hash,
     hash_texts,
-    to_measurements,
 )
 from jointstiff.service.conversion.robots import build_chain_robot, build_dh_chain, to_bodies
 from jointstiff.service.conversion.units import ANGLE, LENGTH, to_instrument

@@ -30,8 +30,8 @@ from jointstiff.schemas.plan import (
     ReadingOptions,
 )
 from jointstiff.schemas.run import Residual, RunResult
+from jointstiff.service.conversion.measurements import refuse_informed_controller
 from jointstiff.service.conversion.prepared import PreparedSet, check_set
-from jointstiff.service.conversion.readings import refuse_informed_controller
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.plan.work import CampaignSoFar, to_design_request
 from jointstiff.service.problems import LabelTakenError

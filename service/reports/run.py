@@ -14,7 +14,7 @@ from jointstiff.schemas.deflection import CaseResult, DeflectionOptions, LoadCas
 from jointstiff.schemas.measurement import Grounds, MeasurementSetDocument, Noise
 from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run import Budget, Goodness, JointResult, RunRequest, RunResult, WeightResult
-from jointstiff.service.conversion.readings import to_common_uncertainty
+from jointstiff.service.conversion.measurements import to_common_uncertainty
 from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.kinds.run.kind import format_tested_causes

@@ -24,6 +24,7 @@ from jointstiff.schemas.live import MeasurementSet
 from jointstiff.schemas.measurement import Frame, MeasurementSetRequest, ResolvedFrame, Rigid, SetMetadata
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.catalogue import find_arm
+from jointstiff.service.conversion.measurements import to_measurements
 from jointstiff.service.conversion.prepared import (
     PreparedRobot,
     PreparedSet,
@@ -37,7 +38,7 @@ from jointstiff.service.conversion.prepared import (
     to_resolved_frame,
     transform_to_base,
 )
-from jointstiff.service.conversion.readings import ReadingArrays, has_loads, hash_texts, to_measurements
+from jointstiff.service.conversion.readings import ReadingArrays, has_loads, hash_texts
 from jointstiff.service.conversion.robots import describe_joints
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.problems import NotFoundError, Resource

@@ -29,7 +29,7 @@ from jointstiff.solver.meaning.decision import (
 )
 from jointstiff.solver.meaning.proposal import USUAL_RESIDUAL
 from jointstiff.solver.meaning.refinement import RigidFit, fit_frame
-from jointstiff.solver.meaning.screening import FlangePlaces, LinearFit, fit_all
+from jointstiff.solver.meaning.screening import FlangePlaces, LinearFit, choose_subsets, fit_all
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import KnownRobot, Robot
@@ -59,12 +59,10 @@ _MOST_REVERSED: Final = 7
 """Most joints of a robot for which all sets of reversed joints are tried."""
 _MOST_TARGETS: Final = 4
 """Targets that suffice to find a frame: those that were read most often."""
-_SUBSETS: Final = 8
-"""Number of random halves of the rows that are tried if all rows together do not fit."""
-_LEAST_SUBSET: Final = 7
-"""Least number of rows of such a half."""
 _SAME_AXES: Final = 0.03
 """Largest difference of a rotation from exchanged axes [rad]."""
+_LEAST_TURN: Final = 0.1
+"""Least change of the flange's orientation [rad] that shows where the origin of a frame is."""
 _SCALE_BY_RESIDUAL: Final = 3.0
 """Least change of the positions by a scale, relative to the residual that is left."""
 _CENTIMETRES_AND_INCHES: Final = (
@@ -470,7 +468,9 @@ def _are_alike(first: _RobotFit, second: _RobotFit) -> bool:
 def find_frame_mistake(view: View, rows: IndexArray) -> Finding | None:
     """Return the finding that positions are in another frame, or that their axes are exchanged.
 
-    None is returned if no frame explains the positions.
+    None is returned if no frame explains the positions, or if R0 does. A flange that keeps its orientation,
+    such as that of linear axes, does not show whether a frame or the targets are elsewhere: only a turn of
+    the frame is named then.
 
     Args:
         view: measurement set.
@@ -481,14 +481,15 @@ def find_frame_mistake(view: View, rows: IndexArray) -> Finding | None:
         return None
     fit = found.fit
     axes = _name_axes(found)
-    rotation, origin = fit.frame.rotation, fit.frame.origin
+    rotation, origin = fit.frame.rotation, found.shown_origin
     within = f"within {length_text(fit.typical)} in the median of {len(fit.distances)} observations"
     if axes is not None:
         message = (
             f"the axes of the positions are exchanged: x, y, z of R0 are {axes} of the readings, {within}"
         )
         remedy = f"give the positions as {axes}; {PAST_DO_NOT_USE}"
-        return view.build_finding("frame_mistaken", message, remedy, "do_not_use")
+        code: FindingCode = "frame_left_handed" if fit.frame.is_mirrored else "frame_mistaken"
+        return view.build_finding(code, message, remedy, "do_not_use")
     if fit.frame.is_mirrored:
         return _report_left_handed_frame(view, rows, within)
     turn = float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0))))
@@ -497,14 +498,17 @@ def find_frame_mistake(view: View, rows: IndexArray) -> Finding | None:
         return None
     message = (
         f"the positions are not in R0: the targets keep their places on the flange, {within}, if the "
-        f"positions are in a frame that is turned by {turn:.3g}° against R0, and whose origin is "
-        f"{length_text(distance)} from that of R0"
+        f"positions are in a frame that is turned by {turn:.3g}° against R0"
     )
-    place = ", ".join(f"{1e3 * each:.1f}" for each in origin)
     axes_rows = ", ".join(f"[{', '.join(f'{each:.5f}' for each in row)}]" for row in rotation)
+    fitting = f"`rotation` [{axes_rows}] fits, and these orientations of the flange do not show `translation`"
+    if found.shows_origin:
+        message += f", and whose origin is {length_text(distance)} from that of R0"
+        place = ", ".join(f"{1e3 * each:.1f}" for each in origin)
+        fitting = f"`rotation` [{axes_rows}] and `translation` [{place}] mm fit"
     remedy = (
-        f"state the `frame` of the readings: `rotation` [{axes_rows}] and `translation` [{place}] mm fit, or "
-        f"identify the frame by `geometry`; {PAST_DO_NOT_USE}"
+        f"state the `frame` of the readings: {fitting}, or identify the frame by `geometry`; "
+        f"{PAST_DO_NOT_USE}"
     )
     return view.build_finding("frame_mistaken", message, remedy, "do_not_use")
 
@@ -533,7 +537,7 @@ def _report_left_handed_frame(view: View, rows: IndexArray, within: str) -> Find
             names = ", ".join(reversed_names)
             message += f", or if {names} are reversed and the positions are in another frame than R0"
             remedy += f"; or, if the axes of the instrument are right, change the signs of {names}"
-    return view.build_finding("frame_mistaken", message, f"{remedy}; {PAST_DO_NOT_USE}", "do_not_use")
+    return view.build_finding("frame_left_handed", message, f"{remedy}; {PAST_DO_NOT_USE}", "do_not_use")
 
 
 def find_scale_mistake(view: View, rows: IndexArray) -> Finding | None:
@@ -570,6 +574,17 @@ class _FrameFit:
     fit: RigidFit
     movement: float  #: largest standard deviation of a coordinate [m]
     factor: float  #: factor on the positions before the fit
+    shown: FloatArray  #: (D, 3) directions in R0 along which the postures show the place of the origin
+
+    @property
+    def shows_origin(self) -> bool:
+        """Return whether the postures show the place of the frame's origin along all axes."""
+        return len(self.shown) == 3
+
+    @property
+    def shown_origin(self) -> FloatArray:
+        """Origin (3,) of the frame in R0 [m]; zero along the directions that the postures do not show."""
+        return np.asarray(self.shown.T @ (self.shown @ self.fit.frame.origin))
 
 
 def _fit_frame_of(view: View, rows: IndexArray, *, scale_is_free: bool = False) -> _FrameFit | None:
@@ -599,22 +614,28 @@ def _fit_frame_of(view: View, rows: IndexArray, *, scale_is_free: bool = False) 
         and fit.degrees_of_freedom >= LEAST_FREEDOM
         and fit.unit == "m"
     )
-    return _FrameFit(fit, movement, factor) if fits else None
+    return _FrameFit(fit, movement, factor, _find_shown_directions(rotation)) if fits else None
+
+
+def _find_shown_directions(rotation: FloatArray) -> FloatArray:
+    """Return the directions (D, 3) in R0 along which M postures show the origin of a frame.
+
+    The origin and the targets can be moved together along a direction that all rotations of the flange keep,
+    such as the vertical of a SCARA, and the positions stay: ``Rᵢᵀ a = R₁ᵀ a`` for all postures.
+
+    Args:
+        rotation: (M, 3, 3) of the flange.
+    """
+    changes = (rotation - rotation[0]).swapaxes(1, 2).reshape(-1, 3)
+    _, singular_values, directions = np.linalg.svd(changes, full_matrices=False)
+    return np.asarray(directions[singular_values > _LEAST_TURN * np.sqrt(len(rotation))])
 
 
 def _fit_linear(rotation: FloatArray, place: FloatArray, points: FloatArray) -> LinearFit | None:
-    """Fit positions (M, K, 3) in closed form, in all rows and in random halves; return the best fit.
-
-    One damaged row moves a fit by least squares, and a half without damaged rows fits.
-    """
+    """Fit positions (M, K, 3) in closed form, in all rows and in subsets of them; return the best fit."""
     count = len(points)
-    size = max(_LEAST_SUBSET, count // 2)
-    generator = np.random.default_rng(0)
-    choices = [np.arange(count)]
-    if size < count:
-        choices += [np.sort(generator.choice(count, size, replace=False)) for _ in range(_SUBSETS)]
     fits: list[LinearFit] = []
-    for chosen in choices:
+    for chosen in (np.arange(count), *choose_subsets(count)):
         flange = FlangePlaces(rotation[None, chosen], place[None, chosen])
         found = fit_all(flange.stack_columns(points.shape[1]), points[chosen])
         if found and found[0].residual < LARGEST_RESIDUAL:
@@ -628,7 +649,7 @@ def _name_axes(found: _FrameFit) -> str | None:
     rotation = found.fit.frame.rotation
     nearest = np.round(rotation)
     is_exchange = np.abs(rotation - nearest).max() <= _SAME_AXES and not np.array_equal(nearest, np.eye(3))
-    if not is_exchange or np.linalg.norm(found.fit.frame.origin) > 2.0 * LARGEST_MODEL_ERROR:
+    if not is_exchange or np.linalg.norm(found.shown_origin) > 2.0 * LARGEST_MODEL_ERROR:
         return None
     names = []
     for row in nearest:

@@ -59,46 +59,80 @@ def decide(interpretations: Sequence[Interpretation]) -> Decision:
     """Choose the interpretation that fits and that no other interpretation contradicts.
 
     Without such an interpretation, the decision has the reason, and the one that comes nearest as `next`.
-    Interpretations in a left-handed frame, and positions that a controller computed from the joints, are
-    excluded first.
+    Positions that a controller computed from the joints are excluded first, then left-handed frames, unless
+    only such a frame fits.
 
     Args:
         interpretations: by residual, the smallest first.
     """
-    right_handed = [each for each in interpretations if not each.fit.frame.is_mirrored]
-    fitting = [each for each in right_handed if fits(each)]
+    fitting = [each for each in interpretations if fits(each)]
     measured = _leave_out_computed_positions(fitting)
     if not measured:
-        return _explain_missing_fit(interpretations, right_handed, fitting)
-    best = _choose_simplest(measured)
-    equals = tuple(each for each in right_handed if each is not best and _have_same_effect(each, best))
+        return _explain_missing_fit(interpretations, fitting)
+    plain = _leave_out_mixtures(measured)
+    is_left_handed = _fit_only_left_handed(plain)
+    of_this_hand = [each for each in plain if each.fit.frame.is_mirrored == is_left_handed]
+    compared = interpretations
+    if not is_left_handed:
+        compared = [each for each in interpretations if not each.fit.frame.is_mirrored]
+    best = _choose_simplest(of_this_hand)
+    equals = tuple(each for each in compared if each is not best and _have_same_effect(each, best))
     shifted = tuple(each for each in measured if _is_shifted(each, (best, *equals)))
-    others = [each for each in right_handed if each not in equals and each not in shifted]
+    others = [each for each in compared if each not in equals and each not in shifted]
     rival, votes = _find_rival(best, others, fitting, equals)
     reason = _find_obstacle(best, votes)
     if reason:
         return Decision(None, rival or best, equals, reason)
-    return Decision(best, rival, equals, "", shifted)
+    return Decision(best, rival, equals, "", tuple(each for each in shifted if each in of_this_hand))
+
+
+def _leave_out_mixtures(measured: Sequence[Interpretation]) -> list[Interpretation]:
+    """Return the interpretations without those that share a column with another one of nearer columns.
+
+    If a table has two states of a target, x and z of one and y of the other are near a position, too, in a
+    frame of the other hand.
+    """
+    return [
+        each
+        for each in measured
+        if not any(_are_nearer_columns(other.points, each.points) for other in measured)
+    ]
+
+
+def _are_nearer_columns(first: PointColumns, second: PointColumns) -> bool:
+    """Return whether two triples share a column, and those of the first are nearer to each other."""
+    return first.overlaps(second) and first.step < second.step
+
+
+def _fit_only_left_handed(measured: Sequence[Interpretation]) -> bool:
+    """Return whether the positions fit in a left-handed frame, and in no right-handed one.
+
+    Exchanged axes make a frame left-handed. An arm whose axes are in a plane at zero fits as well in a
+    right-handed frame, with the joints of its mirror image; the postures decide for other arms.
+
+    Args:
+        measured: interpretations that fit, the smallest residual first.
+    """
+    left_handed = next((each for each in measured if each.fit.frame.is_mirrored), None)
+    right_handed = next((each for each in measured if not each.fit.frame.is_mirrored), None)
+    if left_handed is None or right_handed is None:
+        return right_handed is None
+    return count_votes(left_handed, right_handed).margin >= _LEAST_VOTES
 
 
 def _explain_missing_fit(
-    interpretations: Sequence[Interpretation],
-    right_handed: Sequence[Interpretation],
-    fitting: Sequence[Interpretation],
+    interpretations: Sequence[Interpretation], fitting: Sequence[Interpretation]
 ) -> Decision:
     """Return the decision that no interpretation fits, with the reason and the one that comes nearest.
 
     Args:
         interpretations: all of them, the smallest residual first.
-        right_handed: those whose frame is right-handed.
-        fitting: those of the right-handed ones that fit; their positions were computed, not measured.
+        fitting: those that fit; their positions were computed, not measured.
     """
     if not interpretations:
         return Decision(None, None, (), "no columns fit the robot")
-    if not right_handed:
-        return Decision(None, interpretations[0], (), "the positions fit only in a left-handed frame")
     if not fitting:
-        nearest = right_handed[0]
+        nearest = interpretations[0]
         distance = f"{nearest.fit.typical * 1e3:.3g} mm"
         return Decision(None, nearest, (), f"no columns fit the robot (best {distance})")
     reason = "the positions were computed from the joints, so that they are no readings"
@@ -216,7 +250,7 @@ def _have_same_effect(first: Interpretation, second: Interpretation) -> bool:
 
 def _find_rival(
     best: Interpretation,
-    right_handed: Sequence[Interpretation],
+    compared: Sequence[Interpretation],
     fitting: Sequence[Interpretation],
     equals: Sequence[Interpretation],
 ) -> tuple[Interpretation | None, Votes]:
@@ -227,14 +261,14 @@ def _find_rival(
 
     Args:
         best: the best interpretation.
-        right_handed: interpretations to compare with the best one.
+        compared: interpretations to compare with the best one.
         fitting: interpretations that fit.
         equals: interpretations with the same effect as the best one.
     """
     tied = (best, *equals)
     rival: Interpretation | None = None
     least_votes = Votes(10**6, 0)
-    for other in right_handed:
+    for other in compared:
         is_far_off = other.fit.typical > _FAR_OFF * other.movement
         if other in tied or is_computed(other) or is_far_off:
             continue
@@ -305,16 +339,22 @@ def count_votes(first: Interpretation, second: Interpretation) -> Votes:
     A posture speaks for an interpretation whose positions are near, if those of the other are
     `_CLEARLY_WORSE` times as far from where the robot would put the targets. If the two have different
     postures, the residuals decide: a clearly smaller one counts as many votes for the first.
+
+    Distances by the second are those of targets that move as much as by the first: a smaller unit of length
+    makes all distances smaller, and no position nearer.
     """
+    to_same_movement = first.movement / second.movement
     have_same_postures = len(first.fit.distances) == len(second.fit.distances)
     if not have_same_postures:
-        first_is_clearly_better = second.fit.residual > _CLEARLY_WORSE * max(first.fit.residual, 5e-5)
+        residual_by_second = to_same_movement * second.fit.residual
+        first_is_clearly_better = residual_by_second > _CLEARLY_WORSE * max(first.fit.residual, 5e-5)
         return Votes(supporting=99 if first_is_clearly_better else 0, opposing=0)
-    distance_by_first, distance_by_second = _find_largest_distances(first), _find_largest_distances(second)
+    distance_by_first = _find_largest_distances(first)
+    distance_by_second = to_same_movement * _find_largest_distances(second)
     is_known = (distance_by_first >= 0.0) & (distance_by_second >= 0.0)
     near = max(LARGEST_RESIDUAL, 3.0 * first.fit.typical)
     least_by_first = np.maximum(distance_by_first, first.fit.typical)
-    least_by_second = np.maximum(distance_by_second, second.fit.typical)
+    least_by_second = np.maximum(distance_by_second, to_same_movement * second.fit.typical)
     for_first = (distance_by_first < near) & (distance_by_second > _CLEARLY_WORSE * least_by_first)
     for_second = (distance_by_second < near) & (distance_by_first > _CLEARLY_WORSE * least_by_second)
     return Votes(int((for_first & is_known).sum()), int((for_second & is_known).sum()))
@@ -342,9 +382,12 @@ def _find_obstacle(best: Interpretation, votes: Votes) -> str:
 def find_doubt(best: Interpretation, interpretations: Sequence[Interpretation]) -> str:
     """Return the question that only a person can decide; empty without one.
 
-    The best interpretation may count joints as another maker does. The readings then often fit as well with
-    the robot's own counting, if two of the axes x, y and z are exchanged, so that the frame is mirrored.
+    Positions in a left-handed frame have exchanged axes, or one axis with the wrong sign: a person looks. The
+    best interpretation may count joints as another maker does. The readings then often fit as well with the
+    robot's own counting, if two of the axes x, y and z are exchanged, so that the frame is mirrored.
     """
+    if best.fit.frame.is_mirrored:
+        return "two of x, y and z seem to be exchanged, or the sign of one of them is wrong"
     if best.joints.counting.is_own:
         return ""
     for other in interpretations:

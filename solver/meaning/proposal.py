@@ -38,6 +38,8 @@ USUAL_RESIDUAL: Final = 2e-3
 """Median distance [m] up to which arms usually fit their nominal models."""
 _SAME_PLACE: Final = 0.02
 """Distance [m] of places on the flange up to which two readings are states of one target."""
+_EXCHANGES: Final = ((1, 0, 2), (2, 1, 0), (0, 2, 1))
+"""Orders of x, y and z after an exchange of two of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +119,24 @@ def propose(tables: Sequence[Table], robots: Iterable[KnownRobot]) -> Proposals:
         proposals = [_build_proposal(tables, chosen, decision, interpretations) for chosen in candidates]
     # An interpretation that reads x, y and z from two states of a target explains fewer positions.
     best = max(proposals, key=lambda proposal: proposal.count)
+    if best.frame.is_mirrored:
+        best = _exchange_axes(best)
     return Proposals(best, "", tuple(interpretations))
+
+
+def _exchange_axes(proposal: Proposal) -> Proposal:
+    """Return a proposal in a left-handed frame with two of x, y and z exchanged, in a right-handed frame.
+
+    Of the three exchanges, the one whose frame is turned least against R0 is chosen.
+    """
+    rotation = proposal.frame.rotation
+    order = list(max(_EXCHANGES, key=lambda order: float(np.trace(rotation[:, list(order)]))))
+    readings = []
+    for reading in proposal.readings:
+        x, y, z = (reading.points.columns[axis] for axis in order)
+        readings.append(replace(reading, points=replace(reading.points, columns=(x, y, z))))
+    frame = replace(proposal.frame, rotation=rotation[:, order])
+    return replace(proposal, readings=tuple(readings), frame=frame)
 
 
 def _list_neighbours(tables: Sequence[Table], interpretation: Interpretation) -> Iterator[Interpretation]:

@@ -9,6 +9,7 @@ frame.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -28,9 +29,29 @@ _MOST_OF_TRIPLE: Final = 16
 """Readings of one triple that are looked at further."""
 _ORDINARY_MOVEMENT: Final = 0.3
 """Movement [m] of the targets below which a small residual says less."""
+_LEAST_SUBSET: Final = 7
+"""Least number of rows of a subset."""
+_RANDOM_SUBSETS: Final = 8
 _SMALL: Final = 1e-9
 _MOVEMENT_SHARE: Final = 80.0
 """Percentile of the distances that counts as the movement of a target."""
+
+
+def choose_subsets(row_count: int) -> list[IndexArray]:
+    """Return subsets of the rows, of which one may be free of damaged rows.
+
+    One damaged row moves a fit by least squares. The shuffled rows are cut into quarters, and each two
+    quarters are a subset. Two damaged rows are in two quarters at most, so that a subset without them
+    remains. If half of the rows are too few for a fit, the subsets are random; if all are, there are none.
+    """
+    generator = np.random.default_rng(0)
+    quarters = np.array_split(generator.permutation(row_count), 4)
+    if 2 * len(quarters[-1]) >= _LEAST_SUBSET:
+        return [np.sort(np.concatenate(pair)) for pair in combinations(quarters, 2)]
+    if row_count <= _LEAST_SUBSET:
+        return []
+    choices = [generator.choice(row_count, _LEAST_SUBSET, replace=False) for _ in range(_RANDOM_SUBSETS)]
+    return [np.sort(choice) for choice in choices]
 
 
 @dataclass(frozen=True, eq=False)

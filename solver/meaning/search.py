@@ -25,7 +25,7 @@ from jointstiff.solver.meaning.hypotheses import (
 )
 from jointstiff.solver.meaning.kinematics import FlangeModel
 from jointstiff.solver.meaning.refinement import RigidFit, fit_frame
-from jointstiff.solver.meaning.screening import FlangePlaces, LinearFit, fit_all
+from jointstiff.solver.meaning.screening import FlangePlaces, LinearFit, choose_subsets, fit_all
 from jointstiff.solver.meaning.table import JointColumns, PointColumns, RowGroups, Table, find_rounding
 from jointstiff.solver.mechanics.robot import KnownRobot
 
@@ -41,10 +41,8 @@ _REFINED_OF_WORDS: Final = 6
 """Of these, the interpretations with the same columns of joints, unit and way of counting."""
 _GOOD: Final = 8e-3
 """Residual [m] of a linear fit that needs no search without rows that may be damaged."""
-_SUBSETS: Final = 8
 MOST_INTERPRETATIONS: Final = 1_500_000
 """Interpretations that are compared at most, in some ten seconds."""
-_LEAST_SUBSET: Final = 7
 _LEAST_POSTURES: Final = 3
 _SAME_JOINTS: Final = 1e-4
 """Difference of joints in two tables, as a part of their movement, up to which the joints are the same."""
@@ -105,9 +103,9 @@ def _screen(searches: Sequence[_Search]) -> list[list[_Candidate]]:
     if any(candidate.rank < _GOOD for candidate in all_candidates):
         return candidates_of_searches
     hypothesis_count = sum(len(search.joints) * len(search.points) for search in searches)
-    subset_count = min(_SUBSETS, MOST_INTERPRETATIONS // max(hypothesis_count, 1))
+    most_subsets = MOST_INTERPRETATIONS // max(hypothesis_count, 1)
     for search, candidates in zip(searches, candidates_of_searches, strict=True):
-        candidates.extend(search.screen_subsets(subset_count))
+        candidates.extend(search.screen_subsets(most_subsets))
     return candidates_of_searches
 
 
@@ -208,18 +206,9 @@ class _Search:
         all_rows = np.arange(len(self.rows))
         return list(self._fit_rows(all_rows))
 
-    def screen_subsets(self, subset_count: int) -> Iterator[_Candidate]:
-        """Yield the interpretations that fit in one of some random halves of the screened rows.
-
-        Nothing is yielded if there are too few rows for a smaller subset.
-        """
-        row_count = len(self.rows)
-        subset_size = max(_LEAST_SUBSET, row_count // 2)
-        if subset_size >= row_count:
-            return
-        generator = np.random.default_rng(0)
-        for _ in range(subset_count):
-            chosen = np.sort(generator.choice(row_count, subset_size, replace=False))
+    def screen_subsets(self, most: int) -> Iterator[_Candidate]:
+        """Yield the interpretations that fit in a subset of the screened rows, of at most so many subsets."""
+        for chosen in choose_subsets(len(self.rows))[:most]:
             yield from self._fit_rows(chosen)
 
     def _fit_rows(self, chosen: IndexArray) -> Iterator[_Candidate]:

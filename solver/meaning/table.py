@@ -93,6 +93,11 @@ class PointColumns:
     columns: tuple[int, int, int]
     groups: RowGroups = RowGroups()
 
+    @property
+    def step(self) -> int:
+        """Distance of the columns of x and y: 1 for neighbours."""
+        return abs(self.columns[1] - self.columns[0])
+
     def overlaps(self, other: PointColumns) -> bool:
         """Return whether two triples share a column."""
         return self.table == other.table and bool(set(self.columns) & set(other.columns))

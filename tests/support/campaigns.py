@@ -11,7 +11,8 @@ from support.shared_data import shared as shared
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import DhModel
 from jointstiff.schemas.run import Campaign
-from jointstiff.service.conversion.readings import ReadingArrays, to_measurements
+from jointstiff.service.conversion.measurements import to_measurements
+from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.conversion.robots import build_chain_robot, build_dh_chain
 from jointstiff.simulator import TARGETS, SpringArm, default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections, linear_deflections

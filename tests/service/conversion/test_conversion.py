@@ -19,13 +19,9 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observation, Reading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
+from jointstiff.service.conversion.measurements import to_common_uncertainty, to_measurements
 from jointstiff.service.conversion.prepared import prepare_robot, prepare_set
-from jointstiff.service.conversion.readings import (
-    ReadingArrays,
-    compute_content_hash,
-    to_common_uncertainty,
-    to_measurements,
-)
+from jointstiff.service.conversion.readings import ReadingArrays, compute_content_hash
 from jointstiff.service.kinds.plan.kind import make_campaign_to_fill_in, readings_sheet
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
 from jointstiff.service.resources.inputs import InMemoryInputs

@@ -23,7 +23,7 @@ TURN = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
 TURN *= np.sign(np.linalg.det(TURN))
 LENGTH, ANGLE, ROWS = "length_unit_suspect", "angle_unit_suspect", "observations_out_of_order"
 SIGN, SWAPPED, COUNTED = "joint_sign_suspect", "joints_swapped", "joints_counted_otherwise"
-FRAME = "frame_mistaken"
+FRAME, LEFT_HANDED = "frame_mistaken", "frame_left_handed"
 
 
 def moved(change):
@@ -65,11 +65,11 @@ MISTAKES = {
     "rolled by one": (turned(lambda q: np.roll(q, 1, axis=0)), ROWS, "the row after"),
     "rolled by five": (turned(lambda q: np.roll(q, 5, axis=0)), ROWS, "the row that is 5 rows after"),
     "joints reversed": (turned(lambda q: q[:, ::-1]), SWAPPED, "the joints in reverse order"),
-    "z y x": (moved(lambda p: p[..., [2, 1, 0]]), FRAME, "are z, y, x of the readings"),
+    "z y x": (moved(lambda p: p[..., [2, 1, 0]]), LEFT_HANDED, "are z, y, x of the readings"),
     "y z x": (moved(lambda p: p[..., [1, 2, 0]]), FRAME, "are z, x, y of the readings"),
     "a tracker's frame": (moved(lambda p: p @ TURN.T + [2.5, -1.2, 0.4]), FRAME, "not in R0"),
     "a left-handed frame": (
-        moved(lambda p: (p @ TURN.T + [2.5, -1.2, 0.4]) * [1, -1, 1]), FRAME, "in a left-handed frame"
+        moved(lambda p: (p @ TURN.T + [2.5, -1.2, 0.4]) * [1, -1, 1]), LEFT_HANDED, "in a left-handed frame"
     ),
     "loaded rolled by one": (loaded_of_another_row, ROWS, "the loaded readings of 14 of 14"),
     "loaded minus unloaded": (deflections_as_loaded, "deflection_implausibly_large", "to be deflections"),
@@ -167,6 +167,37 @@ def test_a_wrong_reading_of_three_linear_axes_is_no_mistyped_angle():
     (cause,) = [finding for finding in findings if finding.weight == "do_not_use"]
     assert (cause.code, cause.observation) == ("target_off_model", measurements.labels[3])
     assert "typing error" not in cause.remedy
+
+
+def gantry_readings(change, count=14):
+    """Return the readings of three linear axes, whose positions (N, 1, 3) were changed."""
+    arm, draw = gantry(), np.random.default_rng(1)
+    joints = draw.uniform(0.0, 1.0, (count, 3))
+    unloaded = change(joints[:, None] + arm.flange_translation + np.array([[0.1, 0.0, -0.2]]))
+    pulls = 400.0 * draw.standard_normal((count, 3))
+    deflection = np.full_like(unloaded, 1e-4)
+    return readings_of(joints, pulls, np.zeros(3), unloaded, deflection, sigma=2e-5, targets=("A",))
+
+
+@pytest.mark.parametrize("row", [0, 3, 13])
+def test_a_wrong_reading_of_linear_axes_is_no_wrong_frame(row):
+    def shift(positions):
+        positions[row] += [0.2, 0.1, 0.3]
+        return positions
+
+    measurements = gantry_readings(shift)
+    findings = inspect_measurements(robot_of(gantry()), measurements, degrees=True, others=[])
+    (cause,) = [finding for finding in findings if finding.weight == "do_not_use"]
+    assert (cause.code, cause.observation) == ("target_off_model", measurements.labels[row])
+
+
+def test_a_turned_frame_of_linear_axes_is_named_without_a_place():
+    """Where the origin is cannot be known: the targets may be elsewhere on the flange."""
+    measurements = gantry_readings(lambda positions: positions @ TURN.T)
+    findings = inspect_measurements(robot_of(gantry()), measurements, degrees=True, others=[])
+    (cause,) = [finding for finding in findings if finding.code == FRAME]
+    assert "whose origin" not in cause.message
+    assert "do not show `translation`" in cause.remedy
 
 
 def test_the_remedy_of_a_left_handed_frame_leads_to_the_frame():

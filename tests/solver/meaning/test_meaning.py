@@ -1,11 +1,15 @@
 """The meaning of tables by the robot: what is proposed, and what never is."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from support.measured_arms import PLACES, TRACKER, measure, wide
 
+from benchmarks.studies.layouts import simulate, wide_rad_m
 from jointstiff.service.resources.known_robots import catalogue_robots
 from jointstiff.solver.meaning.proposal import propose
+from jointstiff.solver.meaning.screening import choose_subsets
 from jointstiff.solver.meaning.table import RowGroups, Table
 from jointstiff.solver.meaning.words import describe, remark
 from jointstiff.solver.mechanics.postures import Postures
@@ -72,6 +76,48 @@ def test_signs_that_may_be_exchanged_axes_are_a_question(robots):
     assert (
         best.doubt == "two of x, y and z may be exchanged instead of joints with J1, J4, J6 reversed, as KUKA"
     )
+
+
+@pytest.mark.parametrize("arm", ["Universal Robots UR10e", "Stäubli TX2-60"])
+@pytest.mark.parametrize("order", [[2, 1, 0], [1, 0, 2], [0, 2, 1]])
+def test_exchanged_axes_of_an_arm_without_a_mirror_image_are_a_question(robots, arm, order):
+    """Neither arm is its own mirror image, so that no other signs of joints fit."""
+    joints, points = measure(robots[arm])
+    loaded = points - [0.0, 0.3, 0.8]
+    exchanged = np.stack([points, loaded], axis=2)[..., order]
+    best = propose([Table("a", wide(joints, exchanged))], [robots[arm]]).best
+    assert best.doubt == "two of x, y and z seem to be exchanged, or the sign of one of them is wrong"
+    assert best.joints.counting.is_own
+    read = [each.points.columns for each in best.readings]
+    assert read == [tuple(first + np.array(order)) for first in range(6, 24, 3)]
+    assert best.is_in_base_frame
+
+
+def test_a_reversed_axis_of_a_tracker_is_a_question_with_a_right_handed_frame(robots):
+    known = robots["Universal Robots UR5e"]
+    joints, points = measure(known)
+    tracker = (points - [2000.0, 500.0, 300.0]) @ TRACKER.T * [1, 1, -1]
+    best = propose([Table("a", wide(joints, tracker))], [known]).best
+    assert best.doubt
+    assert np.linalg.det(best.frame.rotation) == pytest.approx(1.0)
+    columns = best.readings[0].points.columns
+    read = best.frame.to_base(wide(joints, tracker)[:, list(columns)])
+    np.testing.assert_allclose(read, 1e-3 * points[:, 0], atol=8e-3)
+
+
+def test_any_two_damaged_rows_leave_a_subset_without_them():
+    for count in (16, 17, 23, 48):
+        subsets = [set(subset.tolist()) for subset in choose_subsets(count)]
+        for damaged in combinations(range(count), 2):
+            assert any(subset.isdisjoint(damaged) for subset in subsets)
+
+
+def test_positions_in_a_smaller_unit_are_no_rival(robots):
+    """Numbers of m that are taken as inches have small distances, because the targets hardly move."""
+    known = robots["ABB IRB 6640-185/2.8"]
+    campaign = simulate(known.name, 91_001)
+    (table,) = wide_rad_m(campaign).tables.values()
+    assert propose([Table("a", table)], [known]).best is not None
 
 
 NOTHING_RIGHT = {
