@@ -21,11 +21,10 @@ from jointstiff.solver.fit.cone import find_diagonal_entries
 from jointstiff.solver.fit.conic import (
     compute_penalised_range,
     compute_unconstrained_range,
-    solve_cone,
 )
 from jointstiff.solver.fit.elastic import ElasticFit
 from jointstiff.solver.fit.estimate import Estimate, JointCompliance
-from jointstiff.solver.fit.solution import Certificate
+from jointstiff.solver.fit.solution import Certificate, solve
 from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.mechanics.block import spring_frames
 from jointstiff.solver.mechanics.postures import Postures
@@ -215,7 +214,7 @@ def _find_ranges(estimate: ElasticFit, to_effective: FloatArray, quantile: float
         return None
     reduced = likelihood.reduced
     program = reduced.state(_LIGHTER * likelihood.weight)
-    optimum = solve_cone(program, wanted_gap=_GAP).x
+    optimum = solve(program, gap=_GAP).x
     functions = to_effective[:, reduced.columns] * reduced.unit  # of the program's parameters x
     root_of_increase = quantile * likelihood.sigma / reduced.reading_norm
     lower, upper = compute_penalised_range(program, optimum, root_of_increase**2, functions).T

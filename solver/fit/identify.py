@@ -36,14 +36,13 @@ from jointstiff.solver.fit.observability import Excitation, Observability
 from jointstiff.solver.fit.prior import Prior
 from jointstiff.solver.fit.rest import find_rest
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.solution import Certificate, solve, solve_step
+from jointstiff.solver.fit.solution import Certificate
 from jointstiff.solver.fit.stages import (
     Fit,
     Likelihood,
     RobustFit,
     Scale,
     SolvedMethod,
-    SolveProblem,
     TargetRows,
     estimate_scale,
     fit_huber,
@@ -472,16 +471,16 @@ class _Problem:
             weighted_readings = robust.reweight(rows.measurements)
             rows = rows.of(weighted_readings)
         compressed = MethodRows.compress(self.method, rows, stated_errors)
-        solved, without_prior = self._solve_compressed_rows(compressed, robust, solve_step)
+        solved, without_prior = self._solve_compressed_rows(compressed, robust, witnessed=False)
         return _SingleFit(rows, compressed, solved, without_prior, robust, targets)
 
     def certify(self, last: _SingleFit) -> _SingleFit:
         """Return the last fit, solved again by Clarabel, with certificates of its optimum."""
-        solved, without_prior = self._solve_compressed_rows(last.compressed, last.robust, solve)
+        solved, without_prior = self._solve_compressed_rows(last.compressed, last.robust, witnessed=True)
         return replace(last, solved=solved, without_prior=without_prior)
 
     def _solve_compressed_rows(
-        self, compressed: MethodRows, robust: RobustFit | None, solve_problem: SolveProblem
+        self, compressed: MethodRows, robust: RobustFit | None, *, witnessed: bool
     ) -> tuple[SolvedMethod, Fit | None]:
         """Return the optimum for compressed rows, with the prior of the settings, and the fit without prior.
 
@@ -490,10 +489,10 @@ class _Problem:
         Args:
             compressed: compressed rows of all observations.
             robust: fit with the Huber loss, which gives sigma; None for the squared loss.
-            solve_problem: function that solves a problem.
+            witnessed: whether Clarabel solves the problems, too; see `solve`.
         """
         constraints, has_no_effect = self.settings.constraints, self.observability.null
-        solved = solve_method(compressed, has_no_effect, constraints, solve_problem=solve_problem)
+        solved = solve_method(compressed, has_no_effect, constraints, witnessed=witnessed)
         if self.settings.prior is None:
             return solved, None
         # A prior is weighed against the noise of the readings. A sigma that is not stated is estimated from
@@ -502,7 +501,8 @@ class _Problem:
         stated_sigma = self.rows.measurements.sigma if robust is None else robust.sigma
         sigma = _require_sigma_for_prior(estimate_scale(without_prior, compressed.all_readings, stated_sigma))
         prior = self.settings.prior.in_units_of(sigma)
-        return solve_method(compressed, has_no_effect, constraints, prior, solve_problem), without_prior
+        solved = solve_method(compressed, has_no_effect, constraints, prior, witnessed=witnessed)
+        return solved, without_prior
 
     def _fit_huber(self, targets: TargetRows, before: _SingleFit | None) -> RobustFit:
         """Fit the joints with Huber's loss; an unknown sigma is estimated by the first fit and then kept.

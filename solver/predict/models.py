@@ -33,12 +33,12 @@ from jointstiff.solver.choice.held_out import Folds, fit_fold
 from jointstiff.solver.errors import CasesError, RequestError, SolverError
 from jointstiff.solver.evidence.resampling import build_method_stacks, fit_subsets
 from jointstiff.solver.fit.cone import find_diagonal_entries, to_matrix
+from jointstiff.solver.fit.constraints import Constraints
 from jointstiff.solver.fit.elastic import ElasticFit
 from jointstiff.solver.fit.estimate import Estimate, PostureJackknife, compute_interval_ends
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.observability import Spectrum
 from jointstiff.solver.fit.part import generate_elastic_rows
-from jointstiff.solver.fit.problem import Constraints
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.block import (

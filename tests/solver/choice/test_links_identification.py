@@ -34,7 +34,7 @@ from jointstiff.solver.choice.held_out import (
 )
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fit.cone import to_vector
-from jointstiff.solver.fit.conic import LeastSquares, compute_unconstrained_range
+from jointstiff.solver.fit.conic import compute_unconstrained_range
 from jointstiff.solver.fit.effective import (
     EffectiveCompliances,
     build_effective_rows,
@@ -42,6 +42,7 @@ from jointstiff.solver.fit.effective import (
 )
 from jointstiff.solver.fit.part import Part, compress_parts, generate_elastic_rows
 from jointstiff.solver.fit.prior import Prior
+from jointstiff.solver.fit.problem import LeastSquares
 from jointstiff.solver.fit.reduced import (
     LOSSES,
     Candidate,
