@@ -289,21 +289,18 @@ def fit_fold(
         folds: the divided measurement set.
         candidate: elastic elements that bend, and the loss.
         fold: index of the fold that is held out.
-        weights: W weights λ; a model of joints alone has no penalty, so that all weights give the same fit.
+        weights: W weights λ; without penalised parameters, all weights give the same fit.
 
     Returns:
         The unknowns (W, P + E), compliances and E stated errors; and the errors (W,) [m] with which they
         predict the held-out fold.
     """
     reduced = folds.reduce_training_rows(candidate, fold)
-    if candidate.model.has_only_joints:
-        if candidate.loss == "squared":
-            one_fit = reduced.fit_joints_only()
-        else:
-            one_fit = _fit_or_nan(reduced, candidate, weight=1.0)
-        unknowns = np.tile(one_fit, (len(weights), 1))
-    else:
+    if reduced.cone.has_penalty:
         unknowns = np.array([_fit_or_nan(reduced, candidate, weight) for weight in weights])
+    else:
+        one_fit = _fit_or_nan(reduced, candidate, weights[0])
+        unknowns = np.tile(one_fit, (len(weights), 1))
     return unknowns, folds.compute_prediction_errors(fold, unknowns)
 
 

@@ -140,6 +140,11 @@ class Matrices:
         """Number of scalars without a penalty; they come first."""
         return self.nonnegative - self.penalised
 
+    @property
+    def has_penalty(self) -> bool:
+        """Whether a parameter is penalised; if not, the cone is one of scalars that are zero or positive."""
+        return self.penalised > 0 or len(self.sizes) > 0
+
     def blocks(self) -> Iterator[tuple[int, slice]]:
         """Yield each block's number of rows and the slice of the parameters that contains the block."""
         start = self.nonnegative

@@ -179,18 +179,6 @@ class Reduced:
         scale = float(np.median(norms)) / MEDIAN_NORM  # `MEDIAN_NORM` is the median norm of normal noise
         return max(scale, _LEAST_SCALE * mean_deflection)
 
-    def fit_joints_only(self) -> FloatArray:
-        """Fit the compliances of joints that alone bend by non-negative least squares, without a penalty.
-
-        Returns:
-            (P + K,) compliances of all elements, zero except for joints, then systematic errors.
-        """
-        R = self.squares.R
-        positive = Scalars(Bounds.positive(R.shape[1]))
-        x = solve(Problem(self.squares, positive), witnessed=False).x
-        compliances = self.to_compliances(x)
-        return self.part.append_fitted_errors(compliances)
-
 
 def reduce_part(part: Part, candidate: Candidate, visible: BoolArray, sigma: float | None = None) -> Reduced:
     """Select and scale the columns of least-squares rows for the parameters x of a model.
@@ -410,7 +398,14 @@ class SquaredLoss(Loss):
     reduced: Reduced
 
     def solve(self, weight: float, *, gap: float, accepted: float | None = None) -> Solution:
-        """Minimise the squares plus λ times the penalty; arguments and errors are those of `Loss.solve`."""
+        """Minimise the squares plus λ times the penalty; arguments and errors are those of `Loss.solve`.
+
+        Without penalised parameters, the problem is one over scalars, whose optimum has no gap.
+        """
+        cone = self.reduced.cone
+        if not cone.has_penalty:
+            positive = Scalars(Bounds.positive(cone.dimension))
+            return solve(Problem(self.reduced.squares, positive), witnessed=False)
         return solve(self.reduced.state(weight), gap=gap, accepted=accepted)
 
     def certify_gap(self, compliances: FloatArray, weight: float, solution: Solution) -> float:  # noqa: ARG002
