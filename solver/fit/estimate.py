@@ -46,8 +46,8 @@ from jointstiff.solver.fit.problem import LeastSquares, Problem
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import Certificate, greatest_violations, solve, solve_batch
 from jointstiff.solver.fit.stages import (
-    Fit,
     Likelihood,
+    MethodFit,
     RobustFit,
     Scale,
     SigmaTest,
@@ -726,7 +726,7 @@ class Evidence:
     """Data on which the verdicts on the joints are based."""
 
     names: tuple[str, ...]  #: names of the n joints
-    fit: Fit  #: outcome of the method
+    fit: MethodFit  #: outcome of the method
     observability: Observability  #: observability in these readings
     scale: Scale  #: sigma and the residuals under sigma
     constraints: Constraints  #: on the compliances

@@ -143,7 +143,7 @@ def invert_to_root(covariance: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class MethodFit:
     """The estimate of a method, with covariances in units of sigma², before sigma is known."""
 
     compliance: FloatArray  #: (n,) optimum [rad/(N·m)]; zero for joints without effect
@@ -158,14 +158,14 @@ class Fit:
     undetermined: tuple[Combination, ...]
     identifiability: tuple[Identifiability, ...]  #: identifiability of each stage, by the readings alone
     certificates: tuple[Certificate, ...]  #: certificates of each stage
-    alone: Fit | None = None  #: the fit without the prior; None if no prior was used
+    alone: MethodFit | None = None  #: the fit without the prior; None if no prior was used
 
-    def multiply_covariance(self, factor: float) -> Fit:
+    def multiply_covariance(self, factor: float) -> MethodFit:
         """Return the fit with the covariance of the estimate multiplied by a factor."""
         likelihood = self.likelihood.multiply_covariance(factor)
         return replace(self, covariance=factor * self.covariance, likelihood=likelihood)
 
-    def add_common_errors(self, responses: FloatArray) -> Fit:
+    def add_common_errors(self, responses: FloatArray) -> MethodFit:
         """Return the fit with the uncertainty of errors that all observations share added to its covariance.
 
         Args:
@@ -178,9 +178,6 @@ class Fit:
             covariance=self.covariance + responses @ responses.T,
             likelihood=self.likelihood.add_common_errors(responses[seen_joints]),
         )
-
-
-"""Function that finds and certifies the optimum of a problem."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,7 +296,7 @@ class SolvedMethod:
             tied[stage.joints] = stage.tied
         return tied
 
-    def describe(self) -> Fit:
+    def describe(self) -> MethodFit:
         """Return the fit of the whole method: optimum, covariance, and the evidence of optimality."""
         stages = list(self.stages.values())
         joints = np.concatenate([np.zeros(0, np.intp), *(stage.joints for stage in stages)])
@@ -308,7 +305,7 @@ class SolvedMethod:
         undetermined = self._list_undetermined()
         rows = self._find_rows_of_likelihood(covariance_of_joints, undetermined)
         likelihood = Likelihood(joints, self.unconstrained[joints], covariance_of_joints, rows)
-        return Fit(
+        return MethodFit(
             compliance=self.compliance,
             active=self.active,
             tied=self.tied,
@@ -563,12 +560,17 @@ class Scale:
     chi_square: float  #: sum of the squared residuals of the targets over sigma²
     degrees_of_freedom: float  #: expectation of `chi_square` if model and sigma are right
 
+    @property
+    def freedom_of_sigma(self) -> float | None:
+        """Degrees of freedom of a sigma from the residuals; None for a stated sigma."""
+        return None if self.given else self.degrees_of_freedom
+
     def quantile(self, probability: float) -> float:
         """Return a quantile of the distribution of (estimate − true value) / standard uncertainty.
 
         The distribution is normal, or Student's where sigma was estimated from the residuals.
         """
-        return student_quantile(probability, None if self.given else self.degrees_of_freedom)
+        return student_quantile(probability, self.freedom_of_sigma)
 
     def list_quantiles(self, confidence: float) -> FloatArray:
         """Return the quantiles (2,) of two-sided intervals and of one-sided bounds, at a confidence level."""
@@ -578,7 +580,7 @@ class Scale:
         return np.array([two_sided, one_sided])
 
 
-def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
+def estimate_scale(fit: MethodFit, readings: Triangle, sigma: float | None) -> Scale:
     """Return sigma, the chi-square of the targets' residuals, and the chi-square's degrees of freedom.
 
     For any linear unbiased ĉ of covariance C, ``E[χ²] = rows − 2 p + tr(AᵀΣ⁻¹A C)``, which is rows − p for
