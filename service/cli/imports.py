@@ -185,10 +185,10 @@ _OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
             list[str] | None,
             typer.Option(
                 metavar="KEY=VALUE",
-                help="Way in which data of the load were measured: load_point=tracker (1 mm at least), "
-                "drawing (3 mm) or hand (10 mm); force=scales, cell, pulley (5 ± 3 % less) or catalogue (3 "
-                "%); tared=true or false for a cell; between=still, payload_declared or "
-                "gravity_compensated. Repeatable.",
+                help="Way in which data of the load were measured. load_point=tracker (1 mm at least), "
+                "drawing (3 mm) or hand (10 mm). force=scales, cell, pulley (5 ± 3 % less) or "
+                "catalogue (3 %). tared=true or false for a cell. between=still, payload_declared "
+                "or gravity_compensated. Repeatable.",
             ),
         ],
         None,
@@ -197,8 +197,8 @@ _OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
         Annotated[
             Path | None,
             cli.output_option(
-                "File to write: a campaign; without --robot a measurement set; poses for `geometry` if only "
-                "unloaded positions were read, and the robot has no masses."
+                "File for the campaign, or for a measurement set without --robot. If only unloaded "
+                "positions were read and the robot has no masses, the file has poses for `geometry`."
             ),
         ],
         None,

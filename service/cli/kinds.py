@@ -46,8 +46,8 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             Path | None,
             cli.file_argument(
                 "[SECOND]",
-                "File of a second campaign, compared with the first: with secondary encoders, after a "
-                "change, or of a robot of the same model.",
+                "File of a second campaign to compare with the first. The second campaign has secondary "
+                "encoders, follows a change, or is of a robot of the same model.",
             ),
         ],
     },
@@ -82,8 +82,8 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             list[Path],
             cli.file_argument(
                 "PROGRAM",
-                "Robot program, or CSV table of poses; for KUKA, the .src and its .dat, for ABB, the "
-                "modules of the task, for FANUC, the .LS and those that it calls.",
+                "Robot program, or CSV table of poses. KUKA: the .src and .dat files. ABB: the modules "
+                "of the task. FANUC: the .LS file and the .LS files that it calls.",
             ),
         ]
     },

@@ -27,11 +27,11 @@ _FIELDS_WITHOUT_OPTION: Final = {
 }
 """Fields of `LiveOptions` for which the command has no option of the same form."""
 _HELP_TEXTS: Final = {
-    "load": "Load to apply, such as dead_weight:1500, dead_weight:150kg or any_direction:1500; default: "
-    "the strongest force of the campaign, as a weight if all forces of the campaign pull down.",
+    "load": "Load to apply, such as dead_weight:1500, dead_weight:150kg or any_direction:1500. Default: "
+    "the strongest force of the campaign, as a weight if all forces pull down.",
     "targets": "Target in the flange frame, in mm; default: the targets of the campaign. Repeatable.",
-    "work_area": "Work area of a goal about deflections: two corners of a box, in R0, in mm; default: the "
-    "box around the load points of the campaign.",
+    "work_area": "Work area of a goal about deflections, as two corners of a box in R0, in mm. Default: "
+    "the box around the campaign's load points.",
 }
 
 
@@ -46,9 +46,9 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
             str | None,
             typer.Option(
                 metavar="GOAL",
-                help='Goal of the measurement: an uncertainty of "15 %" of every stiffness that the load '
-                'tests, or "6 um" of the deflection in the work area; or "below 0.5 mm" to decide whether '
-                "the deflection stays below this limit. Required without --bridge.",
+                help='Goal of the measurement. "15 %": uncertainty of every stiffness that the load tests. '
+                '"6 um": uncertainty of the deflection in the work area. "below 0.5 mm": decide whether '
+                "the deflection stays below 0.5 mm. Required without --bridge.",
             ),
         ],
         None,
@@ -202,8 +202,9 @@ def build_measure_command() -> Callable[..., None]:
         str | None,
         typer.Argument(
             metavar="CAMPAIGN_OR_ROBOT",
-            help="File of a campaign whose robot, loads, targets and noise are used; its readings are not "
-            "used. Or a robot (file, or name of an arm of the catalogue) with --load and --target.",
+            help="File of a campaign that gives robot, loads, targets and noise. The readings of the "
+            "campaign are not used. Instead of a campaign, name a robot (file, or arm of the "
+            "catalogue) with --load and --target.",
         ),
     ]
     fields = {name: (annotation, None) for name, annotation in annotations.items()}

@@ -44,8 +44,7 @@ def report(
         Path,
         cli.file_argument(
             "FILE",
-            "File of a campaign; or of a comparison, plan, map or program, as the command prints it with "
-            "--json.",
+            "File of a campaign, or output of --json for a comparison, plan, map or program.",
         ),
     ],
     *,

@@ -337,7 +337,7 @@ GEARBOX: Final = Kind[Gearbox, GearboxRequest](
     },
     description="""Identify the stiffness of gearboxes from the angles of two encoders, without a tracker.
 
-Read motor and link angle of joints at rest in planned postures, without and with a weighed load. The result
-is the gearbox between the two encoders, not the joint. Or give logs of a motion, with the masses of the arm:
-a check within a factor of 1.5.""",
+Read motor and link angle of joints at rest in planned postures, without and with a weighed
+load. The result is the gearbox between the two encoders, not the joint. Logs of a motion,
+together with the masses of the arm, give the same stiffness within a factor of 1.5.""",
 )

@@ -506,5 +506,5 @@ GEOMETRY: Final = Kind[Geometry, GeometryRequest](
     examples=_EXAMPLES,
     description="Identify a robot's geometry from sweeps of single joints, or from poses without load. Post "
     'the identified model as the model of a robot: `{"format": "geometry", …}`. Suspicious readings are '
-    "findings; readings that do not determine the geometry are refused.",
+    "reported. Readings that do not determine the geometry are refused.",
 )
