@@ -17,8 +17,8 @@ from jointstiff.simulator.campaign import (
     plan_experiment,
 )
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.fit.constraints import Bounds
 from jointstiff.solver.fit.method import Settings
-from jointstiff.solver.fit.problem import Bounds
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from tests.support.springs import readings_of, robot_of

@@ -21,9 +21,9 @@ from jointstiff.solver.evidence.resampling import (
     draw_configurations,
     resample,
 )
+from jointstiff.solver.fit.constraints import Bounds
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
-from jointstiff.solver.fit.problem import Bounds
 from jointstiff.solver.fit.rows import Rows
 
 __all__ = ["run"]

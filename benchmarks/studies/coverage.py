@@ -16,10 +16,10 @@ from benchmarks.report import Figure, Section
 from jointstiff.schemas.options import Method
 from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.fit.constraints import Bounds
 from jointstiff.solver.fit.estimate import Estimate, JointCompliance
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
-from jointstiff.solver.fit.problem import Bounds
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot

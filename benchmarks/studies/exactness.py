@@ -13,18 +13,20 @@ from flint import fmpq
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.fit.problem import Bounds, IdentificationProblem
-from jointstiff.solver.fit.solution import Solution, solve, solve_step
+from jointstiff.solver.fit.cone import Scalars
+from jointstiff.solver.fit.constraints import Bounds
+from jointstiff.solver.fit.problem import LeastSquares, Problem
+from jointstiff.solver.fit.solution import solve
 from jointstiff.solver.fit.triangle import compute_triangular_factor
 from tests.reference.exact_nnls import exact_nnls
 from tests.reference.exact_problems import (
     MOST_ACTIVE,
     MOST_PARAMETERS,
     WORST_CONDITION,
-    Problem,
     random_problem,
     tied_problem,
 )
+from tests.reference.exact_problems import Problem as ExactProblem
 
 __all__ = ["run"]
 
@@ -42,14 +44,14 @@ _NOTES = (
 )
 
 
-def combined_problem(seed: int) -> Problem:
+def combined_problem(seed: int) -> ExactProblem:
     """A random problem with a further column, an exact multiple of the first: only their sum shows."""
     simple = random_problem(seed)
     rng = np.random.default_rng([seed, 2])
     copy = simple.A[:, :1] * 2.0 ** rng.integers(-20, 21)
     judged = np.append(simple.judged, False)
     judged[0] = False
-    return Problem(np.hstack([simple.A, copy]), simple.b, judged)
+    return ExactProblem(np.hstack([simple.A, copy]), simple.b, judged)
 
 
 @dataclass(frozen=True)
@@ -69,15 +71,15 @@ class Outcome:
 
 def run(*, quick: bool) -> list[Section]:
     """Solve random, combined and tied problems by the solver and by exact arithmetic."""
-    kinds: tuple[tuple[str, Callable[[int], Problem], int], ...] = (
+    kinds: tuple[tuple[str, Callable[[int], ExactProblem], int], ...] = (
         ("random", random_problem, 100 if quick else 10_000),
         ("combined", combined_problem, 20 if quick else 1_000),
         ("tied", tied_problem, 20 if quick else 1_000),
     )
     found = {
-        f"{number:,} {name}, {way}": _summary([_outcome(make(i), solver) for i in range(number)])
+        f"{number:,} {name}, {way}": _summary([_outcome(make(i), witnessed=witnessed) for i in range(number)])
         for name, make, number in kinds
-        for way, solver in (("Clarabel", solve), ("pivoting", solve_step))
+        for way, witnessed in (("Clarabel", True), ("pivoting", False))
     }
     return [
         Section(
@@ -100,20 +102,21 @@ def _figures(found: dict[str, dict[str, Any]]) -> Iterable[Figure]:
         yield Figure.none(f"exactness, all problems: {what}", total)
 
 
-def _outcome(problem: Problem, solver: Callable[[IdentificationProblem], Solution]) -> Outcome:
+def _outcome(problem: ExactProblem, *, witnessed: bool) -> Outcome:
     """Solve as identify does, compression included, and exactly."""
     exact = exact_nnls(problem.A, problem.b)
     active = sum(value == 0 for value in exact)
     R = compute_triangular_factor(np.column_stack([problem.A, problem.b]))
     try:
-        solution = solver(IdentificationProblem(R[:, :-1], R[:, -1], Bounds.positive(len(exact))))
+        positive = Scalars(Bounds.positive(len(exact)))
+        solution = solve(Problem(LeastSquares(R[:, :-1], R[:, -1]), positive), witnessed=witnessed)
     except SolverError:
         return Outcome(None, float("nan"), same_support=False, active=active)
-    errors, same = _errors(problem, solution.compliance, exact)
+    errors, same = _errors(problem, solution.x, exact)
     return Outcome(solution.certificate.solved_by, errors, same, active)
 
 
-def _errors(problem: Problem, c: FloatArray, exact: list[fmpq]) -> tuple[float, bool]:
+def _errors(problem: ExactProblem, c: FloatArray, exact: list[fmpq]) -> tuple[float, bool]:
     """Greatest relative error, subtracted exactly, and whether the supports agree, where judged.
 
     A number other than zero where zero is exact has the error inf relative to its part.

@@ -30,7 +30,7 @@ from jointstiff.solver.choice.held_out import (
 )
 from jointstiff.solver.fit.elastic import ElasticFit
 from jointstiff.solver.fit.part import generate_elastic_rows
-from jointstiff.solver.fit.reduced import LOSSES, Candidate
+from jointstiff.solver.fit.reduced import LOSSES, Candidate, fit_loss
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -46,6 +46,7 @@ VISIBLE = np.ones(6, dtype=np.bool_)
 _MODELS = tuple(model.name for model in MODELS if not model.has_base)
 SPLITS, FITTED = 20, 20
 _CHOSEN = "joints_and_links, loss chosen"
+_GAP = 1e-4  # gap of the fit of joints alone, relative to the readings
 
 
 def run(*, quick: bool, part: Part) -> list[Section]:
@@ -128,7 +129,8 @@ def _best_loss(folds: Folds, name: ModelName, losses: Sequence[Loss]) -> tuple[F
     _, path, model = min(chosen, key=lambda each: each[0])
     if name == "joints":
         form = folds.reduce_training_rows(model)
-        return form.fit_joints_only(), None
+        solution = fit_loss(form, model, path.weights[0], gap=_GAP).solution
+        return form.to_compliances(solution.x), None
     path = refine_path(folds, model, path)
     elastic = fit_first_certified(folds, model, path.weights[choose_weight_index(path.errors, "best") :])
     return elastic.entries, elastic

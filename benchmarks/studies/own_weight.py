@@ -15,8 +15,8 @@ from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver import WeightEstimate, WeightReadings, identify_weight
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.fit.conic import GAP
-from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.constraints import Bounds, Constraints
+from jointstiff.solver.fit.solution import GAP
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.predict.models import JointModel
 from tests.support.sagging import ARM, BODIES, LOAD_POINT, ROBOT, burden_of, campaign

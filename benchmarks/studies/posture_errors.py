@@ -18,10 +18,10 @@ from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS, deflections
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.fit.constraints import Bounds
 from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
-from jointstiff.solver.fit.problem import Bounds
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import ASSUMED_LIVE_DRIFT, CommonUncertainty
 from jointstiff.solver.run import run as identify_run

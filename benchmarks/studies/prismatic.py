@@ -7,9 +7,9 @@ import numpy as np
 from benchmarks.report import Figure, Section
 from jointstiff.simulator import SpringArm, equilibrium
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
-from jointstiff.solver.fit.problem import Bounds, Constraints
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.predict.models import JointModel

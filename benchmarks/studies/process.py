@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.inverse import InverseKinematics

@@ -21,9 +21,9 @@ from jointstiff.simulator import default_arm
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_campaign, elastic_deflections
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.fit.constraints import Bounds
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
-from jointstiff.solver.fit.problem import Bounds
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.measurements import Measurements

@@ -24,7 +24,7 @@ from jointstiff.service.tables.estimate import estimate_columns
 from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.service.tables.table import Column, Table, as_line
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot

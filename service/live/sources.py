@@ -28,7 +28,7 @@ import numpy as np
 from jointstiff.service.problems import ServiceError
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import JointstiffError, RequestError
-from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot

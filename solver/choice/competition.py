@@ -530,12 +530,12 @@ class Competition:
         if self.penalty_is_given:
             return Elastic(elastic, self._compute_effective(elastic, elastic), intervals=None)
         if self._requested is not None:
-            name = elastic.candidate.model.name
+            name = elastic.model.name
             by_squares = self._fit_whole_set_by_squares(name, paths) or elastic
             return Elastic(elastic, self._compute_effective(elastic, by_squares), intervals=name)
         richest = self._fit_whole_set_by_squares(selection.largest, paths) or elastic
         effective = self._compute_effective(elastic, richest)
-        whole_set = Elastic(elastic, effective, intervals=richest.candidate.model.name)
+        whole_set = Elastic(elastic, effective, intervals=richest.model.name)
         if selection.tied is None:
             return whole_set
         return self._widen_by_tied_model(whole_set, selection.tied, selection, paths)
@@ -561,7 +561,7 @@ class Competition:
         prediction = replace(
             elastic.prediction,
             bending="links_or_base",
-            predicted_by="base" if elastic.candidate.model.name in WITH_BASE else "links",
+            predicted_by="base" if elastic.model.name in WITH_BASE else "links",
             joined=effective_of_tied is not None,
         )
         return replace(whole_set, estimate=replace(elastic, prediction=prediction), effective=effective)

@@ -23,7 +23,8 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.evidence.causes import CLEAR_GAIN, HeldOutGain, Screening
 from jointstiff.solver.evidence.term_tests import LINKS_LEVEL
-from jointstiff.solver.fit.elastic import ElasticFit, fit_elastic
+from jointstiff.solver.fit.elastic import ElasticFit, Penalised
+from jointstiff.solver.fit.fit import fit
 from jointstiff.solver.fit.part import (
     MOST_TARGETS,
     Part,
@@ -238,7 +239,11 @@ class Folds:
         Raises:
             UnsupportedMethodError: the penalty has no scale, or is too small for the optimum to be certified.
         """
-        return fit_elastic(self.rows, self.merge_training_rows(None), candidate, self.visible, weight)
+        whole_set = self.merge_training_rows(None)
+        options = Penalised(
+            candidate.columns, self.visible, weight, whole_set, candidate.loss, candidate.threshold
+        )
+        return fit(self.rows, candidate.model, options)
 
     def compute_prediction_errors(self, fold: int, unknowns: FloatArray) -> FloatArray:
         """Return the errors (W,) [m] with which W vectors of unknowns predict a fold's readings.
@@ -289,21 +294,18 @@ def fit_fold(
         folds: the divided measurement set.
         candidate: elastic elements that bend, and the loss.
         fold: index of the fold that is held out.
-        weights: W weights λ; a model of joints alone has no penalty, so that all weights give the same fit.
+        weights: W weights λ; without penalised parameters, all weights give the same fit.
 
     Returns:
         The unknowns (W, P + E), compliances and E stated errors; and the errors (W,) [m] with which they
         predict the held-out fold.
     """
     reduced = folds.reduce_training_rows(candidate, fold)
-    if candidate.model.has_only_joints:
-        if candidate.loss == "squared":
-            one_fit = reduced.fit_joints_only()
-        else:
-            one_fit = _fit_or_nan(reduced, candidate, weight=1.0)
-        unknowns = np.tile(one_fit, (len(weights), 1))
-    else:
+    if reduced.cone.has_penalty:
         unknowns = np.array([_fit_or_nan(reduced, candidate, weight) for weight in weights])
+    else:
+        one_fit = _fit_or_nan(reduced, candidate, weights[0])
+        unknowns = np.tile(one_fit, (len(weights), 1))
     return unknowns, folds.compute_prediction_errors(fold, unknowns)
 
 
@@ -354,10 +356,10 @@ def _propose_further_weights(weights: FloatArray, errors: FloatArray) -> list[fl
 def _fit_or_nan(reduced: Reduced, candidate: Candidate, weight: float) -> FloatArray:
     """Return the P fitted compliances and E stated errors (P + E,); NaN if no optimum can be certified."""
     try:
-        fit = fit_loss(reduced, candidate, weight, gap=_GAP)
+        fitted = fit_loss(reduced, candidate, weight, gap=_GAP)
     except SolverError:
         return np.full(reduced.part.compliances + reduced.part.stated_errors, np.nan)
-    return reduced.to_unknowns(fit.solution)
+    return reduced.to_unknowns(fitted.solution)
 
 
 def find_certified_weights(errors: FloatArray) -> BoolArray:
@@ -553,15 +555,15 @@ class _ChosenFit(NamedTuple):
 
 def _score_models(folds: Folds, chosen_fits: Sequence[_ChosenFit]) -> list[HeldOut]:
     """Return the accuracy with which each fit predicts the readings of the folds that it did not use."""
-    scores = _score_held_out(folds, np.array([fit.unknowns for fit in chosen_fits]))
+    scores = _score_held_out(folds, np.array([chosen.unknowns for chosen in chosen_fits]))
     by_posture = _average_by_posture(folds, scores.residual_norms)
     models = []
-    for number, fit in enumerate(chosen_fits):
+    for number, chosen in enumerate(chosen_fits):
         held_out = HeldOut(
-            model=fit.model,
-            loss=fit.loss,
-            error=fit.error,
-            penalty=fit.penalty,
+            model=chosen.model,
+            loss=chosen.loss,
+            error=chosen.error,
+            penalty=chosen.penalty,
             by_fold=scores.compensation[number],
             by_posture=by_posture[number],
             per_draw=folds.per_draw,

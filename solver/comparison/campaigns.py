@@ -39,13 +39,13 @@ from jointstiff.schemas.run import JointResult
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.structure import Apart, TargetsEstimate, take_two_runs_apart
+from jointstiff.solver.fit.constraints import Bounds, Constraints, Order
 from jointstiff.solver.fit.estimate import (
     compute_profile_ends,
     invert_compliance,
     predict,
     stiffness_interval,
 )
-from jointstiff.solver.fit.problem import Bounds, Constraints, Order
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import greatest_violations
 from jointstiff.solver.fit.stages import Likelihood, SolvedStage, invert_to_root, student_quantile
@@ -611,17 +611,17 @@ def fit_ordered(
         for constraints in (together, separate)
     )
     compliance = np.full(2 * n, np.nan)
-    compliance[known] = ordered_fit.compliance
+    compliance[known] = ordered_fit.x
     chi_square_of_ordered, chi_square_of_separate = (
-        float(np.square(R @ (fit.compliance - estimates)).sum()) for fit in (ordered_fit, separate_fit)
+        float(np.square(R @ (fit.x - estimates)).sum()) for fit in (ordered_fit, separate_fit)
     )
     quantile = student_quantile(0.5 + confidence / 2, min(each.degrees_of_freedom for each in free))
     likelihood = Likelihood(np.arange(len(known)), estimates, covariance.stack()[np.ix_(known, known)])
     each_compliance = np.eye(len(known))
     (ends,) = compute_profile_ends(likelihood, together.select(known), each_compliance, np.array([quantile]))
     intervals = np.full((2 * n, 2), np.nan)
-    intervals[known, 0] = np.minimum(ends[:, 0], ordered_fit.compliance)
-    intervals[known, 1] = np.maximum(ends[:, 1], ordered_fit.compliance)
+    intervals[known, 0] = np.minimum(ends[:, 0], ordered_fit.x)
+    intervals[known, 1] = np.maximum(ends[:, 1], ordered_fit.x)
     first, second = compliance.reshape(2, n)
     message = OrderedResult(
         joints=build_messages(

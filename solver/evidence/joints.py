@@ -15,10 +15,12 @@ from jointstiff.solver.evidence.refuted import leave_out, list_refuted
 from jointstiff.solver.evidence.scatter import FoundScatter, Posterior, find_scatter
 from jointstiff.solver.evidence.structure import Apart, take_apart
 from jointstiff.solver.fit.estimate import Estimate
-from jointstiff.solver.fit.identify import JointsFit, describe, fit_joints
+from jointstiff.solver.fit.fit import fit
+from jointstiff.solver.fit.identify import JointsFit, describe
 from jointstiff.solver.fit.method import Loss, Settings
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.models import JOINTS
 
 
 class IdentifiedJoints(NamedTuple):
@@ -78,7 +80,7 @@ class JointsAlone:
             return None
         by_targets = self._without_encoders()
         try:
-            estimate_by_targets = describe(fit_joints(by_targets, self.stated))
+            estimate_by_targets = describe(fit(by_targets, JOINTS, self.stated))
         except NotObservableError:  # only the encoders show joints
             return None
         return take_apart(self._read, estimate_by_targets, self.stated.confidence)
@@ -112,23 +114,23 @@ class JointsAlone:
         Raises:
             JointstiffError: the identification fails, for one of the reasons listed at `identify`.
         """
-        first = fit_joints(self.given, self.stated)
+        first = fit(self.given, JOINTS, self.stated)
         found = find_scatter(self.given, first)
         if found.scatter == self.given.measurements.scatter:
             return self._describe_without_scatter(first)
         rows = self.given.with_scatter(found.scatter)
-        fit = fit_joints(rows, self.stated)
-        estimate = describe(fit)
+        last = fit(rows, JOINTS, self.stated)
+        estimate = describe(last)
         # If the residuals are too large even with the scatter, the scatter is no explanation of them.
         if not _are_within_stated_noise(estimate):
             return self._describe_without_scatter(first)
         if not found.scatter.is_assumed:
-            return IdentifiedJoints(fit.settings, estimate, rows, found.is_shown, fit, found.posterior)
+            return IdentifiedJoints(last.settings, estimate, rows, found.is_shown, last, found.posterior)
         tested = self._fit_without_assumed(first, found)
         # Errors that are only assumed must make a stated sigma seem neither too large nor right.
         if tested.scale.given:
             estimate = estimate.with_residuals_of(tested.scale)
-        return IdentifiedJoints(fit.settings, estimate, rows, found.is_shown, tested, found.posterior)
+        return IdentifiedJoints(last.settings, estimate, rows, found.is_shown, tested, found.posterior)
 
     def _describe_without_scatter(self, first: JointsFit) -> IdentifiedJoints:
         """Return the result of the first fit, which accounts for no scatter but the stated one."""
@@ -147,7 +149,7 @@ class JointsAlone:
         """
         if found.without_assumed == self.given.measurements.scatter:
             return first
-        return fit_joints(self.given.with_scatter(found.without_assumed), self.stated)
+        return fit(self.given.with_scatter(found.without_assumed), JOINTS, self.stated)
 
     @property
     def rows(self) -> Rows:

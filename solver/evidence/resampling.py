@@ -24,13 +24,15 @@ from jointstiff.schemas.run import ResampledJoint, ResamplingResult
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.evidence.joints import JointsAlone
+from jointstiff.solver.fit.cone import Scalars
+from jointstiff.solver.fit.constraints import Bounds
 from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.identify import refuse_unsupported
 from jointstiff.solver.fit.method import Method, Settings
 from jointstiff.solver.fit.observability import NULL_COLUMN, Excitation, Spectrum, analyse_spectrum
-from jointstiff.solver.fit.problem import Bounds, IdentificationProblem
+from jointstiff.solver.fit.problem import LeastSquares, Problem
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.solution import solve_batch, solve_step
+from jointstiff.solver.fit.solution import solve, solve_batch
 from jointstiff.solver.fit.stack import Stack
 from jointstiff.solver.fit.statements import FittedStatements
 from jointstiff.solver.mechanics.springs import JOINTS
@@ -515,9 +517,10 @@ def _solve_determined(
         joints: (s,) indices of the joints.
     """
     spectrum = Spectrum(columns)
-    solution = solve_step(IdentificationProblem(spectrum.determined, readings, bounds))
+    problem = Problem(LeastSquares(spectrum.determined, readings), Scalars(bounds))
+    solution = solve(problem, witnessed=False)
     is_combined = np.isin(joints, list(analyse_spectrum(spectrum, joints).combined))
-    return np.where(is_combined, np.nan, solution.compliance)
+    return np.where(is_combined, np.nan, solution.x)
 
 
 def summarise_resamples(

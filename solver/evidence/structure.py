@@ -28,6 +28,8 @@ from jointstiff.schemas.run import JointResult
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.evidence.scatter import find_most_likely_scatter
+from jointstiff.solver.fit.cone import Scalars
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.fit.estimate import (
     Estimate,
     compute_interval_ends,
@@ -35,7 +37,7 @@ from jointstiff.solver.fit.estimate import (
     stiffness_interval,
 )
 from jointstiff.solver.fit.observability import Excitation
-from jointstiff.solver.fit.problem import Bounds, Constraints, IdentificationProblem
+from jointstiff.solver.fit.problem import LeastSquares, Problem
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import solve
 from jointstiff.solver.fit.stages import Likelihood, student_quantile
@@ -457,9 +459,9 @@ class _Problem:
         """
         matrix = self.equations.matrix[:, self.columns]
         unit = 1.0 / np.linalg.norm(matrix, axis=0)
-        scaled = IdentificationProblem(matrix * unit, self.equations.rhs, self._bounds)
-        best = solve(scaled).compliance
-        free = _fit_freely(scaled.R, scaled.z)
+        squares = LeastSquares(matrix * unit, self.equations.rhs)
+        best = solve(Problem(squares, Scalars(self._bounds))).x
+        free = _fit_freely(squares.R, squares.z)
         likelihood = self._add_scale_of_loads(free, scale)
         radius = _find_radius(confidence, degrees_of_freedom)
         return Apart(
@@ -470,7 +472,7 @@ class _Problem:
             interval=self._split_parts(unit)[..., None] * self._compute_intervals(likelihood, best, radius),
             noise=self.equations.noise[self.joints],
             p_value=_test_for_structure(free.select(self.of_structure)),
-            excess=self._compare_runs(scaled.R),
+            excess=self._compare_runs(squares.R),
         )
 
     @property

@@ -6,7 +6,7 @@ Semidefinite programs with a penalty on traces (method.md §7), of two losses:
     minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx     for the blocks that follow, p = λ on traces and some scalars
 
 ρ(u) is u²/(2h) up to h and u − h/2 beyond. Then least squares over cones
-of products c η of a compliance with unknowns in a box (method.md §14), see `MassCones`.
+of products c η of a compliance with unknowns in a box (method.md §14), see `WithMasses`.
 
 Each proposed answer is made exactly feasible. So is a point of the dual program, which comes from the
 residual of the answer or from Clarabel. The gap between the two is computed without cancellation, and only an
@@ -24,15 +24,13 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.fit.cone import Block, BlockEntries, Cone, to_matrix, to_vector
-from jointstiff.solver.fit.solution import Certificate, Witness
-from jointstiff.solver.fit.triangle import compute_triangular_factor
+from jointstiff.solver.fit.cone import Matrices, WithMasses, to_matrix, to_vector
+from jointstiff.solver.fit.problem import LeastSquares, Problem
+from jointstiff.solver.fit.solution import Certificate, Solution, Witness
 
 if TYPE_CHECKING:
     from jointstiff.solver.fit.programs import Program  # takes a second to import
 
-GAP: Final = 1e-8
-"""Greatest excess of the loss over its optimum, with ‖b‖ = 1, that `solve_mass_cones` accepts."""
 _CONE_TOLERANCES: Final = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 """Tolerances of Clarabel, tried in this order: not every problem can be solved to the tightest."""
 _NORMS_TOLERANCES: Final = (1e-7, 1e-8, 1e-9, 1e-10)
@@ -44,8 +42,6 @@ _CONE_WITNESS: Final = 1e-4
 ‖z‖ = 1: the gap of an answer is a square of this distance."""
 _END_TOLERANCES: Final = (1e-8, 1e-7, 1e-6)
 """Tolerances of Clarabel for ends of intervals; an end needs no more digits than the last tolerance gives."""
-_ORIGIN_RCOND: Final = 1e-6
-"""Singular values below this part of the first are ignored in the origin of a program."""
 _LEAST_UNIT: Final = 1e-9
 """Least unit in which a program is stated, as a residual relative to the readings."""
 _NEWTON_STEPS: Final = 4
@@ -74,75 +70,6 @@ readings."""
 
 
 @dataclass(frozen=True, eq=False)
-class LeastSquares:
-    """Quadratic part ‖R x − z‖² of the objective, shared by programs with different penalties."""
-
-    R: FloatArray  #: (m, p) regressor; columns of parameters without a penalty have unit norm
-    z: FloatArray  #: (m,) readings of unit norm
-
-    @cached_property
-    def origin(self) -> FloatArray:
-        """Origin (p,) of the variables of cone programs: an approximate least-squares solution.
-
-        Small singular values are ignored, so that the origin is not huge.
-        """
-        return np.asarray(np.linalg.lstsq(self.R, self.z, rcond=_ORIGIN_RCOND)[0])
-
-    @cached_property
-    def compressed(self) -> tuple[FloatArray, FloatArray]:
-        """Triangular matrix T (k, p) and readings y (k,): ‖T x − y‖² equals ‖R x − z‖² up to a constant."""
-        p = self.R.shape[1]
-        factor = compute_triangular_factor(np.column_stack([self.R, self.z]))
-        T, y = factor[:p, :p], factor[:p, p]
-        return T, y
-
-
-@dataclass(frozen=True, eq=False)
-class SemidefiniteProgram:
-    """Program with squared residuals: minimise ‖R x − z‖² + pᵀx for x in a cone."""
-
-    fit: LeastSquares  #: quadratic part
-    cone: Cone  #: cone of the parameters; columns of scalars without a penalty are independent
-    weight: float  #: λ > 0 of the penalty
-
-    @cached_property
-    def penalty(self) -> FloatArray:
-        """Gradient p (p,) of the penalty."""
-        return self.cone.penalty(self.weight)
-
-    def slack(self, x: FloatArray) -> FloatArray:
-        """Return the gradient ``2 Rᵀ(R x − z) + p`` (p,) of the objective at x (p,).
-
-        The gradient is also the slack of the constraints of the dual program. At the optimum it is in the
-        dual cone and orthogonal to x: a scalar or eigenvalue of x that is not zero has no slack.
-        """
-        R, z = self.fit.R, self.fit.z
-        return np.asarray(2.0 * R.T @ (R @ x - z) + self.penalty)
-
-    def find_interior_point(self, tolerance: float, unit: float) -> FloatArray | None:
-        """Solve the program by Clarabel in the scaled variables y = (x − origin) / unit.
-
-        The origin is a point near the optimum. With a unit of the residual's size, Clarabel's absolute
-        tolerances are relative to the residual, not to the much larger readings.
-
-        Args:
-            tolerance: tolerance of Clarabel.
-            unit: size of the residual, relative to the readings.
-
-        Returns:
-            A point x (p,) near the optimum; None if Clarabel fails.
-        """
-        from jointstiff.solver.fit import programs  # takes a second to import
-
-        origin = self.fit.origin
-        T, z = self.fit.compressed
-        clarabel_program = programs.state_semidefinite(len(T), self.cone)
-        data = {"T": T, "z": (z - T @ origin) / unit, "p": self.penalty / unit, "near": origin / unit}
-        y = clarabel_program.solve(data, tolerance)
-        return None if y is None else origin + unit * y
-
-
-@dataclass(frozen=True, eq=False)
 class NormSum:
     """Sum of the losses Σ ρ(‖A_i x + B_i v − d_i‖) of targets, shared by programs with different penalties.
 
@@ -152,7 +79,7 @@ class NormSum:
 
     A: FloatArray  #: (K, 3, p) regressor of K targets
     d: FloatArray  #: (K, 3) deflections, scaled to ``Σ ‖d_i‖ = 1``
-    cone: Cone  #: cone of the parameters
+    cone: Matrices  #: cone of the parameters
     B: FloatArray  #: (K, 3, q) columns of the stated errors
     statement: float = 1.0  #: s, the standard uncertainty of a reading, in the unit of d
 
@@ -179,75 +106,89 @@ class RobustProgram:
 
 
 @dataclass(frozen=True, eq=False)
-class ConeSolution:
-    """Optimum of a program over a cone, with its certificate."""
-
-    x: FloatArray  #: (p,) the optimum
-    certificate: Certificate  #: evidence of optimality at x
-
-
-@dataclass(frozen=True, eq=False)
-class RobustSolution(ConeSolution):
+class RobustSolution(Solution):
     """Optimum of a program with a robust loss."""
 
     errors: FloatArray  #: (q,) stated errors v, in units of their standard uncertainties
 
 
-_Solution = TypeVar("_Solution", bound=ConeSolution)
+_Solution = TypeVar("_Solution", bound=Solution)
 
 
-def solve_cone(
-    program: SemidefiniteProgram, *, wanted_gap: float, accepted_gap: float | None = None
-) -> ConeSolution:
-    """Solve a program with squared residuals: by Clarabel, refined by Newton's method, and certified.
+def solve_matrices(problem: Problem[Matrices], gap: float, accepted: float | None) -> Solution:
+    """Solve a problem over matrices: by Clarabel, refined by Newton's method, and certified.
 
     Args:
-        program: all numbers finite, readings of unit norm.
-        wanted_gap: the search ends when a certificate has at most this gap, with ‖z‖ = 1.
-        accepted_gap: greatest gap that is accepted if no answer reaches `wanted_gap`; None for `wanted_gap`.
+        problem: all numbers finite, readings of unit norm.
+        gap: the search ends when a certificate has at most this gap, with ‖z‖ = 1.
+        accepted: greatest gap that is accepted if no answer reaches `gap`; None for `gap`.
 
     Raises:
         SolverError: no answer has a gap that is accepted.
     """
-    return _select_certified(_propose_cone_solutions(program), wanted_gap, accepted_gap)
+    return _select_certified(_propose_cone_solutions(problem), gap, accepted)
 
 
-def _propose_cone_solutions(program: SemidefiniteProgram) -> Iterator[ConeSolution]:
+def _propose_cone_solutions(problem: Problem[Matrices]) -> Iterator[Solution]:
     """Yield solutions with their certificates, with Clarabel's tolerance made tighter and tighter.
 
-    At each tolerance the program is solved in units of the readings, and then in units of the residual. Each
+    At each tolerance the problem is solved in units of the readings, and then in units of the residual. Each
     point of Clarabel is followed by steps of Newton's method from this point.
     """
-    T, z = program.fit.compressed
-    residual_size = max(float(np.linalg.norm(z - T @ program.fit.origin)), _LEAST_UNIT)
+    T, z = problem.squares.compressed
+    residual_size = max(float(np.linalg.norm(z - T @ problem.squares.origin)), _LEAST_UNIT)
     unit_of_readings = 1.0  # as z has unit norm
     witness: FloatArray | None = None  # of the optimum: Clarabel's first answer
     for tolerance in _CONE_TOLERANCES:
         for unit in (unit_of_readings, residual_size):
-            point = program.find_interior_point(tolerance, unit)
+            point = _find_interior_point(problem, tolerance, unit)
             if witness is None:
                 witness = point
-            yield from _refine_by_newton(program, point, witness)
+            yield from _refine_by_newton(problem, point, witness)
+
+
+def _find_interior_point(problem: Problem[Matrices], tolerance: float, unit: float) -> FloatArray | None:
+    """Solve a problem by Clarabel in the scaled variables y = (x − origin) / unit.
+
+    The origin is a point near the optimum. With a unit of the residual's size, Clarabel's absolute
+    tolerances are relative to the residual, not to the much larger readings.
+
+    Args:
+        problem: problem over matrices.
+        tolerance: tolerance of Clarabel.
+        unit: size of the residual, relative to the readings.
+
+    Returns:
+        A point x (p,) near the optimum; None if Clarabel fails.
+    """
+    from jointstiff.solver.fit import programs  # takes a second to import
+
+    origin = problem.squares.origin
+    T, z = problem.squares.compressed
+    clarabel_program = programs.state_semidefinite(len(T), problem.cone)
+    data = {"T": T, "z": (z - T @ origin) / unit, "p": problem.penalty / unit, "near": origin / unit}
+    y = clarabel_program.solve(data, tolerance)
+    return None if y is None else origin + unit * y
 
 
 def _refine_by_newton(
-    program: SemidefiniteProgram, point: FloatArray | None, witness: FloatArray | None
-) -> Iterator[ConeSolution]:
+    problem: Problem[Matrices], point: FloatArray | None, witness: FloatArray | None
+) -> Iterator[Solution]:
     """Yield the solution at a point of Clarabel (p,), then those after each of several steps of Newton.
 
     The steps end early if one of them fails; without a point there is no solution.
 
     Args:
-        program: program with squared residuals.
+        problem: problem with squared residuals.
         point: (p,) answer of Clarabel; None if Clarabel failed.
         witness: (p,) Clarabel's first answer, with which each solution is compared; None without any.
     """
     for _ in range(1 + _NEWTON_STEPS):
         if point is None:
             return
-        x = program.cone.project(point)
-        yield ConeSolution(x, certify_cone(program, x, witness))
-        point = Face.near(program, x).take_newton_step()
+        x = problem.cone.project(point)
+        yield Solution(x, certify_cone(problem, x, witness))
+        point = Face.near(problem, x).take_newton_step()
 
 
 def solve_robust(
@@ -317,7 +258,7 @@ def _select_certified(
     raise SolverError(f"the optimum over cones could not be certified: {reason}")
 
 
-def certify_cone(program: SemidefiniteProgram, x: FloatArray, own: FloatArray | None = None) -> Certificate:
+def certify_cone(problem: Problem[Matrices], x: FloatArray, own: FloatArray | None = None) -> Certificate:
     """Return the certificate of a point x (p,): its duality gap proves how near x is to the optimum.
 
     For any ν with slack ``s = p + Rᵀν`` in the dual cone, ``−‖ν‖²/4 − νᵀz`` is a lower bound of the optimum.
@@ -325,13 +266,13 @@ def certify_cone(program: SemidefiniteProgram, x: FloatArray, own: FloatArray | 
     not negative. Here ν = 2 r, changed so that the slack is in the dual cone.
 
     Args:
-        program: program with squared residuals.
+        problem: problem with squared residuals.
         x: (p,) point in the cone.
         own: (p,) Clarabel's own answer, a witness of the optimum; None without a witness.
     """
-    R, z, cone = program.fit.R, program.fit.z, program.cone
+    R, z, cone = problem.squares.R, problem.squares.z, problem.cone
     r = R @ x - z
-    dual = _make_dual_feasible(cone, program.weight, R, 2.0 * r)
+    dual = _make_dual_feasible(cone, problem.weight, R, 2.0 * r)
     nu = dual.multipliers
     slack_times_x = _compute_complementarity(dual.slack, x, cone, _SLACK_ROUNDING)
     gap = float(np.sqrt(np.square(0.5 * nu - r).sum() + slack_times_x))
@@ -402,7 +343,7 @@ class _DualPoint(NamedTuple):
     slack: FloatArray  # (p,) slack s = p + Aᵀν
 
 
-def _make_dual_feasible(cone: Cone, weight: float, rows: FloatArray, dual: FloatArray) -> _DualPoint:
+def _make_dual_feasible(cone: Matrices, weight: float, rows: FloatArray, dual: FloatArray) -> _DualPoint:
     """Change multipliers ν of the residuals so that the slack ``s = p + Aᵀν`` is in the dual cone.
 
     A least-squares step makes the slacks of scalars without a penalty feasible: not negative. Multiplying ν
@@ -428,7 +369,7 @@ def _make_dual_feasible(cone: Cone, weight: float, rows: FloatArray, dual: Float
     return _DualPoint(factor * multipliers, violation / weight, penalty + factor * gradient)
 
 
-def _correct_slacks_without_penalty(cone: Cone, rows: FloatArray, nu: FloatArray) -> FloatArray:
+def _correct_slacks_without_penalty(cone: Matrices, rows: FloatArray, nu: FloatArray) -> FloatArray:
     """Return multipliers (m,) near ν with which no scalar without a penalty has a negative slack.
 
     The slack of such a scalar is ``A_jᵀν`` with its column A_j. The shortest change of ν that raises the
@@ -447,7 +388,7 @@ def _correct_slacks_without_penalty(cone: Cone, rows: FloatArray, nu: FloatArray
     return np.asarray(nu + correction)
 
 
-def _find_violation(cone: Cone, slack: FloatArray) -> float:
+def _find_violation(cone: Matrices, slack: FloatArray) -> float:
     """Return how far the slack (p,) of penalised scalars and blocks is outside the dual cone; zero if inside.
 
     This is minus the least slack of a scalar or eigenvalue of a block's slack.
@@ -460,7 +401,7 @@ def _find_violation(cone: Cone, slack: FloatArray) -> float:
     return max(0.0, -min(must_not_be_negative, default=0.0))
 
 
-def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Cone, rounding: float) -> float:
+def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Matrices, rounding: float) -> float:
     """Return the product ``sᵀx`` of the dual slack s and a point x, both (p,); it is zero at the optimum.
 
     The slacks of scalars without a penalty must not be negative. One that is negative within rounding counts
@@ -475,7 +416,7 @@ def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Cone, round
 
 
 def compute_penalised_range(
-    program: SemidefiniteProgram, x: FloatArray, rise: float, functions: FloatArray
+    problem: Problem[Matrices], x: FloatArray, rise: float, functions: FloatArray
 ) -> FloatArray:
     """Return the ranges of linear functions over all points whose objective is near the optimum.
 
@@ -483,8 +424,8 @@ def compute_penalised_range(
     the gradient of the penalty. A function that is zero has no range (NaN).
 
     Args:
-        program: program with squared residuals.
-        x: (p,) optimum of the program.
+        problem: problem with squared residuals.
+        x: (p,) optimum of the problem.
         rise: allowed increase of the objective, positive.
         functions: (K, p) coefficients a of K functions.
 
@@ -493,9 +434,9 @@ def compute_penalised_range(
     """
     from jointstiff.solver.fit import programs  # takes a second to import
 
-    T, z = program.fit.compressed
-    limit = float(np.square(T @ x - z).sum() + program.penalty @ x) + rise
-    clarabel_program = programs.state_penalised_end(T, z, program.penalty, limit, program.cone)
+    T, z = problem.squares.compressed
+    limit = float(np.square(T @ x - z).sum() + problem.penalty @ x) + rise
+    clarabel_program = programs.state_penalised_end(T, z, problem.penalty, limit, problem.cone)
     ranges = np.full((len(functions), 2), np.nan)
     for number, a in enumerate(functions):
         norm = float(np.linalg.norm(a))
@@ -666,7 +607,7 @@ class _BlockFace:
 class Face:
     """Face of a cone near the optimum: scalars and eigenvalues that exceed their slack count as not zero.
 
-    On a face the program is smooth. Matrices of rank r around ``X = U X_r Uᵀ`` are, to second order,
+    On a face the problem is smooth. Matrices of rank r around ``X = U X_r Uᵀ`` are, to second order,
     ``X + U A Uᵀ + U B Vᵀ + V Bᵀ Uᵀ + V Bᵀ X_r⁻¹ B Vᵀ`` with any small symmetric A and any small B; the last
     term meets the slack ``V S_s Vᵀ`` and bends the objective by ``tr(S_s Bᵀ X_r⁻¹ B)`` (Shapiro,
     *Perturbation analysis of optimization problems in Banach spaces*, 1992). The Hessian serves Newton's
@@ -675,36 +616,36 @@ class Face:
     The d tangent coordinates are the changes of the scalars that are not zero, then those of each block.
     """
 
-    program: SemidefiniteProgram  #: program with squared residuals
+    problem: Problem[Matrices]  #: problem with squared residuals
     x: FloatArray  #: (p,) point on the face
     slack: FloatArray  #: (p,) gradient of the objective at x
     free: IndexArray  #: indices of the scalars that are not zero
     blocks: tuple[_BlockFace, ...]  #: face of each block
 
     @classmethod
-    def near(cls, program: SemidefiniteProgram, x: FloatArray) -> Face:
+    def near(cls, problem: Problem[Matrices], x: FloatArray) -> Face:
         """Determine the face near a feasible point x (p,): zero scalars, and the rank of each block.
 
         The point is moved onto the face: small scalars and eigenvalues become zero. At the optimum a scalar
         or its slack is zero. Near it the smaller one counts as zero; blocks: see `_split_blocks`.
         """
-        slack = program.slack(x)
-        scalars = slice(0, program.cone.nonnegative)
+        slack = problem.slack(x)
+        scalars = slice(0, problem.cone.nonnegative)
         free = np.flatnonzero(x[scalars] > slack[scalars])
-        splits = _split_blocks(program, x, slack)
+        splits = _split_blocks(problem, x, slack)
         on_face = np.zeros(len(x))
         on_face[free] = x[free]
-        for (_, place), split in zip(program.cone.blocks(), splits, strict=True):
+        for (_, place), split in zip(problem.cone.blocks(), splits, strict=True):
             on_face[place] = to_vector(split.matrix)
-        slack_on_face = program.slack(on_face)
+        slack_on_face = problem.slack(on_face)
 
         blocks = list[_BlockFace]()
         coordinate_count = len(free)  # so far
-        for (_, place), split in zip(program.cone.blocks(), splits, strict=True):
+        for (_, place), split in zip(problem.cone.blocks(), splits, strict=True):
             block = _BlockFace.from_slack(place, coordinate_count, split, slack_on_face[place])
             coordinate_count = block.coordinates.stop
             blocks.append(block)
-        return cls(program, on_face, slack_on_face, free, tuple(blocks))
+        return cls(problem, on_face, slack_on_face, free, tuple(blocks))
 
     @cached_property
     def basis(self) -> FloatArray:
@@ -719,7 +660,7 @@ class Face:
     @cached_property
     def information(self) -> FloatArray:
         """Gram matrix 2 RᵀR (d, d) of the readings in tangent coordinates."""
-        R = self.program.fit.R @ self.basis
+        R = self.problem.squares.R @ self.basis
         return 2.0 * R.T @ R
 
     @cached_property
@@ -759,7 +700,7 @@ class Face:
         return new_x if is_in_cone else None
 
 
-def _split_blocks(program: SemidefiniteProgram, x: FloatArray, slack: FloatArray) -> tuple[_EigenSplit, ...]:
+def _split_blocks(problem: Problem[Matrices], x: FloatArray, slack: FloatArray) -> tuple[_EigenSplit, ...]:
     """Split each block of x into its range and its null space, near the optimum.
 
     An eigenvalue counts as zero if it is smaller than the slack in its direction. The slack of blocks is as
@@ -767,14 +708,14 @@ def _split_blocks(program: SemidefiniteProgram, x: FloatArray, slack: FloatArray
     multiplied by the greatest entry of the blocks over λ.
 
     Args:
-        program: program with squared residuals.
+        problem: problem with squared residuals.
         x: (p,) feasible point.
         slack: (p,) gradient of the objective at x.
     """
-    cone = program.cone
+    cone = problem.cone
     entries_of_blocks = x[cone.nonnegative :]
     largest_entry = max(_SMALL, float(np.abs(entries_of_blocks).max(initial=0.0)))
-    slack_to_x = largest_entry / program.weight
+    slack_to_x = largest_entry / problem.weight
     splits = []
     for size, place in cone.blocks():
         X, S = to_matrix(x[place], size), to_matrix(slack[place], size)
@@ -782,7 +723,7 @@ def _split_blocks(program: SemidefiniteProgram, x: FloatArray, slack: FloatArray
     return tuple(splits)
 
 
-def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> FloatArray:
+def compute_effective_freedom(problem: Problem[Matrices], x: FloatArray) -> FloatArray:
     """Return the effective number of parameters of a penalised fit.
 
     This number is the divergence of the fitted readings (Stein 1981), ``Σ_k ∂(R x)_k / ∂z_k``, which equals
@@ -790,14 +731,14 @@ def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> Fl
     the cone's boundary on which the same scalars and eigenvalues are zero.
 
     Args:
-        program: program with squared residuals.
-        x: (p,) optimum of the program.
+        problem: problem with squared residuals.
+        x: (p,) optimum of the problem.
 
     Returns:
         An array (p,) whose sum is the effective number: each scalar's part of the number, and each block's
         part at the block's first entry; zero at the other entries.
     """
-    face = Face.near(program, x)
+    face = Face.near(problem, x)
     # One part of the trace for each tangent vector of the face: the free scalars', then those of the blocks.
     parts = np.diagonal(np.linalg.solve(face.hessian, face.information))
     freedom = np.zeros(len(x))
@@ -808,164 +749,61 @@ def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> Fl
     return freedom
 
 
-@dataclass(frozen=True, eq=False)
-class MassCones:
-    """Set of the products c π of compliances c and unknown masses and moments π, one block for each joint.
-
-    Unknowns π in a box and in balls, each multiplied by its joint's own c ≥ 0, lie in a convex cone: the
-    perspective of that set (Boyd & Vandenberghe 2004, §3.2.6). In units of the half-widths a block of x is
-
-        (c, ζ, ν)   with   0 ≤ c ≤ cap,   |ζ_k| ≤ c,   ‖ν_g‖ ≤ c + ratio_g ζ_k(g)
-
-    ζ_k is c times the deviation of a mass, or of a balancer's constant, from the middle of the bounds. ν_g
-    (3,) is c times mass times displacement of a centre of mass. The radius of ball g grows with mass k(g).
-    """
-
-    blocks: tuple[Block, ...]  #: one for each joint
-    cap: FloatArray  #: (n,) greatest c, in the unit of x
-
-    @property
-    def first(self) -> FloatArray:
-        """Indices (n,) of each block's compliance c in x."""
-        sizes = [block.size for block in self.blocks]
-        return np.cumsum([0, *sizes[:-1]])
-
-    def _split(self, x: FloatArray) -> Iterator[tuple[Block, float, BlockEntries]]:
-        """Yield for each joint its block, its greatest compliance, and its entries of x (p,), as views of x.
-
-        A block is the layout of the joint's entries.
-        """
-        start = 0
-        for block, cap in zip(self.blocks, self.cap.tolist(), strict=True):
-            yield block, cap, block.split(x[start : start + block.size])
-            start += block.size
-
-    def minimise_linear_function(self, s: FloatArray) -> float:
-        """Return the least value of the linear function sᵀx over the set: zero or negative, in closed form.
-
-        The least value over a joint's block (c, ζ, ν) is in proportion to its compliance c, so c is zero or
-        the cap.
-        """
-        total = 0.0
-        for block, cap, coefficients in self._split(s):
-            total += cap * min(0.0, _minimise_over_block(block, coefficients))
-        return total
-
-    def move_into_set(self, x: FloatArray) -> FloatArray:
-        """Return a point (p,) of the set near x (p,): entries beyond a limit are moved onto it.
-
-        A block of x is (c, ζ, ν) with 0 ≤ c ≤ cap, |ζ_k| ≤ c, and ‖ν_g‖ ≤ c + ratio ζ_k for each ball g.
-        """
-        moved = x.copy()
-        for block, cap, entries in self._split(moved):  # the entries are views of `moved`
-            entries.c[0] = c = min(max(entries.c[0], 0.0), cap)
-            entries.zeta[:] = np.clip(entries.zeta, -c, c)
-            for nu, (k, ratio) in zip(entries.nu, block.balls, strict=True):
-                radius_depends_on_zeta = k >= 0
-                radius = c + ratio * entries.zeta[k] if radius_depends_on_zeta else c
-                length = max(float(np.linalg.norm(nu)), 1e-300)
-                nu *= min(1.0, radius / length)
-        return moved
-
-
-def _minimise_over_block(block: Block, coefficients: BlockEntries) -> float:
-    """Return the least value of ``s_c c + s_ζᵀζ + s_νᵀν`` over the block (c, ζ, ν) of a joint with c = 1.
-
-    Then |ζ_k| ≤ 1, and ‖ν_g‖ ≤ 1 + ratio_g ζ_k for each ball g. The least s_νᵀν_g is
-    ``−(1 + ratio_g ζ_k) ‖s_ν‖``, which leaves a linear function of ζ; the least of it is minus the sum of its
-    coefficients' magnitudes.
+def solve_with_masses(problem: Problem[WithMasses], gap: float) -> Solution:
+    """Solve a problem over products of compliances with masses by Clarabel, and certify the optimum.
 
     Args:
-        block: number of ζ, and for each ball the index k and the ratio.
-        coefficients: s_c, s_ζ and s_ν.
-    """
-    ball_norms = np.linalg.norm(coefficients.nu, axis=1)
-    zeta_coefficients = coefficients.zeta.copy()
-    for (k, ratio), norm in zip(block.balls, ball_norms.tolist(), strict=True):
-        radius_depends_on_zeta = k >= 0
-        if radius_depends_on_zeta:
-            zeta_coefficients[k] -= ratio * norm
-    least_of_zeta, least_of_nu = -np.abs(zeta_coefficients).sum(), -ball_norms.sum()
-    return float(coefficients.c[0] + least_of_zeta + least_of_nu)
-
-
-@dataclass(frozen=True, eq=False)
-class MassConeSolution(ConeSolution):
-    """Optimum of least squares ‖A x − b‖² over the set of a `MassCones`.
-
-    The gap of the certificate bounds the excess of the loss over its least value, for ‖b‖ = 1.
-    """
-
-    loss: float  #: ‖A x − b‖² at the optimum
-
-
-def solve_mass_cones(A: FloatArray, b: FloatArray, cones: MassCones) -> MassConeSolution:
-    """Solve ``minimise ‖A x − b‖²`` over cones of masses and moments by Clarabel, and certify the optimum.
-
-    Args:
-        A: (rows, p) regressor.
-        b: (rows,) readings.
-        cones: set of x, in units in which x is about as large as ‖b‖; the caps of the compliances bound the
+        problem: x is in units in which it is about as large as ‖b‖; the caps of the compliances bound the
             set, so that a linear function has a least value on the set.
+        gap: greatest excess of the loss over its least value that is accepted, for ‖b‖ = 1.
 
     Raises:
         SolverError: no answer is certified.
     """
-    return _select_certified(_propose_mass_solutions(A, b, cones), GAP, None)
+    return _select_certified(_propose_solutions_with_masses(problem), gap, None)
 
 
-def _propose_mass_solutions(A: FloatArray, b: FloatArray, cones: MassCones) -> Iterator[MassConeSolution]:
-    """Yield solutions of ``minimise ‖A x − b‖²`` for each tolerance that Clarabel reaches.
+def _propose_solutions_with_masses(problem: Problem[WithMasses]) -> Iterator[Solution]:
+    """Yield solutions for each tolerance that Clarabel reaches.
 
     At each tolerance the program is solved in units of the readings, and then again from this solution in
     units of the residual: Clarabel's tolerances are then relative to the residual, which may be much smaller.
-
-    Args:
-        A: (rows, p) regressor.
-        b: (rows,) readings.
-        cones: set of x.
     """
     from jointstiff.solver.fit import programs  # takes a second to import
 
+    A, b, cone = problem.squares.R, problem.squares.z, problem.cone
     b_norm = float(np.linalg.norm(b)) or 1.0
-    program = programs.state_mass_cones(len(b), cones.blocks)
+    program = programs.state_mass_cones(len(b), cone.blocks)
     for tolerance in _MASS_TOLERANCES:
         near, unit = np.zeros(A.shape[1]), b_norm
         for _ in ("readings", "residual"):
-            data = {"A": A, "b": (b - A @ near) / unit, "near": near / unit, "cap": cones.cap / unit}
+            data = {"A": A, "b": (b - A @ near) / unit, "near": near / unit, "cap": cone.cap / unit}
             point = program.solve(data, tolerance)
             if point is None:
                 break
-            solution = _certify_mass_solution(A, b, cones, cones.move_into_set(near + unit * point))
-            yield solution
-            near, unit = solution.x, max(float(np.sqrt(solution.loss)), _LEAST_UNIT * b_norm)
+            x = cone.move_into_set(near + unit * point)
+            yield Solution(x, _certify_with_masses(problem, x))
+            near, unit = x, max(float(np.sqrt(problem.squares.loss(x))), _LEAST_UNIT * b_norm)
 
 
-def _certify_mass_solution(A: FloatArray, b: FloatArray, cones: MassCones, x: FloatArray) -> MassConeSolution:
-    """Return a point x (p,) of the set as a solution, with its certificate.
+def _certify_with_masses(problem: Problem[WithMasses], x: FloatArray) -> Certificate:
+    """Return the certificate of a point x (p,) of the set, with A = R and b = z of the problem.
 
     For any x and y: ``‖A y − b‖² ≥ ‖A x − b‖² + 2 gᵀ(y − x)`` with g = Aᵀ(A x − b), so that the loss at x
     exceeds the least loss by ``2 (gᵀx − min gᵀy)`` at most, with the minimum over all y of the set. This
-    bound, for ‖b‖ = 1, is the gap of the solution's certificate.
-
-    Args:
-        A: (rows, p) regressor.
-        b: (rows,) readings.
-        cones: set of x.
-        x: (p,) point of the set.
+    bound, for ‖b‖ = 1, is the gap of the certificate.
     """
+    A, b = problem.squares.R, problem.squares.z
     b_norm = float(np.linalg.norm(b)) or 1.0
     residual = A @ x - b
     g = A.T @ residual
-    dual_violation = -2.0 * cones.minimise_linear_function(g) / b_norm**2  # zero for g in the dual cone
+    # The violation is zero for g in the dual cone.
+    dual_violation = -2.0 * problem.cone.minimise_linear_function(g) / b_norm**2
     gap = dual_violation + 2.0 * float(g @ x) / b_norm**2
-    certificate = Certificate(0.0, dual_violation, gap, residual / b_norm, "clarabel")
-    return MassConeSolution(x, certificate, loss=float(residual @ residual))
+    return Certificate(0.0, dual_violation, gap, residual / b_norm, "clarabel")
 
 
-def bound_compliances(
-    A: FloatArray, b: FloatArray, optimum: MassConeSolution, rise: float, cones: MassCones
-) -> FloatArray:
+def bound_compliances(problem: Problem[WithMasses], optimum: FloatArray, rise: float) -> FloatArray:
     """Return bounds of each joint's compliance over all x of the set with ``‖A x − b‖² ≤ loss + rise``.
 
     Clarabel finds where a compliance is least or greatest, and a bound that holds for any answer of Clarabel
@@ -973,22 +811,22 @@ def bound_compliances(
     of the first round as caps of the compliances, which makes the set smaller and the bounds sharper.
 
     Args:
-        A: (rows, p) regressor.
-        b: (rows,) readings.
-        optimum: optimum of ‖A x − b‖² over the set, and its loss.
+        problem: least squares ‖A x − b‖² over a set of x.
+        optimum: (p,) optimum of the problem.
         rise: allowed increase of the loss, positive.
-        cones: set of x.
 
     Returns:
         (n, 2) outer bounds on the least and greatest compliance; NaN where Clarabel has no answer.
     """
-    r = max(float(np.sqrt(optimum.loss + rise)), _LEAST_RADIUS * float(np.linalg.norm(b)))
-    ends = _minimise_and_maximise_compliances(A, b, optimum.x, r, cones)
-    lower, upper = np.full((2, len(cones.cap)), np.nan)
+    squares, cone = problem.squares, problem.cone
+    least_radius = _LEAST_RADIUS * float(np.linalg.norm(squares.z))
+    r = max(float(np.sqrt(squares.loss(optimum) + rise)), least_radius)
+    ends = _minimise_and_maximise_compliances(problem, optimum, r)
+    lower, upper = np.full((2, len(cone.cap)), np.nan)
     for _ in range(2):
-        capped = MassCones(cones.blocks, cap=np.fmin(cones.cap, upper))
+        capped = Problem(squares, WithMasses(cone.blocks, cap=np.fmin(cone.cap, upper)))
         for end in ends:
-            least = end.bound_from_below(A, b, r, capped)
+            least = end.bound_from_below(capped, r)
             if end.is_greatest:
                 upper[end.joint] = -least  # the function is the negative of the compliance
             else:
@@ -1004,37 +842,37 @@ class _ComplianceEnd(NamedTuple):
     function: FloatArray  # (p,) function aᵀy that is minimised: the compliance, or its negative
     multipliers: FloatArray  # (rows,) multipliers u of the ball's rows
 
-    def bound_from_below(self, A: FloatArray, b: FloatArray, radius: float, cones: MassCones) -> float:
+    def bound_from_below(self, problem: Problem[WithMasses], radius: float) -> float:
         """Return a lower bound of aᵀy over all y of the set in the ball ``‖A y − b‖ ≤ radius``.
 
         For any vector u, ``aᵀy = uᵀA y + (a − Aᵀu)ᵀy`` is at least ``uᵀb − radius ‖u‖ + min (a − Aᵀu)ᵀy``,
         with the minimum over the set. A good u are Clarabel's multipliers where aᵀy is least.
         """
+        A, b = problem.squares.R, problem.squares.z
         a, u = self.function, self.multipliers
         least_in_ball = u @ b - radius * float(np.linalg.norm(u))
-        return float(least_in_ball + cones.minimise_linear_function(a - A.T @ u))
+        return float(least_in_ball + problem.cone.minimise_linear_function(a - A.T @ u))
 
 
 def _minimise_and_maximise_compliances(
-    A: FloatArray, b: FloatArray, near: FloatArray, radius: float, cones: MassCones
+    problem: Problem[WithMasses], near: FloatArray, radius: float
 ) -> list[_ComplianceEnd]:
     """Find the least and greatest compliance of each joint in ``‖A y − b‖ ≤ radius``, y in a set of cones.
 
     Ends that Clarabel does not find are left out.
 
     Args:
-        A: (rows, p) regressor.
-        b: (rows,) readings.
+        problem: A, b and the set of y.
         near: (p,) point near the ball, from which the program's variables are counted.
         radius: radius of the ball, the unit of the program's variables.
-        cones: set of y.
     """
     from jointstiff.solver.fit import programs  # takes a second to import
 
-    program = programs.state_mass_cone_end(len(b), cones.blocks)
-    data = {"A": A, "b": (b - A @ near) / radius, "near": near / radius, "cap": cones.cap / radius}
+    A, b, cone = problem.squares.R, problem.squares.z, problem.cone
+    program = programs.state_mass_cone_end(len(b), cone.blocks)
+    data = {"A": A, "b": (b - A @ near) / radius, "near": near / radius, "cap": cone.cap / radius}
     ends = []
-    for joint, place_in_y in enumerate(cones.first):
+    for joint, place_in_y in enumerate(cone.first):
         for is_greatest in (False, True):
             function = np.zeros(len(near))
             function[place_in_y] = -1.0 if is_greatest else 1.0

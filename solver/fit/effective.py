@@ -21,12 +21,10 @@ from jointstiff.solver.fit.cone import find_diagonal_entries
 from jointstiff.solver.fit.conic import (
     compute_penalised_range,
     compute_unconstrained_range,
-    solve_cone,
 )
 from jointstiff.solver.fit.elastic import ElasticFit
 from jointstiff.solver.fit.estimate import Estimate, JointCompliance
-from jointstiff.solver.fit.solution import Certificate
-from jointstiff.solver.fit.stages import student_quantile
+from jointstiff.solver.fit.solution import solve
 from jointstiff.solver.mechanics.block import spring_frames
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
@@ -150,7 +148,7 @@ def compute_effective_compliances(
     range_estimate = range_estimate or elastic
     to_effective = build_effective_rows(robot, elastic.candidate.columns)
     effective = to_effective @ elastic.entries
-    quantile = student_quantile(0.5 * (1.0 + confidence), range_estimate.likelihood.degrees_of_freedom)
+    quantile = range_estimate.likelihood.scale.quantile(0.5 * (1.0 + confidence))
     ranges = _Ranges.unknown(effective)
     with suppress(SolverError):  # Without a certified optimum the ranges remain unknown.
         ranges = _find_ranges(range_estimate, to_effective, quantile) or ranges
@@ -211,15 +209,16 @@ def _find_ranges(estimate: ElasticFit, to_effective: FloatArray, quantile: float
         SolverError: no certified optimum.
     """
     likelihood = estimate.likelihood
-    if likelihood.sigma is None:
+    sigma = likelihood.scale.sigma
+    if sigma is None:
         return None
     reduced = likelihood.reduced
     program = reduced.state(_LIGHTER * likelihood.weight)
-    optimum = solve_cone(program, wanted_gap=_GAP).x
+    optimum = solve(program, gap=_GAP).x
     functions = to_effective[:, reduced.columns] * reduced.unit  # of the program's parameters x
-    root_of_increase = quantile * likelihood.sigma / reduced.reading_norm
+    root_of_increase = quantile * sigma / reduced.reading_norm
     lower, upper = compute_penalised_range(program, optimum, root_of_increase**2, functions).T
-    if estimate.candidate.model.name == "joints_and_base":
+    if estimate.model.name == "joints_and_base":
         least, greatest = compute_unconstrained_range(reduced.squares, functions, root_of_increase).T
         lower, upper = np.fmin(lower, least), np.fmax(upper, greatest)
     return _Ranges(functions @ optimum, lower, upper)
@@ -254,11 +253,11 @@ def replace_by_effective(
         joints=tuple(joints),
         compliance=np.nan_to_num(effective.compliance),
         covariance=None,
-        sigma=elastic.sigma,
-        chi_square=elastic.chi_square,
-        degrees_of_freedom=elastic.degrees_of_freedom,
+        sigma=elastic.scale.sigma,
+        chi_square=elastic.scale.chi_square,
+        degrees_of_freedom=elastic.scale.degrees_of_freedom,
         complementary_stiffness=None,
-        certificates=(_convert_certificate(elastic),),
+        certificates=elastic.certificates,
     )
 
 
@@ -273,19 +272,6 @@ def _name_bending_elements(elastic: ElasticFit, first_joint: str) -> dict[str | 
         first_link_bends = first_joint in words
         words[first_joint] = "its link's and the base" if first_link_bends else "the base"
     return words
-
-
-def _convert_certificate(elastic: ElasticFit) -> Certificate:
-    """Return the certificate of an elastic fit in the form of the certificate of a fit of joints alone."""
-    certificate = elastic.certificate
-    return Certificate(
-        primal=max(0.0, -certificate.least_eigenvalue),
-        dual=certificate.dual,
-        gap=certificate.gap,
-        multipliers=np.zeros(0),
-        solved_by="clarabel",
-        witness=elastic.witness,
-    )
 
 
 def _build_effective_joint(

@@ -15,12 +15,13 @@ from jointstiff.schemas.model import (
     LinkCertificate,
     PrincipalCompliance,
 )
+from jointstiff.schemas.options import Loss
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, fix_axis_signs
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.fit.cone import find_diagonal_entries, lift_diagonal, to_matrix
 from jointstiff.solver.fit.conic import compute_effective_freedom
 from jointstiff.solver.fit.estimate import Prediction
-from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.method import DEFAULT_THRESHOLD, Settings
 from jointstiff.solver.fit.part import Part, generate_elastic_rows
 from jointstiff.solver.fit.reduced import (
     Candidate,
@@ -32,12 +33,14 @@ from jointstiff.solver.fit.reduced import (
     reduce_part,
 )
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.solution import Witness
+from jointstiff.solver.fit.solution import Certificate, Witness
+from jointstiff.solver.fit.stages import Scale
 from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import BASE
 from jointstiff.solver.messages import point
+from jointstiff.solver.models import Columns, Model
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +53,20 @@ class PenalisedLikelihood:
 
     reduced: Reduced  #: rows of the whole set
     weight: float  #: weight λ of the penalty
-    #: standard uncertainty of one coordinate of one reading [m]: the stated sigma, or the residuals' sigma if
-    #: greater; None without degrees of freedom
-    sigma: float | None
-    degrees_of_freedom: float | None  #: degrees of freedom of a sigma from residuals; None for a stated sigma
+    #: sigma of one coordinate of one reading: as stated, or that of the residuals if that is greater
+    scale: Scale
+
+
+@dataclass(frozen=True, eq=False)
+class Penalised:
+    """Options of a fit whose cone has matrices, with a penalty on their traces."""
+
+    columns: Columns  #: columns of the richest model; its links are those that bend
+    visible: BoolArray  #: (n,) mask of the joints that the readings determine
+    weight: float  #: λ > 0 of the penalty
+    part: Part  #: rows of all observations, compressed, with what is stated
+    loss: Loss = "squared"  #: loss of the norm of each target's whitened residual
+    threshold: float = DEFAULT_THRESHOLD  #: threshold of Huber's loss, in units of sigma
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +84,9 @@ class ElasticFit:
     base: ElasticCompliance | None  #: compliance of the base; None if the model has a rigid base
     elements: tuple[ElementShare, ...]  #: share of the deflections that each element explains
     prediction: Prediction  #: predicted deflections of all targets, and their residuals
-    sigma: float | None  #: stated sigma, or sigma from the residuals [m]; None without degrees of freedom
-    chi_square: float  #: chi square of the weighted residuals, computed with sigma
-    degrees_of_freedom: float  #: number of coordinates read minus the effective freedom
+    #: sigma and the chi-square of the weighted residuals; the degrees of freedom are the number of
+    #: coordinates read minus the effective freedom
+    scale: Scale
     effective_freedom: float  #: effective number of parameters that the readings determine
     parameters: int  #: number of parameters of the model
     certificate: LinkCertificate  #: certificate of optimality
@@ -83,6 +96,24 @@ class ElasticFit:
     penalty_of_squares: float  #: weight of the penalty in a fit by these squares
     witness: Witness | None  #: comparison of Clarabel's own answer with the certified one
     force_scale: float  #: relative standard uncertainty of the size of all loads
+
+    @property
+    def model(self) -> Model:
+        """Elastic elements that bend."""
+        return self.candidate.model
+
+    @property
+    def certificates(self) -> tuple[Certificate, ...]:
+        """Certificate in the form of that of joints alone: violations of the cone, and the gap."""
+        certificate = Certificate(
+            primal=max(0.0, -self.certificate.least_eigenvalue),
+            dual=self.certificate.dual,
+            gap=self.certificate.gap,
+            multipliers=np.zeros(0),
+            solved_by="clarabel",
+            witness=self.witness,
+        )
+        return (certificate,)
 
     @property
     def statements(self) -> Statements:
@@ -147,33 +178,31 @@ def refuse_unsupported_elastic(settings: Settings) -> None:
     )
 
 
-def fit_elastic(
-    rows: Rows, part: Part, candidate: Candidate, visible: BoolArray, weight: float
-) -> ElasticFit:
-    """Fit an elastic model to a whole set for a given penalty, and certify the optimum.
+def fit_matrices(rows: Rows, model: Model, options: Penalised) -> ElasticFit:
+    """Fit a model with compliance matrices to a whole set for a given penalty, and certify the optimum.
 
     Priors of compliances and errors are weighted by sigma, the standard uncertainty of a reading. If sigma is
     not stated, a first fit finds sigma from its residuals, and the fit is repeated with this sigma.
 
     Args:
         rows: N observations.
-        part: all these observations, compressed, with what is stated.
-        candidate: elastic elements that bend, and the loss; a model of joints alone is not supported.
-        visible: (n,) mask of the joints that the readings determine.
-        weight: λ > 0 of the penalty.
+        model: elastic elements that bend; a model of joints alone is not supported.
+        options: weight of the penalty, loss, and the same observations, compressed.
 
     Raises:
         UnsupportedMethodError: the penalty has no scale, or is too small for the optimum to be certified.
     """
     stated_sigma = rows.measurements.sigma
+    part, visible = options.part, options.visible
+    candidate = Candidate(model, options.columns, options.loss, options.threshold)
     reduced = reduce_part(part, candidate, visible, stated_sigma)
-    first = _fit_and_summarise(rows, reduced, candidate, weight)
+    first = _fit_and_summarise(rows, reduced, candidate, options.weight)
     has_priors = len(part.stated) > 0
-    if not has_priors or stated_sigma is not None or not first.sigma:
+    if not has_priors or stated_sigma is not None or not first.scale.sigma:
         return first
-    sigma_of_residuals = max(first.sigma, LEAST_STATED_SIGMA)
+    sigma_of_residuals = max(first.scale.sigma, LEAST_STATED_SIGMA)
     reweighted = reduce_part(part.with_sigma(sigma_of_residuals), candidate, visible)
-    return _fit_and_summarise(rows, reweighted, candidate, weight)
+    return _fit_and_summarise(rows, reweighted, candidate, options.weight)
 
 
 def _fit_and_summarise(rows: Rows, reduced: Reduced, candidate: Candidate, weight: float) -> ElasticFit:
@@ -209,9 +238,7 @@ def _fit_and_summarise(rows: Rows, reduced: Reduced, candidate: Candidate, weigh
         base=bending.base,
         elements=elements,
         prediction=prediction,
-        sigma=residuals.sigma,
-        chi_square=residuals.chi_square,
-        degrees_of_freedom=residuals.degrees_of_freedom,
+        scale=residuals.scale,
         effective_freedom=float(residuals.effective_freedom.sum()),
         parameters=len(reduced.columns),
         certificate=certified.certificate,
@@ -351,14 +378,14 @@ def _build_likelihood(
     weight_of_squares = convert_weight_to_squares(reduced, candidate, unknowns, weight)
     compliances = unknowns[: reduced.part.compliances]
     residuals = _summarise_residuals(reduced, weight_of_squares, compliances, reduced.sigma)
-    degrees_of_freedom = residuals.degrees_of_freedom
+    scale = residuals.scale
     if reduced.sigma is None:
-        return PenalisedLikelihood(reduced, weight_of_squares, residuals.sigma, degrees_of_freedom)
+        return PenalisedLikelihood(reduced, weight_of_squares, scale)
     residuals_to_stated_sigma = 1.0  # ratio √(χ²/ν) of the residuals' sigma to the stated sigma
-    if degrees_of_freedom >= _LEAST_FREEDOM:
-        residuals_to_stated_sigma = sqrt(residuals.chi_square / degrees_of_freedom)
+    if scale.degrees_of_freedom >= _LEAST_FREEDOM:
+        residuals_to_stated_sigma = sqrt(scale.chi_square / scale.degrees_of_freedom)
     sigma = reduced.sigma * max(1.0, residuals_to_stated_sigma)
-    return PenalisedLikelihood(reduced, weight_of_squares, sigma, degrees_of_freedom=None)
+    return PenalisedLikelihood(reduced, weight_of_squares, replace(scale, sigma=sigma))
 
 
 class _Residuals(NamedTuple):
@@ -367,9 +394,7 @@ class _Residuals(NamedTuple):
     #: (P,) effective freedom of each compliance: 1 if the readings determine the compliance, 0 if the penalty
     #: does
     effective_freedom: FloatArray
-    degrees_of_freedom: float
-    sigma: float | None  #: as stated, or computed from the residuals [m]; None if there are too few readings
-    chi_square: float  #: 0 without sigma
+    scale: Scale  #: chi-square is 0 without sigma
 
 
 def _summarise_residuals(
@@ -395,10 +420,11 @@ def _summarise_residuals(
     S, s = part.regression
     residuals = S @ compliances - s
     sum_of_squares = float(np.square(residuals).sum())
-    if sigma is None and degrees_of_freedom >= _LEAST_FREEDOM:
+    is_stated = sigma is not None
+    if not is_stated and degrees_of_freedom >= _LEAST_FREEDOM:
         sigma = sqrt(sum_of_squares / degrees_of_freedom)
     chi_square = sum_of_squares / sigma**2 if sigma else 0.0
-    return _Residuals(effective_freedom, degrees_of_freedom, sigma, chi_square)
+    return _Residuals(effective_freedom, Scale(sigma, is_stated, chi_square, degrees_of_freedom))
 
 
 def _compute_gap_scale(reduced: Reduced) -> float:

@@ -33,6 +33,8 @@ from jointstiff.schemas.run import Certificate as StagesCertificate
 from jointstiff.schemas.run import ObservabilityIndex
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
+from jointstiff.solver.fit.cone import Scalars
+from jointstiff.solver.fit.constraints import Bounds, Constraints, Inequalities
 from jointstiff.solver.fit.method import MethodRows
 from jointstiff.solver.fit.observability import (
     Identifiability,
@@ -40,12 +42,12 @@ from jointstiff.solver.fit.observability import (
     explain_noise,
     observability_indices,
 )
-from jointstiff.solver.fit.problem import Bounds, Constraints, IdentificationProblem, Inequalities
+from jointstiff.solver.fit.problem import LeastSquares, Problem
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.solution import Certificate, greatest_violations, solve_batch, solve_step
+from jointstiff.solver.fit.solution import Certificate, greatest_violations, solve, solve_batch
 from jointstiff.solver.fit.stages import (
-    Fit,
     Likelihood,
+    MethodFit,
     RobustFit,
     Scale,
     SigmaTest,
@@ -276,8 +278,9 @@ class _Ball:
         Raises:
             SolverError: no certified optimum.
         """
-        solution = solve_step(IdentificationProblem(self.A, rhs, self.bounds, self.inequalities))
-        x = solution.compliance
+        cone = Scalars(self.bounds, self.inequalities)
+        solution = solve(Problem(LeastSquares(self.A, rhs), cone), witnessed=False)
+        x = solution.x
         tight_rows = np.zeros((0, len(x)))
         if self.inequalities is not None and solution.tight is not None:
             tight_rows = self.inequalities.matrix[solution.tight]
@@ -723,7 +726,7 @@ class Evidence:
     """Data on which the verdicts on the joints are based."""
 
     names: tuple[str, ...]  #: names of the n joints
-    fit: Fit  #: outcome of the method
+    fit: MethodFit  #: outcome of the method
     observability: Observability  #: observability in these readings
     scale: Scale  #: sigma and the residuals under sigma
     constraints: Constraints  #: on the compliances

@@ -36,14 +36,13 @@ from jointstiff.solver.fit.observability import Excitation, Observability
 from jointstiff.solver.fit.prior import Prior
 from jointstiff.solver.fit.rest import find_rest
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.solution import Certificate, solve, solve_step
+from jointstiff.solver.fit.solution import Certificate
 from jointstiff.solver.fit.stages import (
-    Fit,
     Likelihood,
+    MethodFit,
     RobustFit,
     Scale,
     SolvedMethod,
-    SolveProblem,
     TargetRows,
     estimate_scale,
     fit_huber,
@@ -55,6 +54,7 @@ from jointstiff.solver.mechanics.block import Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.mechanics.springs import NEGLECTED_STIFFNESS
 from jointstiff.solver.mechanics.terms import FORCE_SCALE, TERMS, list_stated_terms
+from jointstiff.solver.models import JOINTS, Model
 
 MAX_ITERATIONS: Final = 60
 """Maximum number of fits: with K_c alone two or three suffice, with stated errors five to fifteen."""
@@ -82,12 +82,12 @@ def identify(rows: Rows, settings: Settings) -> Estimate:
         The estimate, with intervals, verdicts and certificates.
 
     Raises:
-        JointstiffError: one of the errors of `fit_joints` and `describe`.
+        JointstiffError: one of the errors of `fit_scalars` and `describe`.
     """
-    return describe(fit_joints(rows, settings))
+    return describe(fit_scalars(rows, settings))
 
 
-def fit_joints(rows: Rows, settings: Settings) -> JointsFit:
+def fit_scalars(rows: Rows, settings: Settings) -> JointsFit:
     """Fit the joint compliances of a robot to measured deflections, without their uncertainties.
 
     If the fit fails with the complementary stiffness K_c, the joints are fitted without K_c, and the fit
@@ -105,17 +105,17 @@ def fit_joints(rows: Rows, settings: Settings) -> JointsFit:
         SolverError: an optimum could not be certified.
     """
     try:
-        return _fit_joints_as_stated(rows, settings)
+        return _fit_as_stated(rows, settings)
     except SolverError as error:
         if error.where != "complementary_stiffness":
             raise
         why_without_k_c = error.reason
     settings_without_k_c = replace(settings, complementary_stiffness=False)
-    without_k_c = _fit_joints_as_stated(rows, settings_without_k_c)
+    without_k_c = _fit_as_stated(rows, settings_without_k_c)
     return replace(without_k_c, why_without_k_c=why_without_k_c)
 
 
-def _fit_joints_as_stated(rows: Rows, settings: Settings) -> JointsFit:
+def _fit_as_stated(rows: Rows, settings: Settings) -> JointsFit:
     """Fit the joint compliances with exactly these settings.
 
     Raises:
@@ -176,6 +176,21 @@ class JointsFit:
     expected_shift: FloatArray | None = None
     statements_dropped: str | None = None  #: why stated errors were not fitted after all; None if they were
     why_without_k_c: str | None = None  #: why K_c was neglected although it was requested; None if it was not
+
+    @property
+    def model(self) -> Model:
+        """What bends: the joints alone."""
+        return JOINTS
+
+    @property
+    def statements(self) -> Statements:
+        """Stated errors that were fitted together with the compliances."""
+        return self.last.compressed.statements
+
+    @property
+    def certificates(self) -> tuple[Certificate, ...]:
+        """Certificates of the stages of the last fit."""
+        return self.last.list_certificates()
 
     @property
     def settings(self) -> Settings:
@@ -391,7 +406,7 @@ class _SingleFit:
     rows: Rows  # observations with the weights of the fit, at the compliances that bend the robot
     compressed: MethodRows  # rows that were fitted
     solved: SolvedMethod  # optimum
-    without_prior: Fit | None  # fit without the prior; None without a prior
+    without_prior: MethodFit | None  # fit without the prior; None without a prior
     robust: RobustFit | None  # weights of the readings by the Huber loss; None for the squared loss
     targets: TargetRows | None  # rows for the Huber loss; None for the squared loss
 
@@ -400,7 +415,7 @@ class _SingleFit:
         """Fitted compliances (n,) [rad/(N·m)]."""
         return self.solved.compliance
 
-    def describe(self) -> Fit:
+    def describe(self) -> MethodFit:
         """Return the fit with its covariance, and with what the readings determine."""
         return replace(self.solved.describe(), alone=self.without_prior)
 
@@ -417,7 +432,7 @@ class _SingleFit:
         """
         return self.estimate_sigma(self.describe())
 
-    def estimate_sigma(self, fit: Fit) -> float:
+    def estimate_sigma(self, fit: MethodFit) -> float:
         """Return sigma from the residuals of this fit, whose description is known [m]."""
         scale = estimate_scale(fit, self.compressed.all_readings, None)
         return scale.sigma or 0.0
@@ -472,17 +487,17 @@ class _Problem:
             weighted_readings = robust.reweight(rows.measurements)
             rows = rows.of(weighted_readings)
         compressed = MethodRows.compress(self.method, rows, stated_errors)
-        solved, without_prior = self._solve_compressed_rows(compressed, robust, solve_step)
+        solved, without_prior = self._solve_compressed_rows(compressed, robust, witnessed=False)
         return _SingleFit(rows, compressed, solved, without_prior, robust, targets)
 
     def certify(self, last: _SingleFit) -> _SingleFit:
         """Return the last fit, solved again by Clarabel, with certificates of its optimum."""
-        solved, without_prior = self._solve_compressed_rows(last.compressed, last.robust, solve)
+        solved, without_prior = self._solve_compressed_rows(last.compressed, last.robust, witnessed=True)
         return replace(last, solved=solved, without_prior=without_prior)
 
     def _solve_compressed_rows(
-        self, compressed: MethodRows, robust: RobustFit | None, solve_problem: SolveProblem
-    ) -> tuple[SolvedMethod, Fit | None]:
+        self, compressed: MethodRows, robust: RobustFit | None, *, witnessed: bool
+    ) -> tuple[SolvedMethod, MethodFit | None]:
         """Return the optimum for compressed rows, with the prior of the settings, and the fit without prior.
 
         The latter is None if the settings have no prior.
@@ -490,10 +505,10 @@ class _Problem:
         Args:
             compressed: compressed rows of all observations.
             robust: fit with the Huber loss, which gives sigma; None for the squared loss.
-            solve_problem: function that solves a problem.
+            witnessed: whether Clarabel solves the problems, too; see `solve`.
         """
         constraints, has_no_effect = self.settings.constraints, self.observability.null
-        solved = solve_method(compressed, has_no_effect, constraints, solve_problem=solve_problem)
+        solved = solve_method(compressed, has_no_effect, constraints, witnessed=witnessed)
         if self.settings.prior is None:
             return solved, None
         # A prior is weighed against the noise of the readings. A sigma that is not stated is estimated from
@@ -502,7 +517,8 @@ class _Problem:
         stated_sigma = self.rows.measurements.sigma if robust is None else robust.sigma
         sigma = _require_sigma_for_prior(estimate_scale(without_prior, compressed.all_readings, stated_sigma))
         prior = self.settings.prior.in_units_of(sigma)
-        return solve_method(compressed, has_no_effect, constraints, prior, solve_problem), without_prior
+        solved = solve_method(compressed, has_no_effect, constraints, prior, witnessed=witnessed)
+        return solved, without_prior
 
     def _fit_huber(self, targets: TargetRows, before: _SingleFit | None) -> RobustFit:
         """Fit the joints with Huber's loss; an unknown sigma is estimated by the first fit and then kept.
@@ -699,7 +715,7 @@ class _DescribedFit:
     problem: _Problem  # observations, settings and stated errors
     last: _SingleFit  # last fit, whose rows belong to its compliances
     scale: Scale  # sigma and the residuals under sigma
-    fit: Fit  # last fit, with the uncertainty of all errors in its covariance
+    fit: MethodFit  # last fit, with the uncertainty of all errors in its covariance
     common_errors: CommonErrors | None  # errors that all observations share; None without any
 
     @classmethod
@@ -803,7 +819,7 @@ def _build_estimate(problem: _Problem, last_fit: _SingleFit) -> Estimate:
     )
 
 
-def _widen_likelihood(fit: Fit, uncertainty: FloatArray, open_joints: IndexArray) -> Likelihood | None:
+def _widen_likelihood(fit: MethodFit, uncertainty: FloatArray, open_joints: IndexArray) -> Likelihood | None:
     """Return the likelihood of the compliances with further independent uncertainties of the joints.
 
     None if the likelihood has no joint left.
@@ -818,7 +834,7 @@ def _widen_likelihood(fit: Fit, uncertainty: FloatArray, open_joints: IndexArray
     return known if len(known.joints) else None
 
 
-def _estimate_final_scale(problem: _Problem, last_fit: _SingleFit, fit: Fit) -> Scale:
+def _estimate_final_scale(problem: _Problem, last_fit: _SingleFit, fit: MethodFit) -> Scale:
     """Return sigma, as stated or from the residuals, and the chi-square of the last fit.
 
     With the Huber loss, a robust scale replaces a sigma that is unknown, and chi-square limits each residual
@@ -842,7 +858,7 @@ def _estimate_final_scale(problem: _Problem, last_fit: _SingleFit, fit: Fit) -> 
     return scale if scale.sigma is None else replace(scale, sigma=max(scale.sigma, _LEAST_SIGMA))
 
 
-def _estimate_scale_with_prior(fit: Fit, all_readings: Triangle, sigma: float | None) -> Scale:
+def _estimate_scale_with_prior(fit: MethodFit, all_readings: Triangle, sigma: float | None) -> Scale:
     """Return the scale of the residuals, for sigma [m] or, if it is None, for sigma from the residuals.
 
     With a prior, sigma comes from the fit without the prior, and chi-square from the fit with the prior.
@@ -1072,7 +1088,7 @@ def _build_free_load(problem: _Problem, last_fit: _SingleFit, sigma: float) -> F
 
 
 def _compare_prior_to_data(
-    fit_without_prior: Fit | None, prior: Prior | None, sigma: float | None, n: int
+    fit_without_prior: MethodFit | None, prior: Prior | None, sigma: float | None, n: int
 ) -> FloatArray:
     """Return for each joint the ratio (n,) of the prior's information to the readings' information.
 

@@ -25,11 +25,13 @@ from scipy.optimize import brentq, minimize_scalar
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.fit.cone import Scalars
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.fit.method import Method, Settings
 from jointstiff.solver.fit.prior import Prior
-from jointstiff.solver.fit.problem import Bounds, Constraints, IdentificationProblem
+from jointstiff.solver.fit.problem import LeastSquares, Problem
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.solution import solve_step
+from jointstiff.solver.fit.solution import solve
 from jointstiff.solver.fit.statements import Statements
 from jointstiff.solver.fit.triangle import (
     INDEPENDENT,
@@ -379,8 +381,8 @@ class Profile:
         except RequestError:
             return np.inf
         R, z = rows[:, :-1], rows[:, -1]
-        problem = IdentificationProblem(R, z, constraints.bounds, constraints.inequalities)
-        other_compliances = solve_step(problem).compliance
+        problem = Problem(LeastSquares(R, z), Scalars.of(constraints))
+        other_compliances = solve(problem, witnessed=False).x
         return float(np.square(R @ other_compliances - z).sum())
 
     def find_ends(self, radii: FloatArray) -> ProfileEnds:

@@ -11,7 +11,7 @@
     solve_e_optimal_design  maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0         E-optimal design (§10)
 
 The first two are subject to lower ≤ x ≤ upper and B x ≥ d, the next three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
-with x = near + y in the first of them, the next two to the cones of `conic.MassCones`, and the last one to
+with x = near + y in the first of them, the next two to the cones of `cone.WithMasses`, and the last one to
 M(w) = M0 + Σ w_i K_i, Σ w = 1 and w ≥ 0. Variables are equilibrated. A program is compiled once for a
 shape, its data being parameters. `solve_huber`, `state_sum_of_norms`, `state_penalised_end` and designs are
 stated with their data, as that compiles faster. Ends of joints' intervals are found in batches, by
@@ -39,8 +39,8 @@ from scipy.sparse import csc_array, csr_array, triu
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.fit.cone import Block, Cone, to_matrix
-from jointstiff.solver.fit.problem import IdentificationProblem, Scaled
+from jointstiff.solver.fit.cone import Block, Matrices, Scalars, to_matrix
+from jointstiff.solver.fit.problem import Problem
 
 TOLERANCE: Final = 1e-10
 """Tolerance of Clarabel for least squares: the default, an absolute gap of 1e-8, bounds the residual only by
@@ -173,14 +173,14 @@ class Program:
         return q, A, b
 
 
-def solve_least_squares(scaled: Scaled) -> FloatArray | None:
+def solve_least_squares(problem: Problem[Scalars]) -> FloatArray | None:
     """Solve ``minimise ‖A x − b‖² subject to lower ≤ x ≤ upper, B x ≥ d`` by Clarabel.
 
     Returns a point x (n,) near the optimum; None if Clarabel fails.
     """
-    shape = _find_shape(scaled)
+    shape = _find_shape(problem)
     program = _state_least_squares(shape)  # compiled once for each shape
-    return program.solve(_collect_data(scaled), TOLERANCE)
+    return program.solve(_collect_data(problem), TOLERANCE)
 
 
 @lru_cache(maxsize=128)
@@ -199,7 +199,7 @@ def _state_least_squares(shape: _Shape) -> Program:
 
 
 def solve_huber(
-    A: FloatArray, d: FloatArray, S: FloatArray, t: FloatArray, squared: IdentificationProblem
+    A: FloatArray, d: FloatArray, S: FloatArray, t: FloatArray, squared: Problem[Scalars]
 ) -> FloatArray | None:
     """Solve ``minimise Σ_i ρ(‖d_i − A_i c‖) + ½ ‖S c − t‖²`` under the constraints.
 
@@ -215,7 +215,7 @@ def solve_huber(
     Returns:
         (n,) compliances [rad/(N·m)] to Clarabel's tolerance; None if Clarabel fails.
     """
-    scaled = Scaled.from_problem(squared)
+    scaled = squared.equilibrate()
     n = len(scaled.unit)
     with COMPILING:
         x = cp.Variable(n)  # c divided by its units
@@ -223,16 +223,16 @@ def solve_huber(
         norms = cp.norm(cp.reshape(residuals, d.shape, order="C"), axis=1)
         robust = 0.5 * cp.sum(cp.huber(norms, 1.0))  # cvxpy's huber is u² up to 1, twice ρ
         squares = 0.5 * cp.sum_squares((S * scaled.unit) @ x - t)
-        constraints = _state_constraints(x, _find_shape(scaled))
+        constraints = _state_constraints(x, _find_shape(scaled.problem))
         program = Program(cp.Minimize(robust + squares), constraints, x)
-    point = program.solve(_collect_data(scaled), TOLERANCE)
+    point = program.solve(_collect_data(scaled.problem), TOLERANCE)
     if point is None:
         return None
-    return scaled.bounds.snap(point) * scaled.unit
+    return scaled.problem.cone.bounds.snap(point) * scaled.unit
 
 
 @lru_cache(maxsize=8)  # a program of 264 parameters takes 15 MB
-def state_semidefinite(rows: int, cone: Cone) -> Program:
+def state_semidefinite(rows: int, cone: Matrices) -> Program:
     """Compile ``minimise ‖T y − z‖² + pᵀy subject to near_j + y_j ≥ 0, Mat(near_b + y_b) ⪰ 0``.
 
     Mat(x_b) is the symmetric matrix with the entries x_b. The residual r = T y − z is a variable of its own,
@@ -254,7 +254,7 @@ def state_semidefinite(rows: int, cone: Cone) -> Program:
         return Program(cp.Minimize(cp.sum_squares(r) + p @ y), constraints, y)
 
 
-def state_sum_of_norms(A: FloatArray, d: FloatArray, cone: Cone, B: FloatArray) -> Program:
+def state_sum_of_norms(A: FloatArray, d: FloatArray, cone: Matrices, B: FloatArray) -> Program:
     """Compile ``minimise Σ_i ρ(‖A_i x + B_i v − d_i‖) + ‖v‖²/(2h) + pᵀx, x_j ≥ 0, Mat(x_b) ⪰ 0``.
 
     ρ is Huber's loss: u²/(2h) up to h and u − h/2 beyond. For a residual r_i it is
@@ -286,7 +286,7 @@ def state_sum_of_norms(A: FloatArray, d: FloatArray, cone: Cone, B: FloatArray) 
         return Program(cp.Minimize(loss + p @ x), [norms, *_state_cone(x, cone)], unknowns)
 
 
-def state_penalised_end(T: FloatArray, z: FloatArray, p: FloatArray, limit: float, cone: Cone) -> Program:
+def state_penalised_end(T: FloatArray, z: FloatArray, p: FloatArray, limit: float, cone: Matrices) -> Program:
     """Compile ``minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J, x_j ≥ 0, Mat(x_b) ⪰ 0``.
 
     Mat(x_b) is the symmetric matrix with the entries x_b.
@@ -315,7 +315,7 @@ def state_mass_cones(rows: int, blocks: tuple[Block, ...]) -> Program:
     """Compile ``minimise ‖A y − b‖² subject to near + y in the cones of the blocks, c ≤ cap``.
 
     A joint's block of near + y has its compliance c, and c times unknown masses and moments, which c bounds;
-    see `conic.MassCones`.
+    see `cone.WithMasses`.
 
     Args:
         rows: number of rows of A.
@@ -388,7 +388,7 @@ def _state_block_cones(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.C
     return constraints
 
 
-def _state_cone(x: cp.Expression, cone: Cone) -> list[cp.Constraint]:
+def _state_cone(x: cp.Expression, cone: Matrices) -> list[cp.Constraint]:
     """Return the constraints of a cone: x_j ≥ 0 for the scalars, and Mat(x_b) ⪰ 0 for each block x_b.
 
     Mat(x_b) is the symmetric matrix whose upper triangle has the entries x_b.
@@ -418,17 +418,18 @@ class _Shape(NamedTuple):
     inequalities: int  #: number of rows of B
 
 
-def _find_shape(scaled: Scaled) -> _Shape:
+def _find_shape(problem: Problem[Scalars]) -> _Shape:
     """Return the shape of a problem; problems of the same shape share a compiled program."""
-    rows, columns = scaled.A.shape
-    with_lower = np.flatnonzero(np.isfinite(scaled.bounds.lower))
-    with_upper = np.flatnonzero(np.isfinite(scaled.bounds.upper))
+    bounds = problem.cone.bounds
+    rows, columns = problem.squares.R.shape
+    with_lower = np.flatnonzero(np.isfinite(bounds.lower))
+    with_upper = np.flatnonzero(np.isfinite(bounds.upper))
     return _Shape(
         rows=rows,
         columns=columns,
         with_lower=tuple(with_lower.tolist()),
         with_upper=tuple(with_upper.tolist()),
-        inequalities=len(scaled.d),
+        inequalities=problem.cone.inequality_count,
     )
 
 
@@ -451,12 +452,16 @@ def _state_constraints(x: cp.Variable, shape: _Shape) -> list[cp.Constraint]:
     return constraints
 
 
-def _collect_data(scaled: Scaled) -> dict[str, FloatArray]:
+def _collect_data(problem: Problem[Scalars]) -> dict[str, FloatArray]:
     """Return the values of the parameters A, b, lower, upper, B and d of a problem, by their names."""
-    bounds = scaled.bounds
+    bounds = problem.cone.bounds
     lower = bounds.lower[np.isfinite(bounds.lower)]
     upper = bounds.upper[np.isfinite(bounds.upper)]
-    return {"A": scaled.A, "b": scaled.b, "lower": lower, "upper": upper, "B": scaled.B, "d": scaled.d}
+    data = {"A": problem.squares.R, "b": problem.squares.z, "lower": lower, "upper": upper}
+    inequalities = problem.cone.inequalities
+    if inequalities is not None:
+        data |= {"B": inequalities.matrix, "d": inequalities.least}
+    return data
 
 
 def solve_e_optimal_design(

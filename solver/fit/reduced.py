@@ -28,23 +28,20 @@ from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.schemas.options import Loss as LossName
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.fit.cone import Cone, find_diagonal_entries
+from jointstiff.solver.fit.cone import Matrices, Scalars, find_diagonal_entries
 from jointstiff.solver.fit.conic import (
-    ConeSolution,
-    LeastSquares,
     NormSum,
     RobustProgram,
     RobustSolution,
-    SemidefiniteProgram,
     certify_cone,
     certify_robust,
-    solve_cone,
     solve_robust,
 )
+from jointstiff.solver.fit.constraints import Bounds
 from jointstiff.solver.fit.method import DEFAULT_THRESHOLD
 from jointstiff.solver.fit.part import MOST_TARGETS, Part, RowColumns, Sums
-from jointstiff.solver.fit.problem import Bounds, IdentificationProblem
-from jointstiff.solver.fit.solution import solve_step
+from jointstiff.solver.fit.problem import LeastSquares, Problem
+from jointstiff.solver.fit.solution import Solution, solve
 from jointstiff.solver.fit.stages import MEDIAN_NORM
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import BASE, triangle_indices
@@ -121,7 +118,7 @@ class Reduced:
 
     part: Part  #: rows of the observations
     squares: LeastSquares  #: squared residuals as a function of the parameters
-    cone: Cone  #: cone that contains the parameters
+    cone: Matrices  #: cone that contains the parameters
     columns: IndexArray  #: (p,) column of the rows that belongs to each parameter
     unit: FloatArray  #: (p,) unit of each parameter: compliances are ``unit · x``
     reading_norm: float  #: norm ‖d‖ of all whitened readings [m], by which the squared loss divides residuals
@@ -150,9 +147,9 @@ class Reduced:
             statement=self.part.statements.sigma / self.total_deflection,
         )
 
-    def state(self, weight: float) -> SemidefiniteProgram:
-        """Return the semidefinite program that minimises squared residuals plus λ times the penalty."""
-        return SemidefiniteProgram(self.squares, self.cone, weight)
+    def state(self, weight: float) -> Problem[Matrices]:
+        """Return the problem that minimises squared residuals plus λ times the penalty."""
+        return Problem(self.squares, self.cone, weight)
 
     def to_parameters(self, compliances: FloatArray) -> FloatArray:
         """Return the parameters (p,) of compliances (P,)."""
@@ -164,7 +161,7 @@ class Reduced:
         compliances[self.columns] = self.unit * x
         return compliances
 
-    def to_unknowns(self, solution: ConeSolution) -> FloatArray:
+    def to_unknowns(self, solution: Solution) -> FloatArray:
         """Return the unknowns (P + K,) of a solution: compliances, then systematic errors with a prior."""
         compliances = self.to_compliances(solution.x)
         if isinstance(solution, RobustSolution):
@@ -181,18 +178,6 @@ class Reduced:
         mean_deflection = self.total_deflection / max(1, len(norms))
         scale = float(np.median(norms)) / MEDIAN_NORM  # `MEDIAN_NORM` is the median norm of normal noise
         return max(scale, _LEAST_SCALE * mean_deflection)
-
-    def fit_joints_only(self) -> FloatArray:
-        """Fit the compliances of joints that alone bend by non-negative least squares, without a penalty.
-
-        Returns:
-            (P + K,) compliances of all elements, zero except for joints, then systematic errors.
-        """
-        R, z = self.squares.R, self.squares.z
-        problem = IdentificationProblem(R, z, Bounds.positive(R.shape[1]))
-        x = solve_step(problem).compliance
-        compliances = self.to_compliances(x)
-        return self.part.append_fitted_errors(compliances)
 
 
 def reduce_part(part: Part, candidate: Candidate, visible: BoolArray, sigma: float | None = None) -> Reduced:
@@ -240,7 +225,7 @@ class _Parameters(NamedTuple):
 
     columns: IndexArray  #: (p,) column of the rows that belongs to each parameter
     unit: FloatArray  #: (p,) unit of each parameter: compliances are ``unit · x``
-    cone: Cone  #: cone that contains the parameters
+    cone: Matrices  #: cone that contains the parameters
 
     @classmethod
     def arrange(
@@ -250,7 +235,7 @@ class _Parameters(NamedTuple):
         elements: Sequence[_Element],
         typical_compliance: float,
     ) -> _Parameters:
-        """Arrange the parameters in the order of `Cone`.
+        """Arrange the parameters in the order of `Matrices`.
 
         Args:
             joints: (j,) columns of the joints whose compliances are estimated.
@@ -265,7 +250,7 @@ class _Parameters(NamedTuple):
             columns.append(element.columns)
             units.append(element.compute_units(typical_compliance))
         diagonal_entry_count = sum(len(element.columns) for element in diagonal)
-        cone = Cone(
+        cone = Matrices(
             nonnegative=len(joints) + diagonal_entry_count,
             sizes=tuple(len(element.root) for element in full),
             penalised=diagonal_entry_count,
@@ -366,7 +351,7 @@ class Loss(ABC):
     reduced: Reduced
 
     @abstractmethod
-    def solve(self, weight: float, *, gap: float, accepted: float | None = None) -> ConeSolution:
+    def solve(self, weight: float, *, gap: float, accepted: float | None = None) -> Solution:
         """Minimise the loss plus λ times the penalty, and certify the optimum.
 
         Args:
@@ -379,7 +364,7 @@ class Loss(ABC):
         """
 
     @abstractmethod
-    def certify_gap(self, compliances: FloatArray, weight: float, solution: ConeSolution) -> float:
+    def certify_gap(self, compliances: FloatArray, weight: float, solution: Solution) -> float:
         """Return the duality gap at compliances (P,) that differ slightly from those of a solution."""
 
     @abstractmethod
@@ -412,11 +397,18 @@ class SquaredLoss(Loss):
 
     reduced: Reduced
 
-    def solve(self, weight: float, *, gap: float, accepted: float | None = None) -> ConeSolution:
-        """Minimise the squares plus λ times the penalty; arguments and errors are those of `Loss.solve`."""
-        return solve_cone(self.reduced.state(weight), wanted_gap=gap, accepted_gap=accepted)
+    def solve(self, weight: float, *, gap: float, accepted: float | None = None) -> Solution:
+        """Minimise the squares plus λ times the penalty; arguments and errors are those of `Loss.solve`.
 
-    def certify_gap(self, compliances: FloatArray, weight: float, solution: ConeSolution) -> float:  # noqa: ARG002
+        Without penalised parameters, the problem is one over scalars, whose optimum has no gap.
+        """
+        cone = self.reduced.cone
+        if not cone.has_penalty:
+            positive = Scalars(Bounds.positive(cone.dimension))
+            return solve(Problem(self.reduced.squares, positive), witnessed=False)
+        return solve(self.reduced.state(weight), gap=gap, accepted=accepted)
+
+    def certify_gap(self, compliances: FloatArray, weight: float, solution: Solution) -> float:  # noqa: ARG002
         """Return the duality gap at compliances (P,); the solution is not needed."""
         x = self.reduced.to_parameters(compliances)
         return certify_cone(self.reduced.state(weight), x).gap
@@ -451,7 +443,7 @@ class HuberLoss(Loss):
         """Minimise Huber's loss plus λ times the penalty; arguments and errors are those of `Loss.solve`."""
         return solve_robust(self._state_program(weight), wanted_gap=gap, accepted_gap=accepted)
 
-    def certify_gap(self, compliances: FloatArray, weight: float, solution: ConeSolution) -> float:
+    def certify_gap(self, compliances: FloatArray, weight: float, solution: Solution) -> float:
         """Return the duality gap at compliances (P,), with the dual multipliers of the solution."""
         x = self.reduced.to_parameters(compliances)
         errors = solution.errors if isinstance(solution, RobustSolution) else np.zeros(0)
@@ -520,7 +512,7 @@ class Fitted(NamedTuple):
     """Optimum of a loss."""
 
     loss: Loss
-    solution: ConeSolution
+    solution: Solution
 
 
 def fit_loss(

@@ -7,7 +7,9 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.fit.problem import Bounds, IdentificationProblem, Scaled
+from jointstiff.solver.fit.cone import Scalars
+from jointstiff.solver.fit.constraints import Bounds
+from jointstiff.solver.fit.problem import LeastSquares, Problem
 from jointstiff.solver.fit.solution import Witness, compare_answers
 
 _REGRESSOR: FloatArray = np.array([[2.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
@@ -24,7 +26,8 @@ def check_solver() -> Witness:
     """
     from jointstiff.solver.fit import programs  # takes a second to import
 
-    problem = IdentificationProblem(_REGRESSOR, _READINGS, Bounds.positive(len(_OPTIMUM)))
-    scaled = Scaled.from_problem(problem)
-    own = programs.solve_least_squares(scaled)
-    return compare_answers(scaled.A, own, np.array(_OPTIMUM) / scaled.unit, scaled.b)
+    positive = Scalars(Bounds.positive(len(_OPTIMUM)))
+    scaled = Problem(LeastSquares(_REGRESSOR, _READINGS), positive).equilibrate()
+    own = programs.solve_least_squares(scaled.problem)
+    squares = scaled.problem.squares
+    return compare_answers(squares.R, own, np.array(_OPTIMUM) / scaled.unit, squares.z)

@@ -1,21 +1,23 @@
-"""Solutions of identification problems: Clarabel proposes, a certificate decides.
+"""Solutions of convex problems: Clarabel proposes, a certificate decides.
 
-The steps are those of method.md §5. Columns and right-hand side are brought to unit norm, so that
-neither units nor twelve decades between the joints matter. The program stated in `programs` is solved by
+The steps over scalars are those of method.md §5. Columns and right-hand side are brought to unit norm, so
+that neither units nor twelve decades between the joints matter. The program stated in `programs` is solved by
 Clarabel. From Clarabel's answer follow the active bounds and inequalities, and least squares with these held
 exactly gives the point. The point is accepted only if the conditions of Karush, Kuhn and Tucker hold in the
 data. Where Clarabel's interior point does not show which constraints are active, an active-set method takes
 over. The problems are convex, so a certified point is the optimum, whichever algorithm proposed it.
 
-Many small problems with bounds alone are solved at once from their Gram matrices (`solve_batch`).
+Many small problems with bounds alone are solved at once from their Gram matrices (`solve_batch`). Problems
+over other cones are solved by `solver.fit.conic`, and certified in the same way.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple, overload
 
 import numpy as np
 
@@ -23,17 +25,16 @@ from jointstiff.schemas.run import Certificate as StagesCertificate
 from jointstiff.schemas.run import SupportFinder
 from jointstiff.solver.arrays import ActiveBounds, BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.fit.problem import (
-    FREE,
-    LOWER,
-    MOST_PIVOTS,
-    TOLERANCE,
-    UPPER,
-    Bounds,
-    IdentificationProblem,
-    Scaled,
-)
+from jointstiff.solver.fit.cone import Matrices, Scalars, WithMasses
+from jointstiff.solver.fit.constraints import FREE, LOWER, TOLERANCE, UPPER, Bounds
+from jointstiff.solver.fit.problem import Equilibrated, LeastSquares, Problem
 
+GAP: Final = 1e-8
+"""Greatest gap of a certificate that is accepted by default, for a cone of matrices or of masses."""
+MOST_PIVOTS: Final = 8
+"""Maximum rounds of pivoting; nearly all problems settle in two or three."""
+_NO_DIRECTION: Final = 1e-13
+"""Relative singular value that counts as zero."""
 LEAST_EIGENVALUE: Final = 1e-6
 """Least eigenvalue of an equilibrated Gram matrix: rounding of 1e-16 in the entries grows to 1e-10 in the
 answer."""
@@ -108,7 +109,7 @@ def find_solver_distance(stages: Sequence[Certificate]) -> float | None:
     return max(distances)
 
 
-def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certificate:
+def certify(problem: Problem[Scalars], x: FloatArray, solved_by: SupportFinder) -> Certificate:
     """Return the certificate of a point: by how much it violates the conditions of an optimum.
 
     With bounds alone, the conditions of Karush, Kuhn and Tucker for each variable x and the gradient g of the
@@ -122,17 +123,18 @@ def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certific
     bound. The terms of g cancel in it, so a violation up to the rounding error of these terms counts as zero.
 
     Args:
-        scaled: the equilibrated problem.
+        problem: the equilibrated problem.
         x: (n,) the point, in equilibrated variables.
         solved_by: algorithm that found the point; recorded in the certificate.
     """
-    if len(scaled.d):
-        return _certify_under_inequalities(scaled, x, solved_by)
-    lower, upper = scaled.bounds.lower, scaled.bounds.upper
-    gradient = scaled.gradient(x)
+    if problem.cone.inequality_count:
+        return _certify_under_inequalities(problem, x, solved_by)
+    bounds = problem.cone.bounds
+    lower, upper = bounds.lower, bounds.upper
+    gradient = problem.squares.gradient(x)
     distance_outside_bounds = float(np.maximum(lower - x, x - upper).max())
-    unbalanced_gradient = float(scaled.bounds.gradient_violation(x, gradient).max())
-    greatest_gap = _find_greatest_gap(scaled.bounds, x, gradient)
+    unbalanced_gradient = float(bounds.gradient_violation(x, gradient).max())
+    greatest_gap = _find_greatest_gap(bounds, x, gradient)
     rounding = _ROUNDING * max(1.0, float(np.abs(x).max()))
     is_at_bound = (x <= lower) | (x >= upper)
     return Certificate(
@@ -161,7 +163,9 @@ def _find_greatest_gap(bounds: Bounds, x: FloatArray, gradient: FloatArray) -> f
     return float(np.maximum(gap_at_lower, gap_at_upper).max())
 
 
-def _certify_under_inequalities(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certificate:
+def _certify_under_inequalities(
+    problem: Problem[Scalars], x: FloatArray, solved_by: SupportFinder
+) -> Certificate:
     """Return the certificate of a point of a problem with constraints ``G x ≥ h``, the bounds among them.
 
     The arguments are those of `certify`. With the gradient g of the objective and multipliers μ ≥ 0 of the
@@ -174,10 +178,10 @@ def _certify_under_inequalities(scaled: Scaled, x: FloatArray, solved_by: Suppor
     Multipliers are computed only for the constraints that hold with equality at the point. So there is no
     gap by construction, and rows of G may be linearly dependent.
     """
-    G, h = scaled.constraints
-    multipliers = scaled.multipliers_at(x)
+    G, h = problem.cone.rows
+    multipliers = _balance_gradient(problem, x)
     greatest_violation = float((h - G @ x).max(initial=0.0))
-    unbalanced_gradient = float(np.abs(scaled.gradient(x) - G.T @ multipliers).max())
+    unbalanced_gradient = float(np.abs(problem.squares.gradient(x) - G.T @ multipliers).max())
     # The rounding error of the difference is that of its largest terms: nearly parallel rows, such as those
     # of a joint that the readings hardly show, have multipliers far larger than the gradient.
     greatest_value = max(1.0, float(np.abs(x).max()))
@@ -186,20 +190,20 @@ def _certify_under_inequalities(scaled: Scaled, x: FloatArray, solved_by: Suppor
         primal=max(0.0, greatest_violation - _ROUNDING * greatest_value),
         dual=max(0.0, unbalanced_gradient - _ROUNDING * greatest_term),
         gap=0.0,
-        multipliers=_join_multipliers_of_bounds(scaled, multipliers),
+        multipliers=_join_multipliers_of_bounds(problem.cone, multipliers),
         solved_by=solved_by,
     )
 
 
-def _join_multipliers_of_bounds(scaled: Scaled, multipliers: FloatArray) -> FloatArray:
+def _join_multipliers_of_bounds(cone: Scalars, multipliers: FloatArray) -> FloatArray:
     """Return one multiplier for both bounds of each variable (n,), then those of the k inequalities.
 
     Args:
-        scaled: the equilibrated problem, whose constraints ``G x ≥ h`` are the bounds, then the inequalities.
+        cone: scalars, whose constraints ``G x ≥ h`` are the bounds, then the inequalities.
         multipliers: multipliers of these constraints, zero or positive.
     """
-    G, h = scaled.constraints
-    bound_count = len(h) - len(scaled.d)
+    G, h = cone.rows
+    bound_count = len(h) - cone.inequality_count
     # The row of a lower bound is a unit vector, that of an upper bound a negative one.
     of_variables = G[:bound_count].T @ multipliers[:bound_count]
     return np.concatenate([of_variables, multipliers[bound_count:]])
@@ -207,11 +211,17 @@ def _join_multipliers_of_bounds(scaled: Scaled, multipliers: FloatArray) -> Floa
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The optimum of an `IdentificationProblem`."""
+    """The optimum of a problem, with its certificate."""
 
-    compliance: FloatArray  #: (n,) [rad/(N·m)]
-    active: ActiveBounds  #: (n,) -1 at the lower bound, 1 at the upper bound, else 0
+    x: FloatArray  #: (p,) the optimum, in the units of the problem
     certificate: Certificate  #: evidence of optimality
+
+
+@dataclass(frozen=True, eq=False)
+class SolutionOfScalars(Solution):
+    """The optimum of a problem over scalars."""
+
+    active: ActiveBounds  #: (p,) -1 at the lower bound, 1 at the upper bound, else 0
     #: (k,) inequalities that hold with equality up to rounding; None where the problem has none
     tight: BoolArray | None = None
 
@@ -220,28 +230,67 @@ _Proposal = tuple[FloatArray, SupportFinder]
 """A point (n,) in equilibrated variables, and the algorithm that found its active bounds."""
 
 
-def solve(problem: IdentificationProblem) -> Solution:
-    """Solve a problem by Clarabel, refine the answer by exact least squares, and certify the optimum.
+@overload
+def solve(problem: Problem[Scalars], *, witnessed: bool = ...) -> SolutionOfScalars: ...
+
+
+@overload
+def solve(
+    problem: Problem[Matrices] | Problem[WithMasses], *, gap: float = ..., accepted: float | None = ...
+) -> Solution: ...
+
+
+def solve(
+    problem: Problem[Any], *, witnessed: bool = True, gap: float = GAP, accepted: float | None = None
+) -> Solution:
+    """Solve a problem, and certify the optimum; the shape of the cone decides how.
+
+    Args:
+        problem: least squares over a cone.
+        witnessed: for scalars: True to solve by Clarabel, whose own answer is a witness of the optimum, and
+            to refine this answer by exact least squares. False to solve by pivoting, and by Clarabel only
+            where pivoting fails: this is faster, and meant for problems solved many times, as in iterations.
+        gap: for other cones: the search ends when a certificate has at most this gap, for readings of unit
+            norm. Scalars have no gap beyond rounding.
+        accepted: for a cone of matrices: greatest gap that is accepted if no answer reaches `gap`; None for
+            `gap`.
 
     Returns:
-        The optimum with its certificate. Where R is rank deficient, the fitted R c is unique, but c
-        is one of many optima; see `solver.fit.observability`.
+        The optimum with its certificate. Where R is rank deficient, the fitted R x is unique, but x is one of
+        many optima; see `solver.fit.observability`.
 
     Raises:
-        SolverError: if no candidate satisfies the optimality conditions.
+        SolverError: no answer is certified as the optimum.
     """
+    if isinstance(problem.cone, Scalars):
+        return _solve_scalars(problem, witnessed=witnessed)
+    from jointstiff.solver.fit import conic  # joints alone do not need it
+
+    if isinstance(problem.cone, Matrices):
+        return conic.solve_matrices(problem, gap, accepted)
+    return conic.solve_with_masses(problem, gap)
+
+
+def _solve_scalars(problem: Problem[Scalars], *, witnessed: bool) -> SolutionOfScalars:
+    """Solve a problem over scalars by Clarabel with a witness, or by pivoting; see `solve`.
+
+    Raises:
+        SolverError: no candidate satisfies the optimality conditions.
+    """
+    scaled = problem.equilibrate()
+    if not witnessed:
+        return _select_first_certified(problem, scaled, _propose_fast(scaled.problem))
     from jointstiff.solver.fit import programs  # takes a second to import
 
-    scaled = Scaled.from_problem(problem)
-    has_inequalities = len(scaled.d) > 0
-    clarabel_point = programs.solve_least_squares(scaled)
+    clarabel_point = programs.solve_least_squares(scaled.problem)
     # The proposals are generators: the fallback runs only if no point near Clarabel's answer is certified.
     near_clarabel: Iterator[_Proposal] = iter(())
     if clarabel_point is not None:
-        near_clarabel = _propose_near(scaled, clarabel_point)
-    fallback = _propose_by_least_distance(scaled) if has_inequalities else _propose_by_active_set(scaled)
-    solution = _select_first_certified(problem, scaled, chain(near_clarabel, fallback))
-    witness = compare_answers(scaled.A, clarabel_point, solution.compliance / scaled.unit, scaled.b)
+        near_clarabel = _propose_near(scaled.problem, clarabel_point)
+    proposals = chain(near_clarabel, _propose_without_clarabel(scaled.problem))
+    solution = _select_first_certified(problem, scaled, proposals)
+    squares = scaled.problem.squares
+    witness = compare_answers(squares.R, clarabel_point, solution.x / scaled.unit, squares.z)
     return replace(solution, certificate=replace(solution.certificate, witness=witness))
 
 
@@ -263,34 +312,35 @@ def compare_answers(
     return Witness(difference / size_of_readings)
 
 
-def solve_step(problem: IdentificationProblem) -> Solution:
-    """Solve a problem by pivoting and certify the optimum; where pivoting fails, solve by Clarabel.
+def _propose_fast(problem: Problem[Scalars]) -> Iterator[_Proposal]:
+    """Yield points, those of Clarabel last: pivoting or least distance is faster.
 
-    This is faster than `solve`, and meant for problems solved many times, as in iterations. Pivoting starts
-    from least squares without bounds. The optimum is certified by the same conditions as in `solve`.
-
-    Raises:
-        SolverError: if no candidate satisfies the optimality conditions.
+    Pivoting starts from least squares without bounds; it knows no inequalities.
     """
-    scaled = Scaled.from_problem(problem)
-    # All these proposals are generators: one runs only if no earlier one was certified.
-    by_clarabel = _propose_by_clarabel(scaled)
-    has_inequalities = len(scaled.d) > 0
-    if has_inequalities:
-        return _select_first_certified(
-            problem, scaled, chain(_propose_by_least_distance(scaled), by_clarabel)
-        )
-    all_free = np.full(len(scaled.unit), FREE, dtype=np.int8)
-    x = scaled.solve_by_pivoting(all_free)
-    is_inside_bounds = (x > scaled.bounds.lower) & (x < scaled.bounds.upper)
-    pivoted: _Proposal = x, "least_squares" if is_inside_bounds.all() else "pivoting"
-    fallback = _propose_by_active_set(scaled)
-    return _select_first_certified(problem, scaled, chain([pivoted], by_clarabel, fallback))
+    if problem.cone.inequality_count:
+        yield from _propose_by_least_distance(problem)
+        yield from _propose_by_clarabel(problem)
+        return
+    bounds = problem.cone.bounds
+    all_free = np.full(len(bounds.lower), FREE, dtype=np.int8)
+    x = _solve_by_pivoting(problem, all_free)
+    is_inside_bounds = (x > bounds.lower) & (x < bounds.upper)
+    yield x, "least_squares" if is_inside_bounds.all() else "pivoting"
+    yield from _propose_by_clarabel(problem)
+    yield from _propose_by_active_set(problem)
+
+
+def _propose_without_clarabel(problem: Problem[Scalars]) -> Iterator[_Proposal]:
+    """Yield points found by an active-set method: of least distance where there are inequalities."""
+    if problem.cone.inequality_count:
+        yield from _propose_by_least_distance(problem)
+    else:
+        yield from _propose_by_active_set(problem)
 
 
 def _select_first_certified(
-    problem: IdentificationProblem, scaled: Scaled, proposals: Iterable[_Proposal]
-) -> Solution:
+    problem: Problem[Scalars], scaled: Equilibrated, proposals: Iterable[_Proposal]
+) -> SolutionOfScalars:
     """Return the first proposed point that is certified as the optimum.
 
     Args:
@@ -303,8 +353,8 @@ def _select_first_certified(
     """
     certificate = Certificate(np.inf, np.inf, 0.0, np.zeros(0), "clarabel")  # in case of no proposal
     for point, solved_by in proposals:
-        x = scaled.bounds.snap(point)
-        certificate = certify(scaled, x, solved_by)
+        x = scaled.problem.cone.bounds.snap(point)
+        certificate = certify(scaled.problem, x, solved_by)
         if certificate.is_optimal():
             return _build_solution(problem, scaled, x, certificate)
     raise SolverError(
@@ -314,9 +364,9 @@ def _select_first_certified(
 
 
 def _build_solution(
-    problem: IdentificationProblem, scaled: Scaled, x: FloatArray, certificate: Certificate
-) -> Solution:
-    """Return the solution at a certified point x (n,), with its compliances in the problem's own units.
+    problem: Problem[Scalars], scaled: Equilibrated, x: FloatArray, certificate: Certificate
+) -> SolutionOfScalars:
+    """Return the solution at a certified point x (n,), in the problem's own units.
 
     Args:
         problem: the problem in its own units.
@@ -324,70 +374,72 @@ def _build_solution(
         x: (n,) the optimum, in equilibrated variables.
         certificate: evidence of optimality.
     """
-    active = scaled.bounds.active_bounds_at(x)
-    compliance = problem.bounds.hold_exactly(x * scaled.unit, active)
+    cone = scaled.problem.cone
+    active = cone.bounds.active_bounds_at(x)
+    in_own_units = problem.cone.bounds.hold_exactly(x * scaled.unit, active)
     tight_inequalities: BoolArray | None = None
-    inequality_count = len(scaled.d)
-    if inequality_count:
-        # The constraints of the scaled problem are the bounds, then the inequalities.
-        tight_inequalities = scaled.find_tight_constraints(x)[-inequality_count:]
-    return Solution(compliance, active, certificate, tight_inequalities)
+    if cone.inequality_count:
+        # The rows of the cone are the bounds, then the inequalities.
+        tight_inequalities = cone.find_tight_rows(x)[-cone.inequality_count :]
+    return SolutionOfScalars(in_own_units, certificate, active, tight_inequalities)
 
 
-def _propose_by_clarabel(scaled: Scaled) -> Iterator[_Proposal]:
+def _propose_by_clarabel(problem: Problem[Scalars]) -> Iterator[_Proposal]:
     """Yield exact least-squares points near Clarabel's answer; nothing if Clarabel fails."""
     from jointstiff.solver.fit import programs  # takes a second to import
 
-    near = programs.solve_least_squares(scaled)
+    near = programs.solve_least_squares(problem)
     if near is not None:
-        yield from _propose_near(scaled, near)
+        yield from _propose_near(problem, near)
 
 
-def _propose_near(scaled: Scaled, near: FloatArray) -> Iterator[_Proposal]:
+def _propose_near(problem: Problem[Scalars], near: FloatArray) -> Iterator[_Proposal]:
     """Yield exact least-squares points on the constraints that are active in Clarabel's answer (n,).
 
     Clarabel's answer is an interior point: it only nearly touches the constraints that are active at the
     optimum. An inequality counts as active if it is nearly tight and has a positive multiplier. Without an
     active inequality, only bounds can be active.
     """
-    inequality_count = len(scaled.d)
+    inequality_count = problem.cone.inequality_count
     if inequality_count:
-        # The constraints of the scaled problem are the bounds, then the inequalities.
-        multipliers = scaled.multipliers_at(near, _ACTIVE_SLACK)  # zero at constraints that are not tight
+        # The rows of the cone are the bounds, then the inequalities.
+        multipliers = _balance_gradient(
+            problem, near, _ACTIVE_SLACK
+        )  # zero at constraints that are not tight
         is_active = multipliers > 0
         has_active_inequality = is_active[-inequality_count:].any()
         if has_active_inequality:
-            yield from _propose_on_rows(scaled, is_active, near, "clarabel")
+            yield from _propose_on_rows(problem, is_active, near, "clarabel")
             return
-    yield from _propose_on_bounds(scaled, near)
+    yield from _propose_on_bounds(problem, near)
 
 
-def _propose_on_bounds(scaled: Scaled, near: FloatArray) -> Iterator[_Proposal]:
+def _propose_on_bounds(problem: Problem[Scalars], near: FloatArray) -> Iterator[_Proposal]:
     """Yield exact least-squares points at the bounds that are active in Clarabel's answer (n,).
 
     A bound is active if its multiplier exceeds its slack. Where the optimum is not unique, pivoting ends at
     the shortest optimum, which may violate a bound that Clarabel's point satisfies: so the second proposal is
     the optimum nearest to Clarabel's point.
     """
-    gradient = scaled.gradient(near)
+    gradient = problem.squares.gradient(near)
     active = np.full(len(near), FREE, dtype=np.int8)
-    active[gradient > near - scaled.bounds.lower] = LOWER
-    active[-gradient > scaled.bounds.upper - near] = UPPER
-    yield scaled.solve_by_pivoting(active), "clarabel"
-    yield scaled.solve_with_active_bounds(active, near), "clarabel"
+    active[gradient > near - problem.cone.bounds.lower] = LOWER
+    active[-gradient > problem.cone.bounds.upper - near] = UPPER
+    yield _solve_by_pivoting(problem, active), "clarabel"
+    yield _solve_with_active_bounds(problem, active, near), "clarabel"
 
 
-def _propose_by_active_set(scaled: Scaled) -> Iterator[_Proposal]:
+def _propose_by_active_set(problem: Problem[Scalars]) -> Iterator[_Proposal]:
     """Yield the optimum under bounds alone, by bounded-variable least squares (Stark & Parker 1995)."""
     from scipy.optimize import lsq_linear
 
-    bounds = scaled.bounds.lower, scaled.bounds.upper
-    outcome = lsq_linear(scaled.A, scaled.b, bounds=bounds, method="bvls", tol=1e-15)
+    bounds = problem.cone.bounds.lower, problem.cone.bounds.upper
+    outcome = lsq_linear(problem.squares.R, problem.squares.z, bounds=bounds, method="bvls", tol=1e-15)
     active = np.asarray(outcome.active_mask, dtype=np.int8)
-    yield scaled.solve_with_active_bounds(active), "active_set"
+    yield _solve_with_active_bounds(problem, active), "active_set"
 
 
-def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
+def _propose_by_least_distance(problem: Problem[Scalars]) -> Iterator[_Proposal]:
     """Yield the optimum under inequalities by least-distance programming; nothing if A lacks full rank.
 
     The problem ``minimise ‖A x − b‖² subject to G x ≥ h`` is turned into one of least distance, whose dual is
@@ -397,7 +449,7 @@ def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
     """
     from scipy.optimize import nnls
 
-    E = _build_dual_of_least_distance(scaled)
+    E = _build_dual_of_least_distance(problem)
     if E is None:
         return
     column_norms = np.linalg.norm(E, axis=0)
@@ -408,28 +460,28 @@ def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
     except RuntimeError:
         return
     is_active = multipliers > 0
-    origin = np.zeros(len(scaled.unit))
-    yield from _propose_on_rows(scaled, is_active, origin, "least_distance")
+    origin = np.zeros(problem.squares.R.shape[1])
+    yield from _propose_on_rows(problem, is_active, origin, "least_distance")
 
 
-def _build_dual_of_least_distance(scaled: Scaled) -> FloatArray | None:
+def _build_dual_of_least_distance(problem: Problem[Scalars]) -> FloatArray | None:
     """Return the matrix ``E = [(G R⁻¹)ᵀ; gᵀ]`` (n + 1, k) of the least-distance problem; None without it.
 
     With A = Q R and w = R x − Qᵀb, the problem ``minimise ‖A x − b‖² subject to G x ≥ h`` is ``minimise ‖w‖
     subject to G R⁻¹ w ≥ g`` with ``g = h − G R⁻¹ Qᵀ b``. There is no such problem if A lacks full rank.
     """
-    Q, R = np.linalg.qr(scaled.A)
+    Q, R = np.linalg.qr(problem.squares.R)
     has_full_rank = len(R) == R.shape[1] and np.abs(np.diagonal(R)).min() > 1e-9
     if not has_full_rank:
         return None
-    G, h = scaled.constraints
+    G, h = problem.cone.rows
     transformed_G = np.linalg.solve(R.T, G.T).T  # G R⁻¹
-    g = h - transformed_G @ (Q.T @ scaled.b)
+    g = h - transformed_G @ (Q.T @ problem.squares.z)
     return np.vstack([transformed_G.T, g])
 
 
 def _propose_on_rows(
-    scaled: Scaled, active: BoolArray, near: FloatArray, solved_by: SupportFinder
+    problem: Problem[Scalars], active: BoolArray, near: FloatArray, solved_by: SupportFinder
 ) -> Iterator[_Proposal]:
     """Yield two candidates for the optimum: least-squares points on some constraints, held with equality.
 
@@ -438,16 +490,111 @@ def _propose_on_rows(
     many where variables differ very much in size.
 
     Args:
-        scaled: the equilibrated problem.
+        problem: the equilibrated problem.
         active: (k,) mask of the constraints that seem to be active.
         near: (n,) point; where a least-squares point is not unique, the nearest to this point is taken.
         solved_by: algorithm that found the active constraints; recorded with the candidates.
     """
-    second = scaled.solve_on_rows(active, near)
-    has_positive_multiplier = scaled.multipliers_at(second) > 0
-    first = scaled.solve_on_rows(has_positive_multiplier, second)
+    second = _solve_on_rows(problem, active, near)
+    has_positive_multiplier = _balance_gradient(problem, second) > 0
+    first = _solve_on_rows(problem, has_positive_multiplier, second)
     yield first, solved_by
     yield second, solved_by
+
+
+def _balance_gradient(problem: Problem[Scalars], x: FloatArray, slack: float = TOLERANCE) -> FloatArray:
+    """Return multipliers μ (k,) ≥ 0 of the constraints ``G x ≥ h`` that best balance the gradient at x.
+
+    They minimise ‖Gᵀ μ − gradient‖ by non-negative least squares. If that does not converge, they are
+    zero: the point then gets no certificate, as it should.
+
+    Args:
+        problem: the equilibrated problem.
+        x: (n,) a point.
+        slack: constraints with more slack, relative to max(1, ‖x‖∞), have the multiplier zero.
+    """
+    from scipy.optimize import nnls
+
+    G, h = problem.cone.rows
+    multipliers = np.zeros(len(h))
+    is_tight = problem.cone.find_tight_rows(x, slack)
+    if is_tight.any():
+        with suppress(RuntimeError):
+            multipliers[is_tight], _ = nnls(G[is_tight].T, problem.squares.gradient(x))
+    return multipliers
+
+
+def _solve_with_active_bounds(
+    problem: Problem[Scalars], active: ActiveBounds, near: FloatArray | None = None
+) -> FloatArray:
+    """Return the least-squares point (n,) with all active variables fixed at their bounds.
+
+    If several points minimise ‖A x − b‖², the minimum nearest to `near` is returned, or the minimum of
+    least norm if `near` is None.
+    """
+    is_free = active == FREE
+    x = problem.cone.bounds.values_at_bounds(active)
+    if near is not None:
+        x[is_free] = near[is_free]
+    if is_free.any():
+        # lstsq returns the shortest step, so that the point is the nearest to the start.
+        residual = problem.squares.z - problem.squares.R @ x
+        step, *_ = np.linalg.lstsq(problem.squares.R[:, is_free], residual, rcond=_NO_DIRECTION)
+        x[is_free] += step
+    return x
+
+
+def _solve_by_pivoting(problem: Problem[Scalars], active: ActiveBounds) -> FloatArray:
+    """Return the least-squares point (n,) reached by pivoting from given active bounds.
+
+    Each round of pivoting exchanges the bounds that are wrongly active or wrongly inactive. Pivoting ends
+    when the active bounds no longer change, or after `MOST_PIVOTS` rounds. The point may not be optimal:
+    the caller must check it.
+    """
+    x = _solve_with_active_bounds(problem, active)
+    for _ in range(MOST_PIVOTS):
+        pivoted = problem.cone.bounds.pivot(active, x, problem.squares.gradient(x))
+        if (pivoted == active).all():
+            break
+        active = pivoted
+        x = _solve_with_active_bounds(problem, active)
+    return x
+
+
+def _solve_on_rows(problem: Problem[Scalars], active: BoolArray, near: FloatArray) -> FloatArray:
+    """Minimise ‖A x − b‖² with equality ``G_a x = h_a`` in the active rows of the constraints.
+
+    The shortest step to ``G_a x = h_a`` is followed by a least-squares step in the null space of G_a, in
+    which G_a x does not change.
+
+    Args:
+        problem: the equilibrated problem.
+        active: (k,) whether each row of the constraints holds with equality.
+        near: (n,) point; where the optimum is not unique, the optimum nearest to this point is returned.
+
+    Returns:
+        The point x (n,).
+    """
+    G, h = problem.cone.rows
+    G_a, h_a = G[active], h[active]
+    x = near
+    null_space = np.eye(len(x))  # directions as columns
+    if active.any():
+        U, singular_values, Vt = np.linalg.svd(G_a, full_matrices=True)
+        rank = int((singular_values > _NO_DIRECTION * singular_values[0]).sum())
+        coefficients = (U[:, :rank].T @ (h_a - G_a @ x)) / singular_values[:rank]
+        x = x + Vt[:rank].T @ coefficients
+        null_space = Vt[rank:].T
+    is_fixed_by_rows = null_space.shape[1] == 0
+    if is_fixed_by_rows:
+        return np.asarray(x, dtype=np.float64)
+    # Nearly parallel rows may have moved x far away: a second step removes the rounding error of the
+    # first step.
+    for _ in range(2):
+        residual = problem.squares.z - problem.squares.R @ x
+        step, *_ = np.linalg.lstsq(problem.squares.R @ null_space, residual, rcond=_NO_DIRECTION)
+        x = x + null_space @ step
+    return np.asarray(x, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -554,7 +701,7 @@ class GramProblems:
         return is_well_conditioned
 
     def find_optima(self) -> FloatArray:
-        """Return the optima (K, n) of well-conditioned problems, by pivoting or else by `solve_step`.
+        """Return the optima (K, n) of well-conditioned problems, by pivoting or else by `solve`.
 
         A point within its bounds is the optimum if the gradient is zero off the bounds, not negative at a
         lower bound and not positive at an upper bound. The gradient has the rounding error of the terms that
@@ -573,7 +720,7 @@ class GramProblems:
         L = np.linalg.cholesky(self.A[k])  # A = L Lᵀ, so that R = Lᵀ
         z = np.linalg.solve(L, self.b[k])
         bounds = Bounds(self.bounds.lower[k], self.bounds.upper[k])
-        return solve_step(IdentificationProblem(L.T, z, bounds)).compliance
+        return solve(Problem(LeastSquares(L.T, z), Scalars(bounds)), witnessed=False).x
 
     def solve_by_pivoting(self) -> FloatArray:
         """Return the least-squares points (K, n) at which pivoting ends; they are not certified.

@@ -17,7 +17,7 @@ targets are kept until then: 24 (n + 1) bytes for each reading.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, Literal, NamedTuple
@@ -29,6 +29,8 @@ from scipy.linalg import block_diag
 from jointstiff.schemas.run import SupportFinder
 from jointstiff.solver.arrays import ActiveBounds, BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
+from jointstiff.solver.fit.cone import Scalars
+from jointstiff.solver.fit.constraints import Constraints
 from jointstiff.solver.fit.method import MethodRows, Stage
 from jointstiff.solver.fit.observability import (
     Combination,
@@ -37,15 +39,14 @@ from jointstiff.solver.fit.observability import (
     analyse_spectrum,
 )
 from jointstiff.solver.fit.prior import Prior
-from jointstiff.solver.fit.problem import Constraints, IdentificationProblem, Scaled
+from jointstiff.solver.fit.problem import LeastSquares, Problem
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import (
     Certificate,
-    Solution,
+    SolutionOfScalars,
     certify,
     compare_answers,
     solve,
-    solve_step,
 )
 from jointstiff.solver.fit.triangle import (
     INDEPENDENT,
@@ -142,7 +143,7 @@ def invert_to_root(covariance: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class MethodFit:
     """The estimate of a method, with covariances in units of sigma², before sigma is known."""
 
     compliance: FloatArray  #: (n,) optimum [rad/(N·m)]; zero for joints without effect
@@ -157,14 +158,14 @@ class Fit:
     undetermined: tuple[Combination, ...]
     identifiability: tuple[Identifiability, ...]  #: identifiability of each stage, by the readings alone
     certificates: tuple[Certificate, ...]  #: certificates of each stage
-    alone: Fit | None = None  #: the fit without the prior; None if no prior was used
+    alone: MethodFit | None = None  #: the fit without the prior; None if no prior was used
 
-    def multiply_covariance(self, factor: float) -> Fit:
+    def multiply_covariance(self, factor: float) -> MethodFit:
         """Return the fit with the covariance of the estimate multiplied by a factor."""
         likelihood = self.likelihood.multiply_covariance(factor)
         return replace(self, covariance=factor * self.covariance, likelihood=likelihood)
 
-    def add_common_errors(self, responses: FloatArray) -> Fit:
+    def add_common_errors(self, responses: FloatArray) -> MethodFit:
         """Return the fit with the uncertainty of errors that all observations share added to its covariance.
 
         Args:
@@ -179,10 +180,6 @@ class Fit:
         )
 
 
-SolveProblem = Callable[[IdentificationProblem], Solution]
-"""Function that finds and certifies the optimum of a problem."""
-
-
 @dataclass(frozen=True, eq=False)
 class SolvedStage:
     """Optimum of one stage of a method: compliances c of p joints that minimise ‖R c − z‖² and a prior."""
@@ -192,7 +189,7 @@ class SolvedStage:
     readings: Spectrum  #: spectrum of R
     spectrum: Spectrum  #: spectrum of R and of the rows of a prior
     prior: FloatArray  #: (k,) right-hand side of the prior's rows, which come last
-    solution: Solution  #: optimum under the constraints
+    solution: SolutionOfScalars  #: optimum under the constraints
     tied: BoolArray  #: (p,) mask of joints whose compliance an order makes equal to that of another joint
 
     @classmethod
@@ -203,7 +200,8 @@ class SolvedStage:
         joints: IndexArray,
         constraints: Constraints,
         prior: Prior | None = None,
-        solve_problem: SolveProblem = solve,
+        *,
+        witnessed: bool = True,
     ) -> SolvedStage:
         """Solve one stage of a method: minimise ``‖R c − z‖²`` over p compliances c under constraints.
 
@@ -213,7 +211,7 @@ class SolvedStage:
             joints: (p,) joints of the columns.
             constraints: constraints on these p compliances.
             prior: prior of all compliances, in units of sigma, added as further rows.
-            solve_problem: function that solves a problem.
+            witnessed: see `solve`.
         """
         readings = spectrum = Spectrum(R)
         prior_values = np.zeros(0)
@@ -221,9 +219,8 @@ class SolvedStage:
             prior_rows, prior_values = prior.rows(joints)
             spectrum = Spectrum(np.vstack([R, prior_rows]))
         rhs = np.concatenate([z, prior_values])
-        solution = solve_problem(
-            IdentificationProblem(spectrum.determined, rhs, constraints.bounds, constraints.inequalities)
-        )
+        problem = Problem(LeastSquares(spectrum.determined, rhs), Scalars.of(constraints))
+        solution = solve(problem, witnessed=witnessed)
         solution, is_tied = _equalise_tied_compliances(solution, constraints)
         return cls(joints, R, readings, spectrum, prior_values, solution, is_tied)
 
@@ -257,19 +254,21 @@ class SolvedStage:
         return float(np.sum(inverse_of_readings.T * self.R))  # the trace
 
 
-def _equalise_tied_compliances(solution: Solution, constraints: Constraints) -> tuple[Solution, BoolArray]:
+def _equalise_tied_compliances(
+    solution: SolutionOfScalars, constraints: Constraints
+) -> tuple[SolutionOfScalars, BoolArray]:
     """Make compliances exactly equal that are equal up to rounding because of the stiffness order.
 
     Returns:
         The solution with p compliances, and a mask (p,) of those that equal another one.
     """
-    is_tied = np.zeros(len(solution.compliance), dtype=np.bool_)
+    is_tied = np.zeros(len(solution.x), dtype=np.bool_)
     if solution.tight is None:  # there is no order
         return solution, is_tied
     tied_pairs = np.array(constraints.order)[solution.tight]
     is_tied[tied_pairs.ravel()] = True
-    equalised = constraints.equalise_tied(solution.compliance, solution.tight)
-    return replace(solution, compliance=equalised), is_tied
+    equalised = constraints.equalise_tied(solution.x, solution.tight)
+    return replace(solution, x=equalised), is_tied
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,7 +296,7 @@ class SolvedMethod:
             tied[stage.joints] = stage.tied
         return tied
 
-    def describe(self) -> Fit:
+    def describe(self) -> MethodFit:
         """Return the fit of the whole method: optimum, covariance, and the evidence of optimality."""
         stages = list(self.stages.values())
         joints = np.concatenate([np.zeros(0, np.intp), *(stage.joints for stage in stages)])
@@ -306,7 +305,7 @@ class SolvedMethod:
         undetermined = self._list_undetermined()
         rows = self._find_rows_of_likelihood(covariance_of_joints, undetermined)
         likelihood = Likelihood(joints, self.unconstrained[joints], covariance_of_joints, rows)
-        return Fit(
+        return MethodFit(
             compliance=self.compliance,
             active=self.active,
             tied=self.tied,
@@ -353,7 +352,8 @@ def solve_method(
     has_no_effect: BoolArray,
     constraints: Constraints,
     prior: Prior | None = None,
-    solve_problem: SolveProblem = solve,
+    *,
+    witnessed: bool = True,
 ) -> SolvedMethod:
     """Solve the stages of a method in turn, without the joints that have no effect on the readings.
 
@@ -366,7 +366,7 @@ def solve_method(
         has_no_effect: (n,) mask of joints that have no effect on the readings.
         constraints: constraints on all n compliances.
         prior: prior of the n compliances, in units of sigma; only for weighting by covariance.
-        solve_problem: function that solves a problem; `solve_step` is faster, for use in iterations.
+        witnessed: see `solve`; False is faster, for use in iterations.
 
     Raises:
         RequestError: if the bounds on a wrist joint from the stiffness order leave no feasible compliance.
@@ -385,10 +385,10 @@ def solve_method(
             continue
         of_others = constraints.fix_joints(rows.known, compliance[rows.known], rows.joints)
         z = rows.subtract_known(compliance)
-        solved = SolvedStage.solve(rows.R, z, rows.joints, of_others, prior, solve_problem)
+        solved = SolvedStage.solve(rows.R, z, rows.joints, of_others, prior, witnessed=witnessed)
         if stage is not stages[-1]:
             _refuse_combined_arm_joints(solved, compressed.method.joint_names)
-        compliance[rows.joints] = solved.solution.compliance
+        compliance[rows.joints] = solved.solution.x
         unconstrained[rows.joints] = _release_constraints(rows, solved, compliance, unconstrained)
         solved_stages[number] = solved
     return SolvedMethod(compressed, solved_stages, compliance, unconstrained)
@@ -438,7 +438,7 @@ def _release_constraints(
     constraint_acted_before = (unconstrained[rows.known] != compliance[rows.known]).any()
     if constraint_acts_here or constraint_acted_before:
         return solved.estimate_without_constraints(rows.subtract_known(unconstrained))
-    return solved.solution.compliance
+    return solved.solution.x
 
 
 def _refuse_combined_arm_joints(arm: SolvedStage, joint_names: Sequence[str]) -> None:
@@ -560,12 +560,17 @@ class Scale:
     chi_square: float  #: sum of the squared residuals of the targets over sigma²
     degrees_of_freedom: float  #: expectation of `chi_square` if model and sigma are right
 
+    @property
+    def freedom_of_sigma(self) -> float | None:
+        """Degrees of freedom of a sigma from the residuals; None for a stated sigma."""
+        return None if self.given else self.degrees_of_freedom
+
     def quantile(self, probability: float) -> float:
         """Return a quantile of the distribution of (estimate − true value) / standard uncertainty.
 
         The distribution is normal, or Student's where sigma was estimated from the residuals.
         """
-        return student_quantile(probability, None if self.given else self.degrees_of_freedom)
+        return student_quantile(probability, self.freedom_of_sigma)
 
     def list_quantiles(self, confidence: float) -> FloatArray:
         """Return the quantiles (2,) of two-sided intervals and of one-sided bounds, at a confidence level."""
@@ -575,7 +580,7 @@ class Scale:
         return np.array([two_sided, one_sided])
 
 
-def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
+def estimate_scale(fit: MethodFit, readings: Triangle, sigma: float | None) -> Scale:
     """Return sigma, the chi-square of the targets' residuals, and the chi-square's degrees of freedom.
 
     For any linear unbiased ĉ of covariance C, ``E[χ²] = rows − 2 p + tr(AᵀΣ⁻¹A C)``, which is rows − p for
@@ -807,15 +812,15 @@ class _HuberProblem:
         squared_residuals = self.squared[:, :-1] @ c - self.squared[:, -1]
         return float(huber_loss + 0.5 * (squared_residuals @ squared_residuals))
 
-    def state_problem(self, spectrum: Spectrum, z: FloatArray) -> IdentificationProblem:
+    def state_problem(self, spectrum: Spectrum, z: FloatArray) -> Problem[Scalars]:
         """Return the problem to minimise ‖R c − z‖² under the constraints.
 
         R (m, p) is the matrix with the given spectrum, without what it does not determine; z is (m,).
         """
         R = spectrum.determined
-        return IdentificationProblem(R, z, self.constraints.bounds, self.constraints.inequalities)
+        return Problem(LeastSquares(R, z), Scalars.of(self.constraints))
 
-    def build_weighted_problem(self, weight: FloatArray) -> IdentificationProblem:
+    def build_weighted_problem(self, weight: FloatArray) -> Problem[Scalars]:
         """Return the least-squares problem with weights (K,) of the targets, under the constraints."""
         weighted_rows = np.sqrt(weight)[:, None, None] * self.rows  # (K, 3, p + 1)
         flat_rows = weighted_rows.reshape(-1, self.rows.shape[2])
@@ -823,7 +828,7 @@ class _HuberProblem:
         R, z = factor[:, :-1], factor[:, -1]
         return self.state_problem(Spectrum(R), z)
 
-    def build_unweighted_problem(self) -> IdentificationProblem:
+    def build_unweighted_problem(self) -> Problem[Scalars]:
         """Return the problem with squared instead of Huber loss: least squares with all weights 1."""
         return self.build_weighted_problem(np.ones(len(self.rows)))
 
@@ -851,8 +856,8 @@ class _HuberProblem:
         # With Rᵀh = gradient, ‖R x − (R c − h)‖² has the gradient and curvature of the model.
         spectrum = Spectrum(R)
         h = spectrum.inverse.T @ gradient
-        solution = solve_step(self.state_problem(spectrum, R @ c - h))
-        return solution.compliance, solution.certificate
+        solution = solve(self.state_problem(spectrum, R @ c - h), witnessed=False)
+        return solution.x, solution.certificate
 
     def certify_point(self, c: FloatArray, solved_by: SupportFinder) -> Certificate:
         """Return the certificate that states how nearly a point c (p,) is the Huber optimum.
@@ -863,8 +868,8 @@ class _HuberProblem:
         """
         _, norm = self.residuals_at(c)
         problem = self.build_weighted_problem(_compute_huber_weights(norm))
-        scaled = Scaled.from_problem(problem)
-        return certify(scaled, c / scaled.unit, solved_by)
+        scaled = problem.equilibrate()
+        return certify(scaled.problem, c / scaled.unit, solved_by)
 
 
 def fit_huber(
@@ -931,7 +936,7 @@ class _HuberPoint(NamedTuple):
     def start(cls, problem: _HuberProblem, clarabel_point: FloatArray | None) -> _HuberPoint:
         """Start at Clarabel's point (p,), near the optimum; or else at least squares, which may be far."""
         if clarabel_point is None:
-            compliance = solve_step(problem.build_unweighted_problem()).compliance
+            compliance = solve(problem.build_unweighted_problem(), witnessed=False).x
             return cls(compliance, problem.compute_objective(compliance), damping=1.0)
         return cls(clarabel_point, problem.compute_objective(clarabel_point), _LEAST_DAMPING)
 
@@ -1030,7 +1035,7 @@ def _estimate_robust_scale(problem: _HuberProblem, threshold: float) -> float:
     Raises:
         UnsupportedMethodError: there are no more readings than parameters.
     """
-    compliance = solve_step(problem.build_unweighted_problem()).compliance
+    compliance = solve(problem.build_unweighted_problem(), witnessed=False).x
     deflections = problem.rows[..., -1]
     factor = _find_factor_of_median_norm(deflections.size, len(compliance))
     least_scale = _LEAST_SCALE * float(np.sqrt(np.mean(deflections**2)))

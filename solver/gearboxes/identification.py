@@ -11,8 +11,10 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.fit.cone import Scalars
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.fit.estimate import compute_interval_ends
-from jointstiff.solver.fit.problem import Bounds, Constraints, IdentificationProblem
+from jointstiff.solver.fit.problem import LeastSquares, Problem
 from jointstiff.solver.fit.solution import solve
 from jointstiff.solver.fit.stages import Likelihood, student_quantile
 from jointstiff.solver.gearboxes.step import PLACE, JointStep, WeightStep
@@ -91,7 +93,7 @@ class _Rows:
 
     def solve(self) -> FloatArray:
         """Return the unknowns of least squares within the bounds, by Clarabel and certified."""
-        return solve(IdentificationProblem(self.matrix, self.rhs, self.bounds)).compliance
+        return solve(Problem(LeastSquares(self.matrix, self.rhs), Scalars(self.bounds))).x
 
     def residuals(self, unknowns: FloatArray) -> list[FloatArray]:
         """Return the residuals (S,) [rad] of each joint's steps."""

@@ -26,15 +26,12 @@ from scipy import special
 from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError
-from jointstiff.solver.fit.conic import (
-    MassCones,
-    MassConeSolution,
-    bound_compliances,
-    solve_mass_cones,
-)
+from jointstiff.solver.fit.cone import WithMasses
+from jointstiff.solver.fit.conic import bound_compliances
 from jointstiff.solver.fit.estimate import JointCompliance
+from jointstiff.solver.fit.problem import LeastSquares, Problem
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.solution import Certificate
+from jointstiff.solver.fit.solution import Certificate, Solution, solve
 from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements
 from jointstiff.solver.fit.triangle import Triangle, compute_triangular_factor
@@ -113,10 +110,15 @@ class WeightFit:
     compliance: FloatArray  #: (n,) compliances [rad/(N·m)]; zero for joints that no reading depends on
     rows: WeightRows  #: linearised readings of the last step
     reduced: ReducedProblem  #: convex problem of the last step
-    optimum: MassConeSolution  #: solution of the convex problem
+    optimum: Solution  #: solution of the convex problem
     steps: int  #: number of Gauss-Newton steps
     #: (N, T, 3) motion of the targets by the errors of the loads that fit best [m]; 0 for exact loads
     motion_by_loads: FloatArray | float
+
+    @property
+    def loss(self) -> float:
+        """Loss of the convex problem at its optimum: what the bounds of the masses add."""
+        return self.reduced.convex.squares.loss(self.optimum.x)
 
     def count_degrees_of_freedom(self, load_coordinates: int) -> int:
         """Return the degrees of freedom of the residuals: coordinates read minus unknowns determined.
@@ -160,9 +162,7 @@ class WeightFit:
         """
         rank = self.reduced.rank
         return float(
-            special.fdtrc(
-                rank, self.count_degrees_of_freedom(load_coordinates), self.optimum.loss / rank / noise
-            )
+            special.fdtrc(rank, self.count_degrees_of_freedom(load_coordinates), self.loss / rank / noise)
         )
 
 
@@ -219,7 +219,7 @@ def fit_own_weight(
         if loaded is not None:
             deflection_rows = _compress_deflections(robot, loaded, compliance, stated_at)
         reduced = reduce_problem(rows, triangle, nuisance, burden, deflection_rows)
-        optimum = solve_mass_cones(reduced.A, reduced.b, reduced.cones)
+        optimum = solve(reduced.convex)
         # Change of the nuisance unknowns: geometry, then three of the base, then two of gravity.
         nuisance_change = triangle.fit(nuisance, reduced.expand_solution(rows, optimum.x), RANK)
         nuisance_columns = np.concatenate([triangle.span[name] for name in nuisance])
@@ -239,11 +239,12 @@ def fit_own_weight(
                 + np.linalg.norm(gravity) * compute_perpendicular_basis(gravity) @ nuisance_change[-2:]
             )
             gravity = turned_gravity * np.linalg.norm(gravity) / np.linalg.norm(turned_gravity)
-        compliance[reduced.observed_joints] = reduced.unit * optimum.x[reduced.cones.first]
+        compliance[reduced.observed_joints] = reduced.unit * optimum.x[reduced.convex.cone.first]
         nuisance_effect = np.linalg.norm(triangle.matrix[:, nuisance_columns] @ nuisance_change)
         prediction_change = nuisance_effect + weight_norm * np.abs(sag - previous_sag).max()
-        residual_norm = np.sqrt(optimum.loss + reduced.residual_squares)
-        if prediction_change <= _CONVERGED * residual_norm + _EXACT * np.linalg.norm(reduced.b):
+        squares = reduced.convex.squares
+        residual_norm = np.sqrt(squares.loss(optimum.x) + reduced.residual_squares)
+        if prediction_change <= _CONVERGED * residual_norm + _EXACT * np.linalg.norm(squares.z):
             motion = 0.0 if stated is None else _move_by_loads(stated, whole_triangle, unknowns)
             return WeightFit(state, gravity, sag, base, compliance, rows, reduced, optimum, step, motion)
     raise MeasurementError(
@@ -356,13 +357,12 @@ def reduce_problem(
     torque_scale = np.where(varies, np.abs(torque).max(axis=0), rows.crosswise_torque)
     # A joint without weight torque may be pulled by a known load, so its scale must not be zero.
     torque_scale = np.maximum(torque_scale, _NEGLIGIBLE_TORQUE * torque_scale.max())[observed]
+    cone = WithMasses(tuple(blocks), LARGEST_SAG / torque_scale / unit_of_joints)
     return ReducedProblem(
-        A=A,
-        b=b - unexplained,
+        convex=Problem(LeastSquares(A, b - unexplained), cone),
         residual_squares=float(unexplained @ unexplained)
         + (float(R[column_count, column_count] ** 2) if len(R) > column_count else 0.0),
         rank=column_count - null_vectors.shape[1],
-        cones=MassCones(tuple(blocks), LARGEST_SAG / torque_scale / unit_of_joints),
         unit=unit_of_joints,
         observed_joints=observed,
         unknowns=tuple(unknowns_of_joints),
@@ -392,10 +392,10 @@ def extract_identified_weight(
     # A compliance is bounded by its cap. A product is bounded by the compliance, because each unknown is in
     # units of its bound; a compliance near zero is replaced by a thousandth of the greatest parameter.
     half_widths = np.full(len(parameters), 1e-3 * float(np.abs(parameters).max()))
-    for (_, _, span, _), cap in zip(problem.blocks, problem.cones.cap.tolist(), strict=True):
+    for (_, _, span, _), cap in zip(problem.blocks, problem.convex.cone.cap.tolist(), strict=True):
         half_widths[span] = np.maximum(half_widths[span.start], parameters[span.start])
         half_widths[span.start] = cap
-    stacked = np.vstack([problem.A / max(sigma, _LEAST_SIGMA), np.diag(1.0 / half_widths)])
+    stacked = np.vstack([problem.convex.squares.R / max(sigma, _LEAST_SIGMA), np.diag(1.0 / half_widths)])
     covariance_root_of_parameters = np.linalg.inv(compute_triangular_factor(stacked))  # cov x = root rootᵀ
     # Mass and first moments (4) of the bodies that each joint carries: nominal, and the deviation from
     # nominal of each unknown at its bound.
@@ -482,10 +482,7 @@ def compute_tilt_p_value(
     """
     noise = tilting.estimate_noise(load_coordinates, least_square)
     gain = (
-        rigid.optimum.loss
-        + rigid.reduced.residual_squares
-        - tilting.optimum.loss
-        - tilting.reduced.residual_squares
+        rigid.loss + rigid.reduced.residual_squares - tilting.loss - tilting.reduced.residual_squares
     ) / noise
     wrong_mass = find_contradicted_mass(
         fit_freed_masses(rigid.reduced, burden, rigid.estimate_noise(load_coordinates, least_square))
@@ -584,7 +581,7 @@ def find_reasons_against(
         degrees_of_freedom: degrees of freedom of the residuals.
         stated_sigma: stated standard uncertainty of a coordinate [m]; None if sigma comes from the residuals.
     """
-    residual_squares, loss = fit.reduced.residual_squares, fit.optimum.loss
+    residual_squares, loss = fit.reduced.residual_squares, fit.loss
     mean_square = residual_squares / degrees_of_freedom
     p_value = special.fdtrc(rank, degrees_of_freedom, loss / rank / mean_square)
     if stated_sigma is not None and special.chdtrc(degrees_of_freedom, residual_squares) < _BEYOND_CHANCE:
@@ -647,17 +644,19 @@ def compute_joint_results(
         divided by the width of the interval, NaN without an interval.
     """
     problem = fit.reduced
-    intervals = bound_compliances(problem.A, problem.b, fit.optimum, rise, problem.cones)
+    intervals = bound_compliances(problem.convex, fit.optimum.x, rise)
     # (m,) half-widths that the intervals would have if the masses were exact
     exact_half_widths = np.sqrt(rise) * np.linalg.norm(
-        np.linalg.pinv(problem.A[:, problem.cones.first]), axis=1
+        np.linalg.pinv(problem.convex.squares.R[:, problem.convex.cone.first]), axis=1
     )
     width_ratios = np.full(robot.n, np.nan)
     joints = _make_results_without_weight(robot, fit)  # those of observed joints are replaced below
     for position, joint in enumerate(problem.observed_joints.tolist()):
         name, unit, (lower, upper) = robot.joint_names[joint], problem.unit[position], intervals[position]
         kind = robot.joint_kinds[joint]
-        is_bounded = upper < _UNBOUNDED_SHARE * problem.cones.cap[position]  # False for NaN: no end was found
+        is_bounded = (
+            upper < _UNBOUNDED_SHARE * problem.convex.cone.cap[position]
+        )  # False for NaN: no end was found
         if not is_bounded:
             reason = (
                 f"own weight and readings do not determine the compliance of {name}: read more postures in "
@@ -861,7 +860,7 @@ class _FittedWeight:
         whitened = poses.whitened
         sagging = replace(whitened, angles=whitened.angles + fit.sag)
         predicted = _predict_points(fit, sagging)
-        squares = problem.residual_squares + fit.optimum.loss
+        squares = problem.residual_squares + fit.loss
         return WeightEstimate(
             joints=joints,
             shares=width_ratios,

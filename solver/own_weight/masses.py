@@ -68,7 +68,8 @@ def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> l
         (span, len(problem.unit) + np.array(unknown_indices, dtype=np.intp))
         for *_, span, unknown_indices in problem.blocks
     ]
-    n, size = len(blocks), problem.A.shape[1]
+    squares, cone = problem.convex.squares, problem.convex.cone
+    n, size = len(blocks), squares.R.shape[1]
     count = max((k + 1 for unknown_indices in problem.unknowns for k in unknown_indices), default=0)
     means = [0.5 * (body.most + body.least) for body in burden.bodies]
     unknown_inertias, _ = burden.unknown
@@ -84,7 +85,7 @@ def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> l
     lower[:n] = 0.0
     for k, body, half in acting:
         lower[n + k] = -means[body] / half  # no mass is negative
-    bounds = (lower, np.concatenate([problem.cones.cap, np.full(count, np.inf)]))
+    bounds = (lower, np.concatenate([cone.cap, np.full(count, np.inf)]))
     scale = np.sqrt(noise)
 
     def fit_masses(start: FloatArray, free: int | None) -> tuple[FloatArray, float, FloatArray]:
@@ -101,7 +102,7 @@ def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> l
             x = np.zeros(size)
             for i, (span, deviations) in enumerate(blocks):
                 x[span] = y[i] * np.array([1.0, *y[deviations]])
-            return np.concatenate([(problem.A @ x - problem.b) / scale, prior @ y])
+            return np.concatenate([(squares.R @ x - squares.z) / scale, prior @ y])
 
         def compute_jacobian(y: FloatArray) -> FloatArray:
             """Return the Jacobian of the residuals with respect to y at y = (c, ζ)."""
@@ -110,14 +111,14 @@ def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> l
                 joint_slopes = x_slopes[span]  # a view: writing to it changes x_slopes
                 joint_slopes[:, i] = 1.0, *y[deviations]
                 joint_slopes[1 + np.arange(len(deviations)), deviations] = y[i]
-            return np.concatenate([problem.A @ x_slopes / scale, prior])
+            return np.concatenate([squares.R @ x_slopes / scale, prior])
 
         found = least_squares(compute_residuals, start, compute_jacobian, bounds=bounds, x_scale="jac")
         return found.x, 2.0 * float(found.cost), np.asarray(found.jac)
 
     # The search starts from the compliances that fit the readings with nominal masses.
-    compliance_columns = problem.A[:, problem.cones.first]
-    nominal_fit = np.clip(np.linalg.lstsq(compliance_columns, problem.b)[0], 0.0, problem.cones.cap)
+    compliance_columns = squares.R[:, cone.first]
+    nominal_fit = np.clip(np.linalg.lstsq(compliance_columns, squares.z)[0], 0.0, cone.cap)
     bounded_y, bounded_loss, _ = fit_masses(np.concatenate([nominal_fit, np.zeros(count)]), None)
     freed = []
     for k, body, half in acting:

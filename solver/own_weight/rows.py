@@ -25,8 +25,8 @@ import pinocchio as pin
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError, RequestError
-from jointstiff.solver.fit.cone import Block
-from jointstiff.solver.fit.conic import MassCones
+from jointstiff.solver.fit.cone import Block, WithMasses
+from jointstiff.solver.fit.problem import Problem
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
 from jointstiff.solver.fit.statements import Statements
@@ -423,11 +423,11 @@ class ReducedProblem:
     masses.
     """
 
-    A: FloatArray  #: (p, p) compressed rows; the columns of a joint are in the unit of the joint's compliance
-    b: FloatArray  #: (p,) compressed readings
+    #: (p, p) compressed rows A and readings b, over the cone; the columns of a joint are in the unit of the
+    #: joint's compliance
+    convex: Problem[WithMasses]
     residual_squares: float  #: sum of the squared residuals that no x explains
     rank: int  #: number of compliances and weights that the readings determine
-    cones: MassCones  #: cones of the blocks
     unit: FloatArray  #: (m,) unit of the compliance of each of the m observed joints [rad/(N·m)]
     observed_joints: IndexArray  #: (m,) joints whose weight torque varies, or that a known load twists
     unknowns: tuple[list[int], ...]  #: indices of the unknown masses in the block of each observed joint
@@ -443,7 +443,7 @@ class ReducedProblem:
         for j, unit, start, unknown_indices in zip(
             self.observed_joints.tolist(),
             self.unit.tolist(),
-            self.cones.first.tolist(),
+            self.convex.cone.first.tolist(),
             self.unknowns,
             strict=True,
         ):

@@ -15,7 +15,7 @@ from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.run import Identifiability, RunResult, WeightResult, WeightShare
 from jointstiff.solver.arrays import BoolArray, IndexArray
 from jointstiff.solver.errors import JointstiffError, MeasurementError, RequestError
-from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import greatest_violations
 from jointstiff.solver.fit.stages import Likelihood, sigma_test

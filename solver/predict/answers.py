@@ -21,7 +21,7 @@ from jointstiff.schemas.fields import Message
 from jointstiff.schemas.run import Budget
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, cross
 from jointstiff.solver.errors import JointstiffError, RequestError
-from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.cases import LoadCases

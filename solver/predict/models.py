@@ -33,12 +33,12 @@ from jointstiff.solver.choice.held_out import Folds, fit_fold
 from jointstiff.solver.errors import CasesError, RequestError, SolverError
 from jointstiff.solver.evidence.resampling import build_method_stacks, fit_subsets
 from jointstiff.solver.fit.cone import find_diagonal_entries, to_matrix
+from jointstiff.solver.fit.constraints import Constraints
 from jointstiff.solver.fit.elastic import ElasticFit
 from jointstiff.solver.fit.estimate import Estimate, PostureJackknife, compute_interval_ends
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.observability import Spectrum
 from jointstiff.solver.fit.part import generate_elastic_rows
-from jointstiff.solver.fit.problem import Constraints
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.block import (
@@ -448,7 +448,7 @@ def _compute_joint_root(elastic: ElasticFit) -> FloatArray | None:
         (K + p, K + p) upper triangular L with L Lᵀ the covariance of K stated errors, in units of their
         standard uncertainties, and of p entries.
     """
-    reduced, sigma = elastic.likelihood.reduced, elastic.likelihood.sigma
+    reduced, sigma = elastic.likelihood.reduced, elastic.likelihood.scale.sigma
     if sigma is None:
         return None
     cone, part = reduced.cone, reduced.part
@@ -500,7 +500,7 @@ class ElasticPredictor(ForwardModel):
             elastic.entries[reduced.columns],
             None if root is None else root[errors:, errors:],
             ~np.isnan(elastic.compliance),
-            degrees_of_freedom=elastic.likelihood.degrees_of_freedom,
+            degrees_of_freedom=elastic.likelihood.scale.freedom_of_sigma,
         )
 
     @cached_property
@@ -928,7 +928,7 @@ def estimate_error_by_leaving_folds_out(source: Rows, elastic: ElasticFit) -> Mo
     """
     robot, measurements = source.robot, source.measurements
     _refuse_directions(measurements)
-    model, sigma = ElasticPredictor.from_estimate(robot, elastic), elastic.likelihood.sigma
+    model, sigma = ElasticPredictor.from_estimate(robot, elastic), elastic.likelihood.scale.sigma
     cross_validation = CrossValidation(folds=_FOLD_COUNT, draws=1)
     statements = elastic.statements
     weighted = measurements

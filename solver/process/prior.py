@@ -13,7 +13,7 @@ import numpy as np
 
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.evidence.payload import R_2000IC, MeasuredArm, payload_torque
-from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.postures import measure_reach
 from jointstiff.solver.mechanics.robot import Robot

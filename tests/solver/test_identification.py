@@ -30,8 +30,8 @@ from support.springs import SpringCampaign, load_cases, robot_of
 from jointstiff.simulator import equilibrium, simulate_campaign, torques
 from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.errors import JointstiffError, MeasurementError, UnsupportedMethodError
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.fit.estimate import predict
-from jointstiff.solver.fit.problem import Bounds, Constraints
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.triangle import Triangle
 from jointstiff.solver.mechanics import block as regressor

@@ -28,8 +28,8 @@ def test_arrays_give_true_stiffnesses_with_a_verdict():
 
 def test_joints_are_identified_once_however_many_models_compete(monkeypatch):
     robot, measurements = prepare(elastic_campaign(beam_arm(ARM), configurations=16, seed=5))
-    fitted, fit_joints = [], joints.fit_joints
-    monkeypatch.setattr(joints, "fit_joints", lambda *given: fitted.append(given) or fit_joints(*given))
+    fitted, fit = [], joints.fit
+    monkeypatch.setattr(joints, "fit", lambda *given: fitted.append(given) or fit(*given))
     options = RunOptions(cross_validation=CrossValidation(folds=2, draws=1), links=["joint_2"])
     result = run(robot, measurements, options)
     assert {each.model for each in result.choice.models} > {"joints", "diagonal_links"}
@@ -40,9 +40,9 @@ def test_joints_are_described_once_as_only_the_last_fit_is_read(monkeypatch):
     """A first fit gives the residuals from which the scatter is found: nobody reads its intervals."""
     robot, measurements = simulated(load="pull", seed=4)
     fitted, described = [], []
-    fit_joints, describe = joints.fit_joints, joints.describe
-    monkeypatch.setattr(joints, "fit_joints", lambda *given: fitted.append(given) or fit_joints(*given))
-    monkeypatch.setattr(joints, "describe", lambda fit: described.append(fit) or describe(fit))
+    fit, describe = joints.fit, joints.describe
+    monkeypatch.setattr(joints, "fit", lambda *given: fitted.append(given) or fit(*given))
+    monkeypatch.setattr(joints, "describe", lambda fitted: described.append(fitted) or describe(fitted))
     run(robot, measurements, RunOptions())
     assert (len(fitted), len(described)) == (2, 1)
 

@@ -23,8 +23,9 @@ from benchmarks.studies.own_weight import BOTH, KNOWN, WITHIN, WRONG, estimates,
 from benchmarks.studies.ways import compare_ways
 from jointstiff.simulator import TARGETS, default_arm, deflections, linear_deflections, torques
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.fit.cone import Block
-from jointstiff.solver.fit.conic import GAP, MassCones, solve_mass_cones
+from jointstiff.solver.fit.cone import Block, WithMasses
+from jointstiff.solver.fit.problem import LeastSquares, Problem
+from jointstiff.solver.fit.solution import GAP, solve
 from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, EncoderReadings
 from jointstiff.solver.models import MODELS
@@ -275,7 +276,7 @@ def false_certificates(seeds):
     for seed in seeds:
         draws = np.random.default_rng([seed, 43])
         boxes = draws.integers(1, 4, draws.integers(1, 5))
-        cones = MassCones(tuple(Block(int(count)) for count in boxes), np.full(len(boxes), 100.0))
+        cones = WithMasses(tuple(Block(int(count)) for count in boxes), np.full(len(boxes), 100.0))
         corners = [
             np.insert(np.array(list(product((-1.0, 1.0), repeat=count))), 0, 1.0, axis=1).T
             for count in boxes.tolist()
@@ -284,10 +285,11 @@ def false_certificates(seeds):
         A = draws.standard_normal((size, size)) * 10.0 ** draws.uniform(-2.0, 0.0, size)
         A[:, cones.first] /= np.linalg.norm(A[:, cones.first], axis=0)  # as the fit scales them
         b = draws.standard_normal(size)
-        found = solve_mass_cones(A, b, cones)
+        problem = Problem(LeastSquares(A, b), cones)
+        found = solve(problem)
         truth = nnls(A @ block_diag(*corners), b)[1] ** 2
         gaps.append(found.certificate.gap)
-        false += bool(found.loss > truth + GAP * float(b @ b))
+        false += bool(problem.squares.loss(found.x) > truth + GAP * float(b @ b))
     return false, max(gaps)
 
 

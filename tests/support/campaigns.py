@@ -18,10 +18,10 @@ from jointstiff.simulator import TARGETS, SpringArm, default_arm, simulate_campa
 from jointstiff.simulator.equilibrium import deflections, linear_deflections
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.evidence.resampling import MethodStacks, build_method_stacks, refuse_nonlinear
+from jointstiff.solver.fit.constraints import Bounds
 from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
-from jointstiff.solver.fit.problem import Bounds
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.chain import KinematicChain
 from jointstiff.solver.mechanics.measurements import Measurements

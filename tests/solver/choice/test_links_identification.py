@@ -34,7 +34,7 @@ from jointstiff.solver.choice.held_out import (
 )
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fit.cone import to_vector
-from jointstiff.solver.fit.conic import LeastSquares, compute_unconstrained_range
+from jointstiff.solver.fit.conic import compute_unconstrained_range
 from jointstiff.solver.fit.effective import (
     EffectiveCompliances,
     build_effective_rows,
@@ -42,6 +42,7 @@ from jointstiff.solver.fit.effective import (
 )
 from jointstiff.solver.fit.part import Part, compress_parts, generate_elastic_rows
 from jointstiff.solver.fit.prior import Prior
+from jointstiff.solver.fit.problem import LeastSquares
 from jointstiff.solver.fit.reduced import (
     LOSSES,
     Candidate,
@@ -137,7 +138,7 @@ def test_a_heavy_penalty_leaves_the_joints_alone(fanuc):
     np.testing.assert_allclose(1.0 / found.compliance, published, rtol=1e-5)
     assert found.prediction.compensation == pytest.approx(0.810339, abs=1e-5)
     assert found.effective_freedom == pytest.approx(6.0, abs=1e-6)
-    assert found.degrees_of_freedom == pytest.approx(3 * measurements.present.sum() - 6.0, abs=1e-6)
+    assert found.scale.degrees_of_freedom == pytest.approx(3 * measurements.present.sum() - 6.0, abs=1e-6)
 
 
 def test_links_that_are_known_leave_noise_and_joints_alone_leave_much_more():
@@ -155,8 +156,8 @@ def test_links_that_are_known_leave_noise_and_joints_alone_leave_much_more():
     alone = np.sqrt(np.square(held_out.deflection - rows @ joints).mean() / 2.0) / 2e-5
     assert left < 1.1
     assert alone > 5.0
-    spread = np.sqrt(2.0 / found.degrees_of_freedom)
-    assert found.chi_square / found.degrees_of_freedom == pytest.approx(1.0, abs=4.0 * spread)
+    spread = np.sqrt(2.0 / found.scale.degrees_of_freedom)
+    assert found.scale.chi_square / found.scale.degrees_of_freedom == pytest.approx(1.0, abs=4.0 * spread)
 
 
 @pytest.mark.parametrize("best", [-9.0, -6.3, -3.4, -1.6, 0.4, 0.9, 2.0])
@@ -292,7 +293,7 @@ def test_a_load_point_off_by_what_is_stated_is_found_together_with_the_links():
         found = estimate(robot, wrong, "joints_and_links", 3e-5, statements=statements)
         compliances = compute_effective_compliances(robot, found, 0.95)
         errors.append(np.median(np.abs(compliances.compliance / truth - 1.0)))
-        misfit.append(found.chi_square / found.degrees_of_freedom)
+        misfit.append(found.scale.chi_square / found.scale.degrees_of_freedom)
     assert errors[1] < errors[0]
     assert misfit[1] < 1.3 < 1.6 < misfit[0]
     assert np.all((compliances.ends[:, 0] <= truth) & (truth <= compliances.ends[:, 1]))
@@ -330,7 +331,7 @@ def test_readings_along_directions_fit_as_the_same_components_do():
     gram = whole.triangle.T @ whole.triangle
     np.testing.assert_allclose(merged.triangle.T @ merged.triangle, gram, atol=1e-12 * np.abs(gram).max())
     of_direction = estimate(robot, parts[0], "diagonal_links", 1e-2)
-    assert of_direction.degrees_of_freedom == pytest.approx(36.0 - of_direction.effective_freedom)
+    assert of_direction.scale.degrees_of_freedom == pytest.approx(36.0 - of_direction.effective_freedom)
 
 
 def test_a_prior_of_a_joint_holds_with_links():

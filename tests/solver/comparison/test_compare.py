@@ -34,10 +34,10 @@ from jointstiff.solver.comparison.campaigns import (
     models_differ,
 )
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
-from jointstiff.solver.fit.problem import Bounds, Constraints
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.mechanics.robot import Robot

@@ -41,6 +41,7 @@ from jointstiff.solver.evidence.resampling import (
     summarise_resamples,
 )
 from jointstiff.solver.fit import solution
+from jointstiff.solver.fit.constraints import Bounds
 from jointstiff.solver.fit.estimate import predict
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
@@ -51,7 +52,6 @@ from jointstiff.solver.fit.observability import (
     observability_indices,
 )
 from jointstiff.solver.fit.prior import Prior
-from jointstiff.solver.fit.problem import Bounds
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
 from jointstiff.solver.fit.stages import sigma_test

@@ -27,26 +27,23 @@ from support.springs import readings_of
 
 from jointstiff.simulator.equilibrium import torques
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.fit import programs
+from jointstiff.solver.fit import conic, programs
 from jointstiff.solver.fit import stages as robust
-from jointstiff.solver.fit.cone import Block, Cone, lift_diagonal, to_matrix, to_vector
+from jointstiff.solver.fit.cone import Block, Matrices, WithMasses, lift_diagonal, to_matrix, to_vector
 from jointstiff.solver.fit.conic import (
     Face,
-    LeastSquares,
-    MassCones,
     NormSum,
     RobustProgram,
-    SemidefiniteProgram,
     bound_compliances,
     certify_cone,
     certify_robust,
     compute_effective_freedom,
     compute_penalised_range,
-    solve_cone,
-    solve_mass_cones,
     solve_robust,
 )
 from jointstiff.solver.fit.method import DEFAULT_THRESHOLD
+from jointstiff.solver.fit.problem import LeastSquares, Problem
+from jointstiff.solver.fit.solution import solve
 from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain
 from jointstiff.solver.mechanics.measurements import EncoderReadings
 from jointstiff.solver.mechanics.robot import JointMap, Robot
@@ -56,18 +53,18 @@ GAP = 1e-6
 
 def random_program(seed, *, cone=None, weight=None, rows=40):
     rng = np.random.default_rng([seed, 50])
-    cone = cone or Cone(int(rng.integers(0, 4)), tuple(rng.integers(1, 5, rng.integers(1, 4)).tolist()))
+    cone = cone or Matrices(int(rng.integers(0, 4)), tuple(rng.integers(1, 5, rng.integers(1, 4)).tolist()))
     R = rng.standard_normal((rows, cone.dimension)) * 10.0 ** rng.uniform(-1.5, 0.0, cone.dimension)
     R[:, : cone.nonnegative] /= np.linalg.norm(R[:, : cone.nonnegative], axis=0)
     z = rng.standard_normal(rows)
     weight = weight or 10.0 ** rng.uniform(-4.0, 0.0)
     fit = LeastSquares(R, z / np.linalg.norm(z))
-    return SemidefiniteProgram(fit, cone, weight)
+    return Problem(fit, cone, weight)
 
 
 def robust_program(seed, threshold, stated=0):
     rng = np.random.default_rng([seed, 51])
-    cone = Cone(2, (3, 2), penalised=1)
+    cone = Matrices(2, (3, 2), penalised=1)
     A, d = rng.standard_normal((15, 3, cone.dimension)), rng.standard_normal((15, 3))
     total, B = np.linalg.norm(d, axis=1).sum(), rng.standard_normal((15, 3, stated))
     loss = NormSum(A / total, d / total, cone, B / total, statement=0.4 / total)
@@ -83,13 +80,13 @@ ROBUST = [
 
 
 def cone_of(program):
-    return program.cone if isinstance(program, SemidefiniteProgram) else program.loss.cone
+    return program.cone if isinstance(program, Problem) else program.loss.cone
 
 
 def solved(program):
     """The solution, and by how much its certificate lets the objective exceed the optimum."""
-    if isinstance(program, SemidefiniteProgram):
-        solution = solve_cone(program, wanted_gap=GAP)
+    if isinstance(program, Problem):
+        solution = solve(program, gap=GAP)
         return solution, solution.certificate.gap**2
     solution = solve_robust(program, wanted_gap=1e-7)
     return solution, solution.certificate.gap
@@ -98,8 +95,8 @@ def solved(program):
 def objective(program, x, errors=()):
     """From residuals and matrices themselves."""
     cone = cone_of(program)
-    if isinstance(program, SemidefiniteProgram):
-        loss = np.square(program.fit.R @ x - program.fit.z).sum()
+    if isinstance(program, Problem):
+        loss = np.square(program.squares.R @ x - program.squares.z).sum()
     else:
         h, of_targets, errors = program.threshold, program.loss, np.array(errors, dtype=float)
         norms = np.linalg.norm(of_targets.A @ x + of_targets.B @ errors - of_targets.d, axis=1)
@@ -135,8 +132,8 @@ def test_multipliers_prove_a_bound_below_the_optimum_by_themselves(program):
     assert solution.certificate.primal == 0.0
     assert cone_of(program).least_value(solution.x) >= 0.0
     nu = solution.certificate.multipliers
-    if isinstance(program, SemidefiniteProgram):
-        pull, proven = program.fit.R.T @ nu, -nu @ nu / 4.0 - nu @ program.fit.z
+    if isinstance(program, Problem):
+        pull, proven = program.squares.R.T @ nu, -nu @ nu / 4.0 - nu @ program.squares.z
     else:
         assert np.linalg.norm(nu, axis=1).max() <= 1.0 + 1e-14
         pull = np.einsum("kip,ki->p", program.loss.A, nu)
@@ -157,8 +154,8 @@ def test_a_single_matrix_has_the_known_optimum():
     z = to_vector((vectors * values) @ vectors.T)
     size = float(np.linalg.norm(z))
     weight = 0.2 / size
-    program = SemidefiniteProgram(LeastSquares(np.eye(15), z / size), Cone(0, (5,)), weight)
-    found = solve_cone(program, wanted_gap=1e-7).x * size
+    program = Problem(LeastSquares(np.eye(15), z / size), Matrices(0, (5,)), weight)
+    found = solve(program, gap=1e-7).x * size
     expected = (vectors * np.maximum(values - 0.1, 0.0)) @ vectors.T
     np.testing.assert_allclose(to_matrix(found, 5), expected, atol=1e-6)
 
@@ -166,30 +163,30 @@ def test_a_single_matrix_has_the_known_optimum():
 @pytest.mark.parametrize("spoil", ["shifted", "shrunk", "zero"])
 def test_a_wrong_answer_gets_no_certificate(monkeypatch, spoil):
     """Whatever the solver says: an answer with status Solved that is wrong is refused."""
-    program = random_program(2, cone=Cone(2, (3, 2)), weight=1e-2)
-    right = solve_cone(program, wanted_gap=GAP).x
+    program = random_program(2, cone=Matrices(2, (3, 2)), weight=1e-2)
+    right = solve(program, gap=GAP).x
     wrong = {"shifted": right + 1e-2, "shrunk": 0.9 * right, "zero": 0.0 * right}[spoil]
     wrong = program.cone.project(wrong)
     excess = objective(program, wrong) - objective(program, right)
     assert certify_cone(program, wrong).gap >= 0.99 * np.sqrt(excess)
-    monkeypatch.setattr(SemidefiniteProgram, "find_interior_point", lambda *_: wrong)
+    monkeypatch.setattr(conic, "_find_interior_point", lambda *_: wrong)
     monkeypatch.setattr(Face, "take_newton_step", lambda *_: None)
     with pytest.raises(SolverError, match=r"the gap to the optimum is \S+, above"):
-        solve_cone(program, wanted_gap=GAP)
+        solve(program, gap=GAP)
 
 
 def test_of_answers_that_do_not_do_the_best_is_kept(monkeypatch):
     """They are sought in the unit of the readings and in that of their residual: nothing here, so 1e-9."""
-    program = random_program(2, cone=Cone(2, (3, 2)), weight=1e-2)
-    right, asked = solve_cone(program, wanted_gap=GAP).x, []
+    program = random_program(2, cone=Matrices(2, (3, 2)), weight=1e-2)
+    right, asked = solve(program, gap=GAP).x, []
 
-    def proposed(self, tolerance, unit):
+    def proposed(_, tolerance, unit):
         asked.append(unit)
         return program.cone.project(right + 1e-3 * len(asked))
 
-    monkeypatch.setattr(SemidefiniteProgram, "find_interior_point", proposed)
+    monkeypatch.setattr(conic, "_find_interior_point", proposed)
     monkeypatch.setattr(Face, "take_newton_step", lambda *_: None)
-    found = solve_cone(program, wanted_gap=1e-12, accepted_gap=10.0)
+    found = solve(program, gap=1e-12, accepted=10.0)
     np.testing.assert_allclose(found.x, program.cone.project(right + 1e-3), rtol=1e-12)
     assert set(asked) == {1.0, 1e-9}
 
@@ -207,7 +204,7 @@ def test_a_robust_certificate_bounds_any_point_by_any_dual():
 
 
 BLOCKS = (Block(2, ((1, 0.3), (-1, 0.0))), Block(0), Block(1))
-CONES = MassCones(BLOCKS, np.array([50.0, 40.0, 60.0]))
+CONES = WithMasses(BLOCKS, np.array([50.0, 40.0, 60.0]))
 SIZE = sum(block.size for block in BLOCKS)
 
 
@@ -265,25 +262,26 @@ def reference(A, b, start):
 @pytest.mark.parametrize(("seed", "rows"), [*((seed, SIZE) for seed in range(8)), (3, 5)])
 def test_the_optimum_is_that_of_another_solver(seed, rows):
     A, b, rng = problem(seed, rows)
-    found = solve_mass_cones(A, b, CONES)
+    program = Problem(LeastSquares(A, b), CONES)
+    found = solve(program)
     start = inside(rng, 1)[0] + 1e-3
     assert found.certificate.gap <= 1e-8
-    assert found.loss <= reference(A, b, start) + 1e-6
+    assert program.squares.loss(found.x) <= reference(A, b, start) + 1e-6
     assert (CONES.move_into_set(found.x) == found.x).all()
 
 
 def test_a_point_that_is_not_the_optimum_is_not_certified(monkeypatch):
     A, b, _ = problem(2)
-    solve = programs.Program.solve
+    by_clarabel = programs.Program.solve
     monkeypatch.setattr(
-        programs.Program, "solve", lambda self, data, tolerance: 1.001 * solve(self, data, tolerance)
+        programs.Program, "solve", lambda self, data, tolerance: 1.001 * by_clarabel(self, data, tolerance)
     )
     for rows, right, cones in (
         (A, b, CONES),
-        (np.eye(1), np.ones(1), MassCones((Block(0),), np.full(1, 10.0))),
+        (np.eye(1), np.ones(1), WithMasses((Block(0),), np.full(1, 10.0))),
     ):
         with pytest.raises(SolverError, match="the gap to the optimum is"):
-            solve_mass_cones(rows, right, cones)
+            solve(Problem(LeastSquares(rows, right), cones))
 
 
 @pytest.mark.parametrize("seed", [1, 4, 7, 11])
@@ -291,32 +289,32 @@ def test_columns_that_depend_on_each_other_are_certified_if_the_residual_is_smal
     """In units of the readings, Clarabel's answers have gaps of 5e-8 to 1e-6 for these problems."""
     rng = np.random.default_rng(seed)
     blocks = (Block(3),) * 5
-    cones, size = MassCones(blocks, np.full(5, 60.0)), sum(block.size for block in blocks)
+    cones, size = WithMasses(blocks, np.full(5, 60.0)), sum(block.size for block in blocks)
     U, V = (np.linalg.qr(rng.standard_normal((size, size)))[0] for _ in range(2))
     singular_values = np.concatenate([10.0 ** -np.linspace(0, 8, size - 5), np.zeros(5)])
     A = U * singular_values @ V.T
     b = A @ cones.move_into_set(rng.standard_normal(size))
     b = b / np.linalg.norm(b) + 0.02 * rng.standard_normal(size) / np.sqrt(size)
-    assert solve_mass_cones(A, b, cones).certificate.gap <= 1e-8
+    assert solve(Problem(LeastSquares(A, b), cones)).certificate.gap <= 1e-8
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_effective_freedom_is_the_divergence_of_the_fit(seed):
     """Against differences of refits: what changes of the readings come through."""
-    program = random_program(seed, cone=Cone(3, (4, 3)), weight=0.03)
+    program = random_program(seed, cone=Matrices(3, (4, 3)), weight=0.03)
     step = 1e-3
 
     def fitted(z):
         return (
-            program.fit.R
-            @ solve_cone(replace(program, fit=LeastSquares(program.fit.R, z)), wanted_gap=1e-7).x
+            program.squares.R
+            @ solve(replace(program, squares=LeastSquares(program.squares.R, z)), gap=1e-7).x
         )
 
     divergence = 0.0
-    for k, unit in enumerate(np.eye(len(program.fit.z))):
-        ends = [fitted(program.fit.z + sign * step * unit)[k] for sign in (1, -1)]
+    for k, unit in enumerate(np.eye(len(program.squares.z))):
+        ends = [fitted(program.squares.z + sign * step * unit)[k] for sign in (1, -1)]
         divergence += (ends[0] - ends[1]) / (2 * step)
-    freedom = compute_effective_freedom(program, solve_cone(program, wanted_gap=1e-7).x)
+    freedom = compute_effective_freedom(program, solve(program, gap=1e-7).x)
     assert freedom.sum() == pytest.approx(divergence, abs=1e-2)
     assert 0.0 < freedom.sum() < program.cone.dimension
 
@@ -324,9 +322,12 @@ def test_effective_freedom_is_the_divergence_of_the_fit(seed):
 @pytest.mark.parametrize("seed", range(4))
 def test_ends_hold_all_points_near_the_optimum_and_no_more(seed):
     A, b, rng = problem(seed)
-    optimum = solve_mass_cones(A, b, CONES)
-    found = bound_compliances(A, b, optimum, 0.5, CONES)
-    program, radius = programs.state_mass_cone_end(SIZE, BLOCKS), np.sqrt(optimum.loss + 0.5)
+    squares = LeastSquares(A, b)
+    convex = Problem(squares, CONES)
+    optimum = solve(convex)
+    found = bound_compliances(convex, optimum.x, 0.5)
+    radius = np.sqrt(squares.loss(optimum.x) + 0.5)
+    program = programs.state_mass_cone_end(SIZE, BLOCKS)
     near, cap = optimum.x / radius, CONES.cap / radius
     ball = {"A": A, "b": b / radius - A @ near, "near": near, "cap": cap}
     for (j, side), end in np.ndenumerate(found):  # a point of the set is there, all but
@@ -346,12 +347,12 @@ def test_ends_hold_all_points_near_the_optimum_and_no_more(seed):
 def test_the_range_far_from_all_bounds_is_that_of_an_ellipsoid():
     """Closed form: the objective is quadratic, its least where the gradient of the penalty is balanced."""
     rng = np.random.default_rng(3)
-    cone = Cone(3, (2,), penalised=1)
+    cone = Matrices(3, (2,), penalised=1)
     truth = np.array([3.0, 4.0, 5.0, 6.0, 0.1, 7.0])
     R = rng.standard_normal((30, 6))
     size = np.linalg.norm(R @ truth)
     fit = LeastSquares(R, R @ truth / size)
-    program = SemidefiniteProgram(fit, cone, 1e-4)
+    program = Problem(fit, cone, 1e-4)
     np.testing.assert_array_equal(program.penalty, 1e-4 * np.array([0.0, 0.0, 1.0, 1.0, 0.0, 1.0]))
     x = np.linalg.lstsq(R, fit.z, rcond=None)[0] - 0.5 * np.linalg.solve(R.T @ R, program.penalty)
     rise, functions = 1e-6, rng.standard_normal((4, 6))
@@ -369,7 +370,7 @@ def test_a_semidefinite_program_finds_the_nearest_point_of_its_cone():
     wanted = near + z - 0.5 * p
     values, vectors = np.linalg.eigh(to_matrix(wanted[1:], 3))
     nearest = to_vector((vectors * np.maximum(values, 0.0)) @ vectors.T)
-    found = programs.state_semidefinite(7, Cone(1, (3,))).solve(data, 1e-9)
+    found = programs.state_semidefinite(7, Matrices(1, (3,))).solve(data, 1e-9)
     np.testing.assert_allclose(near + found, [max(wanted[0], 0.0), *nearest], atol=1e-6)
 
 

@@ -26,19 +26,26 @@ from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.fit import estimate as estimates
 from jointstiff.solver.fit import programs
 from jointstiff.solver.fit import solution as module
+from jointstiff.solver.fit.cone import Scalars
+from jointstiff.solver.fit.constraints import Bounds, Constraints, Inequalities
 from jointstiff.solver.fit.estimate import compute_profile_ends
-from jointstiff.solver.fit.problem import Bounds, Constraints, IdentificationProblem, Inequalities
+from jointstiff.solver.fit.problem import LeastSquares, Problem
 from jointstiff.solver.fit.solution import (
     Certificate,
     GramProblems,
     greatest_violations,
     solve,
     solve_batch,
-    solve_step,
 )
 from jointstiff.solver.fit.stages import Likelihood, invert_to_root
 from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
+
+solve_step = partial(solve, witnessed=False)
+
+
+def posed(A, b, bounds, inequalities=None):
+    return Problem(LeastSquares(A, b), Scalars(bounds, inequalities))
 
 
 def exactly(A, b):
@@ -72,11 +79,11 @@ def test_thousands_of_problems_against_exact_arithmetic(solver, count):
     for _ in range(count):
         A, b = random_columns(rng)
         exact = exactly(A, b)
-        found = solver(IdentificationProblem(A, b, Bounds.positive(len(exact))))
+        found = solver(posed(A, b, Bounds.positive(len(exact))))
         free = exact > 0
-        assert (found.compliance[~free] == 0).all(), "the support differs"
+        assert (found.x[~free] == 0).all(), "the support differs"
         if free.any():
-            worst = max(worst, np.abs(found.compliance[free] / exact[free] - 1).max())
+            worst = max(worst, np.abs(found.x[free] / exact[free] - 1).max())
         assert found.certificate.is_optimal()
         active[int((~free).sum())] += 1
         finders[found.certificate.solved_by] += 1
@@ -97,13 +104,13 @@ def test_a_wrong_support_is_never_certified(monkeypatch, wrong):
 
     # Optimum (1, 0), which is neither at all bounds nor at none, nor the projection of least squares.
     A, b = np.array([[1.0, 0.8], [0.0, 0.6]]), np.array([1.0, -1.0])
-    problem = IdentificationProblem(A, b, Bounds(np.zeros(2), np.full(2, 10.0)))
+    problem = posed(A, b, Bounds(np.zeros(2), np.full(2, 10.0)))
     place = {0: 5.0, -1: 0.0, 1: 10.0}[wrong]
-    monkeypatch.setattr("jointstiff.solver.fit.problem.MOST_PIVOTS", 0)
+    monkeypatch.setattr("jointstiff.solver.fit.solution.MOST_PIVOTS", 0)
     monkeypatch.setattr(programs, "solve_least_squares", lambda _: np.full(2, place))
     found = solve(problem)
     assert found.certificate.solved_by == "active_set"
-    np.testing.assert_allclose(found.compliance, [1.0, 0.0], rtol=1e-15)
+    np.testing.assert_allclose(found.x, [1.0, 0.0], rtol=1e-15)
     monkeypatch.setattr("scipy.optimize.lsq_linear", fixed)
     with pytest.raises(SolverError, match="no solution satisfies the optimality conditions"):
         solve(problem)
@@ -121,9 +128,9 @@ def test_the_active_set_alone_solves(monkeypatch, name, value):
     for _ in range(200):
         A, b = random_columns(rng)
         exact = exactly(A, b)
-        found = solve(IdentificationProblem(A, b, Bounds.positive(len(exact))))
+        found = solve(posed(A, b, Bounds.positive(len(exact))))
         assert found.certificate.solved_by == "active_set"
-        np.testing.assert_allclose(found.compliance, exact, rtol=1e-8)
+        np.testing.assert_allclose(found.x, exact, rtol=1e-8)
 
 
 numbers = st.integers(-1000, 1000).map(float)
@@ -143,13 +150,13 @@ def test_bounds_of_every_kind(solver, A, b, lower, width):
     if not (np.abs(A).max(axis=0) > 0).all():
         return
     upper = np.maximum(lower, -2.0) + width
-    found = solver(IdentificationProblem(A, b, Bounds(lower, upper)))
-    assert ((lower <= found.compliance) & (found.compliance <= upper)).all()
+    found = solver(posed(A, b, Bounds(lower, upper)))
+    assert ((lower <= found.x) & (found.x <= upper)).all()
     assert found.certificate.is_optimal()
     _, theirs = by_cvxpy(A, b, Bounds(lower, upper))
     if theirs is None:
         theirs = 2.0 * lsq_linear(A, b, bounds=(lower, upper), method="trf", tol=1e-14).cost
-    ours = float(np.sum((A @ found.compliance - b) ** 2))
+    ours = float(np.sum((A @ found.x - b) ** 2))
     assert ours <= theirs * (1 + 1e-6) + 1e-3
 
 
@@ -163,7 +170,7 @@ def test_bounds_that_cross_are_refused():
 )
 def test_data_that_are_not_finite_or_show_nothing_are_refused(row, reason):
     with pytest.raises(SolverError, match=reason):
-        IdentificationProblem(np.array([row]), np.ones(1), Bounds.positive(2))
+        solve(posed(np.array([row]), np.ones(1), Bounds.positive(2)))
 
 
 @pytest.mark.parametrize("epsilon", [1e-9, 1e-8, 1e-7, 1e-6, 1e-3])
@@ -174,10 +181,10 @@ def test_nearly_dependent_columns_are_solved_or_refused_never_certified_wrong(ep
     b = e[1] - 5e-4 * A[:, 2] + 1e-3 * A[:, 3]
     exact = exactly(A, b)
     try:
-        found = solve(IdentificationProblem(A, b, Bounds.positive(4)))
+        found = solve(posed(A, b, Bounds.positive(4)))
     except SolverError:
         return
-    np.testing.assert_allclose(found.compliance[2:], exact[2:], rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(found.x[2:], exact[2:], rtol=1e-8, atol=1e-12)
 
 
 class TestOrder:
@@ -192,24 +199,24 @@ class TestOrder:
             shuffled = rng.permutation(n).tolist()
             constraints = Constraints(Bounds.positive(n), tuple(pairwise(shuffled)))
             order = constraints.inequalities
-            problem = IdentificationProblem(A, b, constraints.bounds, order)
+            problem = posed(A, b, constraints.bounds, order)
             found = solver(problem)
             rows = np.vstack([np.eye(n), order.matrix])
             exact = by_enumeration(A, b, rows, np.zeros(len(rows)))
-            np.testing.assert_allclose(found.compliance, exact, rtol=1e-8, atol=1e-10)
+            np.testing.assert_allclose(found.x, exact, rtol=1e-8, atol=1e-10)
             assert found.certificate.is_optimal()
             self.balance(problem, found)
-            level = constraints.equalise_tied(found.compliance, found.tight)
+            level = constraints.equalise_tied(found.x, found.tight)
             assert constraints.are_satisfied_by(level)
             finders[found.certificate.solved_by] += 1
         assert finders[finder] > 46, finders
 
     def balance(self, problem, found):
         """The multipliers alone balance the gradient, with the signs that they must have, of tight rows."""
-        norms, size = np.linalg.norm(problem.R, axis=0), np.linalg.norm(problem.z)
+        norms, size = np.linalg.norm(problem.squares.R, axis=0), np.linalg.norm(problem.squares.z)
         n, unit = len(norms), size / norms
-        gradient = (problem.R / norms).T @ (problem.R @ found.compliance - problem.z) / size
-        rows = problem.inequalities.matrix * unit
+        gradient = (problem.squares.R / norms).T @ (problem.squares.R @ found.x - problem.squares.z) / size
+        rows = problem.cone.inequalities.matrix * unit
         of_bounds, of_rows = np.split(found.certificate.multipliers, [n])
         balanced = of_bounds + of_rows @ (rows / np.linalg.norm(rows, axis=1)[:, None])
         np.testing.assert_allclose(balanced, gradient, atol=1e-11)
@@ -226,16 +233,16 @@ class TestOrder:
             weight, value = 10.0 ** rng.uniform(-3, 3, n), rng.standard_normal(n) + rng.choice([0.0, 3.0])
             bounds, least = (Bounds.positive(n), 0.0) if k % 2 else (Bounds.unconstrained(n), -np.inf)
             order = Constraints(bounds, tuple(pairwise(range(n)))).inequalities
-            found = solve(IdentificationProblem(np.diag(weight), weight * value, bounds, order))
+            found = solve(posed(np.diag(weight), weight * value, bounds, order))
             exact = np.maximum(isotonic_regression(value, weights=weight**2).x, least)
-            np.testing.assert_allclose(found.compliance, exact, atol=1e-7)
+            np.testing.assert_allclose(found.x, exact, atol=1e-7)
 
     def test_wrong_rows_are_never_certified(self, monkeypatch):
         monkeypatch.setattr("scipy.optimize.nnls", lambda A, _: (np.zeros(A.shape[1]), 0.0))
         monkeypatch.setattr(programs, "solve_least_squares", lambda _: None)
         A, b = np.eye(2), np.array([1.0, 0.0])
         with pytest.raises(SolverError, match="no solution satisfies"):
-            solve(IdentificationProblem(A, b, Bounds.positive(2), Inequalities(*LESS)))
+            solve(posed(A, b, Bounds.positive(2), Inequalities(*LESS)))
 
 
 LESS = np.array([[-1.0, 1.0]]), np.zeros(1)
@@ -271,11 +278,11 @@ def test_threads_share_the_programs():
     problems = []
     for n in (2, 3, 4, 5) * 15:
         A, b = rng.standard_normal((n + 1, n)), rng.standard_normal(n + 1)
-        problems.append(IdentificationProblem(A, b, Bounds.positive(n)))
-    alone = [solve(problem).compliance for problem in problems]
+        problems.append(posed(A, b, Bounds.positive(n)))
+    alone = [solve(problem).x for problem in problems]
     programs._state_least_squares.cache_clear()
     with ThreadPoolExecutor(8) as pool:
-        together = [solution.compliance for solution in pool.map(solve, problems)]
+        together = [solution.x for solution in pool.map(solve, problems)]
     for one, other in zip(alone, together, strict=True):
         np.testing.assert_array_equal(one, other)
     assert warnings.filters == filters
@@ -325,8 +332,8 @@ def test_random_problems_against_exact_arithmetic(monkeypatch, finder):
     count = 500 if finder == "pivoting" else 100
     if finder == "alone":
         monkeypatch.setattr(module, "MOST_PIVOTS", 0)
-    alone = list[IdentificationProblem]()
-    monkeypatch.setattr(module, "solve_step", lambda one: alone.append(one) or solve_step(one))
+    alone = list[Problem[Scalars]]()
+    monkeypatch.setattr(module, "solve", lambda one, **way: alone.append(one) or solve(one, **way))
     worst, zeros = 0.0, 0
     for n, problems in batches(random_problem, count).items():
         found = solved(problems, Bounds.positive(n))
@@ -396,12 +403,12 @@ def test_a_certificate_measures_the_projected_gradient_at_any_point(seed):
     lower, width = rng.uniform(-2.0, 0.0, n), rng.uniform(0.5, 2.0, n)
     lower[rng.random(n) < 0.2] = -np.inf
     upper = np.where(rng.random(n) < 0.3, np.inf, np.maximum(lower, -2.0) + width)
-    problem = IdentificationProblem(A, b, Bounds(lower, upper))
-    scaled, norms, size = module.Scaled.from_problem(problem), np.linalg.norm(A, axis=0), np.linalg.norm(b)
-    low, high = scaled.bounds.lower, scaled.bounds.upper
+    problem = posed(A, b, Bounds(lower, upper))
+    scaled, norms, size = problem.equilibrate().problem, np.linalg.norm(A, axis=0), np.linalg.norm(b)
+    low, high = scaled.cone.bounds.lower, scaled.cone.bounds.upper
     np.testing.assert_allclose([low, high], [lower * norms / size, upper * norms / size])
     best = solve(problem)
-    x = np.select([best.active < 0, best.active > 0], [low, high], best.compliance * norms / size)
+    x = np.select([best.active < 0, best.active > 0], [low, high], best.x * norms / size)
     assert module.certify(scaled, x, "pivoting").is_optimal()
     x[seed % n] += 0.1 * (-1.0) ** (seed // n)  # of one alone
     inside = np.clip(x, low, high)

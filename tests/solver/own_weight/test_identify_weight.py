@@ -24,7 +24,7 @@ from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.fit.cone import Block
-from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.geometry.poses import PoseState, list_chain_axes, transform_points
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.cases import LoadCases
@@ -125,9 +125,11 @@ def test_a_mass_of_which_no_reading_tells_is_neither_checked_nor_contradicted():
     readings = campaign(postures=12, stated=burden_of(BODIES, 0.1))
     problem = identify_weight(ROBOT, readings).fit.reduced
     assert fit_freed_masses(problem, readings.burden, 1.0)
-    by_joints = np.zeros(problem.A.shape)
-    by_joints[:, problem.cones.first] = problem.A[:, problem.cones.first]
-    freed = fit_freed_masses(replace(problem, A=by_joints), readings.burden, 1.0)
+    squares, first = problem.convex.squares, problem.convex.cone.first
+    by_joints = np.zeros(squares.R.shape)
+    by_joints[:, first] = squares.R[:, first]
+    convex = replace(problem.convex, squares=replace(squares, R=by_joints))
+    freed = fit_freed_masses(replace(problem, convex=convex), readings.burden, 1.0)
     assert [each.uncertainty for each in freed] == [np.inf] * 5
     assert not any(each.change_if_doubled.any() for each in freed)
     assert find_contradicted_mass(freed) is None

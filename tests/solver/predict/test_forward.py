@@ -14,10 +14,10 @@ from jointstiff.simulator import TARGETS, default_arm, equilibrium, torques
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
 from jointstiff.solver.choice.held_out import Folds
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.fit.estimate import PostureJackknife, UncertaintyBudget
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
-from jointstiff.solver.fit.problem import Bounds, Constraints
 from jointstiff.solver.fit.reduced import Candidate
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.block import OwnWeight

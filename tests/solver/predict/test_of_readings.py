@@ -8,9 +8,9 @@ from support.campaigns import ARM
 from support.springs import SpringCampaign, load_cases, robot_of
 
 from jointstiff.solver.errors import JointstiffError
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
-from jointstiff.solver.fit.problem import Bounds, Constraints
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.answers import STATUSES, MapTask, compute_tool_rotations, map_places

@@ -14,7 +14,7 @@ from support.springs import robot_of
 
 from jointstiff.simulator import SpringArm, default_arm
 from jointstiff.solver.errors import RequestError, RobotError
-from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.process.pace import Pace

@@ -11,7 +11,7 @@ from support.springs import robot_of
 from jointstiff.simulator import default_arm
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.evidence.payload import payload_torque
-from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import measure_reach

@@ -8,7 +8,7 @@ from support.process_paths import process_path
 from support.springs import robot_of
 
 from jointstiff.simulator import default_arm
-from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.process.pace import RATE, Pace

@@ -17,7 +17,7 @@ from jointstiff.simulator import default_arm, equilibrium
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.solver.choice.held_out import Folds
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.fit.reduced import Candidate
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.inverse import InverseKinematics

@@ -6,7 +6,7 @@ from support.catalogue_arms import build_nominal_robots
 from support.process_paths import process_path, reach_centre
 
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fit.problem import Bounds, Constraints
+from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.models import JointModel
