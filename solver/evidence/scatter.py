@@ -12,7 +12,7 @@ the residuals that the fit of c takes away (Patterson & Thompson, *Biometrika* 5
 An s that is not significant is not zero: fits use the roots of the posterior means of s² and u²,
 ``p(s, u | readings) ∝ L(s, u) p(s) p(u)`` on a grid. The priors are half-Student (Gelman, *Bayesian Anal.* 1,
 2006). The station's is half-Cauchy: a lighter tail takes a station's 50 µm for turns of the joints, a larger
-scale widens the intervals of campaigns whose station stands still. A stated repeatability s₀
+scale widens the intervals of campaigns whose station does not move. A stated repeatability s₀
 gives the log-normal p(s) about s₀ with the factor 2; if it is zero, the joints repeat exactly.
 
 The residuals *show* shared errors, beyond those stated, if a likelihood ratio test is significant. Zero is a
