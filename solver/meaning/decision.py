@@ -133,6 +133,8 @@ def _explain_missing_fit(
         return Decision(None, None, (), "no columns fit the robot")
     if not fitting:
         nearest = interpretations[0]
+        if nearest.fit.typical < LARGEST_RESIDUAL and _moves_too_little(nearest):
+            return Decision(None, nearest, (), f"the targets move by {nearest.movement * 1e3:.0f} mm only")
         distance = f"{nearest.fit.typical * 1e3:.3g} mm"
         return Decision(None, nearest, (), f"no columns fit the robot (best {distance})")
     reason = "the positions were computed from the joints, so that they are no readings"
@@ -157,7 +159,13 @@ def _are_same_positions(first: PointColumns, second: PointColumns) -> bool:
 def fits(interpretation: Interpretation) -> bool:
     """Return whether most positions are near the places where the robot would put the targets."""
     typical = interpretation.fit.typical  # median distance [m]
-    return typical < LARGEST_RESIDUAL and measure_share(interpretation) >= LEAST_SHARE
+    is_near = typical < LARGEST_RESIDUAL and not _moves_too_little(interpretation)
+    return is_near and measure_share(interpretation) >= LEAST_SHARE
+
+
+def _moves_too_little(interpretation: Interpretation) -> bool:
+    """Return whether the targets move so little that any place near their mean seems to fit."""
+    return interpretation.fit.typical > LARGEST_PART * interpretation.movement
 
 
 def measure_share(interpretation: Interpretation) -> float:
@@ -370,8 +378,6 @@ def _find_obstacle(best: Interpretation, votes: Votes) -> str:
     fit = best.fit
     if fit.degrees_of_freedom < LEAST_FREEDOM:
         return f"too few positions: {fit.degrees_of_freedom} degrees of freedom, {LEAST_FREEDOM} are needed"
-    if fit.typical > LARGEST_PART * best.movement:
-        return f"the targets move by {best.movement * 1e3:.0f} mm only"
     if abs(fit.free_scale - 1.0) > LARGEST_SCALE_ERROR:
         return f"the lengths of the robot differ by the factor {fit.free_scale:.4f}"
     if votes.margin < _LEAST_VOTES:

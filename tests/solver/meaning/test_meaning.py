@@ -112,12 +112,15 @@ def test_any_two_damaged_rows_leave_a_subset_without_them():
             assert any(subset.isdisjoint(damaged) for subset in subsets)
 
 
-def test_positions_in_a_smaller_unit_are_no_rival(robots):
+@pytest.mark.parametrize(("arm", "seed"), [("ABB IRB 6640-185/2.8", 91_001), ("Yaskawa GP180", 171_000)])
+def test_positions_in_a_smaller_unit_are_no_rival(robots, arm, seed):
     """Numbers of m that are taken as inches have small distances, because the targets hardly move."""
-    known = robots["ABB IRB 6640-185/2.8"]
-    campaign = simulate(known.name, 91_001)
-    (table,) = wide_rad_m(campaign).tables.values()
-    assert propose([Table("a", table)], [known]).best is not None
+    known = robots[arm]
+    layout = wide_rad_m(simulate(known.name, seed))
+    (table,) = layout.tables.values()
+    best = propose([Table("a", table)], [known]).best
+    assert best is not None
+    assert (best.unit, best.joints.columns) == ("m", layout.columns)
 
 
 NOTHING_RIGHT = {
