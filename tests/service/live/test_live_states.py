@@ -17,7 +17,7 @@ from jointstiff.simulator import LOAD_POINT, robot_document, simulate_campaign
 from jointstiff.solver.errors import RequestError
 
 DOUBT = (
-    "the reading is 1.34 mm away from the prediction by the other readings: the force has the opposite "
+    "the reading is 3.76 mm away from the prediction by the other readings: the force has the opposite "
     "sign or unloaded and loaded readings are exchanged? Read the posture again before the load is taken "
     "off."
 )
@@ -123,7 +123,7 @@ def test_a_mistake_at_the_second_reading_is_named_at_once_and_better_with_the_th
     assert (state["share"], state["still_needed"]) == (None, None)
     doubtful = state["readings"][1]
     assert (doubtful["state"], doubtful["doubtful"], doubtful["p_value"]) == ("doubtful", True, 0.0)
-    assert doubtful["distance"] == pytest.approx(0.0013397, rel=1e-3)
+    assert doubtful["distance"] == pytest.approx(0.0037614, rel=1e-3)
     assert doubtful["causes"] == [
         "the force has the opposite sign",
         "unloaded and loaded readings are exchanged",
