@@ -26,7 +26,7 @@ class KeyRequest(Message):
     role: Role = Field(description=_ROLE)
     expires_at: AwareDatetime | None = Field(
         default=None,
-        description="Time, with its zone, at which the key expires; null: valid until revoked.",
+        description="Expiry time of the key, with a time zone; null if the key never expires.",
     )
 
     @field_validator("expires_at")
@@ -45,14 +45,13 @@ class Key(Message):
     name: str = Field(description="Holder of the key.")
     role: Role
     source: Literal["database", "file"] = Field(
-        description="Place where the key is stored; revoke a key of `--keys-file` in that file."
+        description="Place where the key is stored. A key from `--keys-file` is revoked in the key file."
     )
     created_at: Timestamp
     expires_at: Timestamp | None
     revoked_at: Timestamp | None
     last_used_at: Timestamp | None = Field(
-        description="Time of the last use, to the minute; null if the key was never used or is stored in a "
-        "file."
+        description="Time of the last use of the key, to the minute; null if unused or stored in a file."
     )
     key: str | None = Field(
         default=None,
@@ -62,7 +61,7 @@ class Key(Message):
 
 
 class SessionRequest(Message):
-    """Request of a browser to sign in: with a key, or with the secret of a one-time link."""
+    """Request of a browser to sign in, with a key or with the secret of a one-time link."""
 
     key: Annotated[SecretStr, Field(max_length=200)] | None = Field(default=None, description="A key.")
     link: Annotated[SecretStr, Field(max_length=200)] | None = Field(
@@ -83,12 +82,12 @@ class Session(Message):
     key_name: str | None = Field(description="Name of the caller's key.")
     role: Role | None = Field(description="Role of the caller's key.")
     ends_at: Timestamp | None = Field(
-        description="Time at which the session ends; the session ends earlier after 8 h without use."
+        description="Time at which the session ends. A session also ends after 8 h without use."
     )
 
 
 class AuditItem(Message):
-    """An entry of the audit: a request to change something."""
+    """Entry of the audit for one request to change something."""
 
     at: Timestamp
     key_id: str | None = Field(description="Id of the caller's key; null if the caller has no valid key.")
@@ -98,7 +97,7 @@ class AuditItem(Message):
     )
     method: str = Field(description="HTTP method.")
     operation: str | None = Field(description="Name of the operation, as in OpenAPI.")
-    path: str = Field(description="Requested path, without its query.")
+    path: str = Field(description="Requested path without the query string.")
     status: int = Field(description="Outcome of the request: the HTTP status of the answer.")
 
 

@@ -31,8 +31,7 @@ class BridgeStand(Message):
     """Posture and load that a page shows, in which the tracker reads."""
 
     number: Annotated[int, Field(strict=True, ge=0, le=10**15)] = Field(
-        description="Number of this posture under this load; the tracker's positions are sent with the same "
-        "number."
+        description="Number of the shown posture and load; the tracker's positions are sent with this number."
     )
     label: Name
     joints: Positions[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)]]
@@ -69,7 +68,7 @@ class BridgePoints(Message):
 
 
 class BridgeCode(Message):
-    """Code of a bridge, as it was typed."""
+    """Typed code of a bridge."""
 
     code: Annotated[str, Field(min_length=1, max_length=MAX_CODE_LENGTH)]
 

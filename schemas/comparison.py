@@ -54,18 +54,18 @@ class ComparisonOptions(Message):
 
     ordered: Annotated[bool, Field(strict=True)] = Field(
         default=False,
-        description="True to identify both sets also in one fit, in which no joint is softer in the second "
-        "set than in the first.",
+        description="True to fit both measurement sets also together, with no joint softer in the second "
+        "set.",
     )
     same_load: Annotated[bool, Field(strict=True)] = Field(
         default=False,
-        description="True if the load of both sets acted at the same point of the flange, so that both sets "
-        "have the same error of the load point.",
+        description="True if the load acted at the same point of the flange in both measurement sets. "
+        "Both sets then share one error of the load point.",
     )
     same_cell: Annotated[bool, Field(strict=True)] = Field(
         default=False,
-        description="True if the same load cell or the same weights gave the forces of both sets, so that "
-        "both sets have the same error of scale.",
+        description="True if one load cell, or one set of weights, gave the forces of both measurement "
+        "sets. Both sets then share one error of scale.",
     )
     confidence: Confidence | None = Field(
         default=None,
@@ -75,12 +75,12 @@ class ComparisonOptions(Message):
 
 
 class ComparisonRequest(ComparisonOptions):
-    """Request of a comparison: runs of one or two measurement sets (the sides)."""
+    """Request to compare runs of one measurement set, or of two measurement sets (called sides)."""
 
     run_ids: Annotated[list[Identifier], Field(min_length=2, max_length=MAX_COMPARED)] = Field(
-        description="Runs to compare; of two sets, the first run of each set is compared. If a constraint "
-        "on a run is active, list also the same run with `positive` false, because ratios use its "
-        "stiffnesses."
+        description="Runs to compare; of two sets, the first run of each set is compared. For each run "
+        "with an active constraint, list also the run with `positive` false, whose "
+        "stiffnesses give the ratios."
     )
 
     @field_validator("run_ids", mode="after")
@@ -99,8 +99,7 @@ class CampaignComparison(ComparisonOptions):
     )
     constraints: Annotated[list[Constraint], Field(min_length=1, max_length=2)] = Field(
         default=["unconstrained", "positive"],
-        description="Constraints that each method is fitted with: `unconstrained`, or `positive` "
-        "(compliances zero or more).",
+        description="Constraint of each fit: `unconstrained`, or `positive` for compliances of zero or more.",
     )
     resampling: Annotated[
         Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_resampling)
@@ -112,8 +111,7 @@ class CampaignComparison(ComparisonOptions):
     run: RunOptions | None = Field(
         default=None,
         description="Options of the runs that compare two campaigns; default: the options of the first "
-        "campaign. `priors`, `resampling` and `leave_out` are excluded, because each campaign states its "
-        "own.",
+        "campaign. Each campaign states `priors`, `resampling` and `leave_out` itself.",
     )
 
     @field_validator("run", mode="after")
@@ -144,7 +142,7 @@ class ComparedRun(Message):
     method: Method
     weighting: Weighting
     characteristic_length: Metres[float | None] = Field(
-        description="Characteristic length; null if the weighting needs none."
+        description="Length that divides translations; null if the weighting uses no length."
     )
     positive: StrictBool = Field(
         description="True if compliances were constrained to be zero or more in the run."
@@ -155,15 +153,15 @@ class ComparedRun(Message):
     )
     assessment: Assessment | None = Field(description="Assessment of the run; null if the run has failed.")
     compensation: Dimensionless[float | None] = Field(
-        description="Explained fraction of the mean deflection, 1 - mean‖residual‖ / mean‖deflection‖; null "
-        "if nothing moved or no degrees of freedom remain."
+        description="Fraction of the mean deflection that the model explains; null if nothing moved or "
+        "no degrees of freedom remain."
     )
     rms_residual: Metres[float | None] = Field(
         description="Root mean square of the residual vectors' lengths."
     )
     condition_number: Dimensionless[float | None] = Field(
-        description="Condition number of the weighted regressor after scaling its columns to unit length, "
-        "the largest of all stages; null if rank-deficient."
+        description="Largest condition number of all stages, for regressor columns of unit length; null "
+        "if rank-deficient."
     )
     draws: Resampling | None = Field(description="Options of the resampling, if requested.")
     resampling: ResamplingResult | None = Field(description="Results of the resampling, if requested.")
@@ -187,18 +185,18 @@ class ComparedSide(Message):
 
 
 class JointRatio(Message):
-    """Stiffness of one joint on both sides."""
+    """Ratio of the stiffnesses of one joint."""
 
     name: Name
     ratio: Dimensionless[float | None] = Field(
         default=None,
-        description="Ratio of the unconstrained stiffnesses, second side to first; null if one is "
+        description="Second stiffness divided by first stiffness, without constraints; null if one is "
         "not positive.",
     )
     ratio_interval: Dimensionless[tuple[float | None, float | None] | None] = Field(
         default=None,
-        description="Fieller's interval of the ratio, cut at zero with the constraint. A null end "
-        "means no limit; null means unknown.",
+        description="Fieller's interval of the ratio, cut at zero with the constraint. A null end means "
+        "no limit; a null interval is unknown.",
     )
     ratio_excluded: Dimensionless[Interval | None] = Field(
         default=None,
@@ -215,32 +213,39 @@ class ConfigurationShare(Message):
     """Fraction of the deflection in one observation that the second side avoids."""
 
     observation: Name
-    side: Literal["first", "second", "both"] = Field(description="Sides that have this observation.")
+    side: Literal["first", "second", "both"] = Field(
+        description="Measurement sets that contain the observation."
+    )
     measured: Estimate | None = Field(
-        description="Measured fraction; null if the observation is missing on a side."
+        description="Measured fraction of avoided deflection; null if one measurement set lacks the "
+        "observation."
     )
     predicted: float | None = Field(
-        description="Predicted fraction; null if a joint that deflects in this observation is not "
-        "observable on one side."
+        description="Predicted fraction of avoided deflection; null if a joint that deflects is not "
+        "observable in one set."
     )
 
 
 class AvoidedDeflection(Message):
-    """Fraction of the deflection that the second side avoids: 1 - mean deflection of second / first side."""
+    """One minus the mean deflection of the second measurement set divided by the mean of the first set."""
 
     matching: int = Field(
-        description="Number of observations with the same label, posture (± 1 mrad) and load (± 0.5 %, ± 1 "
-        "mm) on both sides."
+        description="Number of observations with equal label, posture and load in both measurement sets. "
+        "Postures may differ by 1 mrad, loads by 0.5 % and 1 mm."
     )
     measured: Estimate | None = Field(
-        description="Measured fraction over the matching observations; null if no observations match."
+        description="Measured fraction of avoided deflection over matching observations; null if no "
+        "observations match."
     )
     predicted: float | None = Field(description="Predicted fraction, of all observations.")
     configurations: list[ConfigurationShare]
 
 
 class OrderedJoint(Message):
-    """One joint in the fit of both sides; numbers are null for a side that does not determine the joint."""
+    """One joint in the common fit of two measurement sets.
+
+    Numbers are null for a set that does not determine the joint.
+    """
 
     name: Name
     kind: StatedKind = "revolute"
@@ -258,48 +263,52 @@ class OrderedJoint(Message):
 
 
 class OrderedResult(Message):
-    """Fit of both sides together, with no joint softer on the second side."""
+    """Common fit of two measurement sets in which no joint is softer in the second set."""
 
     joints: list[OrderedJoint]
     chi_square_increase: float = Field(
-        description="Increase of χ² by the constraint. The readings contradict the constraint if this "
-        "increase is far above the number of `equal` joints."
+        description="Increase of chi-square by the constraint. An increase far above the number of "
+        "`equal` joints contradicts the constraint."
     )
     certificate: Certificate = Field(description="Proof of optimality.")
 
 
 class ComparisonResult(Result):
-    """Result of a comparison: runs; for two measurement sets also ratios of the stiffnesses."""
+    """Result of a comparison with its runs and, for two measurement sets, ratios of the stiffnesses."""
 
     assessment: Assessment = Field(description="Worst verdict of all compared runs, with its reasons.")
     confidence: Dimensionless[float] = Field(description="Confidence level of ratios.")
     sides: list[ComparedSide] = Field(description="One or two measurement sets.")
     entries: list[ComparedRun] = Field(description="Runs in the requested order.")
     joints: list[JointRatio] = Field(
-        description="Stiffness ratio of each joint; empty if only one side is compared."
+        description="Stiffness ratio of each joint; empty if only one measurement set is compared."
     )
     differences: list[JointResult] = Field(
         default_factory=list,
-        description="Compliance of the first side less compliance of the second side: the compliance of a "
-        "gearbox if only the second side closes the loop behind it.",
+        description="Compliance of a joint in the first set minus compliance in the second set. The "
+        "difference is the gearbox's compliance if only the second set closes the loop "
+        "behind the gearbox.",
     )
     gearboxes: list[JointResult] = Field(
         default_factory=list,
-        description="Compliance of the gearboxes in front of secondary encoders that are read on one side "
-        "and close the position loop on the other side, by one fit.",
+        description="Compliance of each gearbox in front of a secondary encoder, by one fit. One "
+        "measurement set reads the encoder; the other closes the position loop with the "
+        "encoder.",
     )
     structures: list[JointResult] = Field(
         default_factory=list,
         description="Compliance of the structure behind the secondary encoders, by the same fit.",
     )
     avoided: AvoidedDeflection | None = Field(
-        description="Fraction of the deflection that the second side avoids; null if only one side is "
-        "compared."
+        description="Fraction of the deflection that the second measurement set avoids; null if only one "
+        "set is compared."
     )
-    ordered: OrderedResult | None = Field(description="Fit of both sides together; null if not requested.")
+    ordered: OrderedResult | None = Field(
+        description="Common fit of two measurement sets; null if no common fit was requested."
+    )
     warnings: list[Finding] = Field(
-        description="Warnings of the sets, then of the fits, then of the comparison; with two sides, "
-        "`where` begins with the side."
+        description="Warnings of the measurement sets, then of the fits, then of the comparison. With "
+        "two sets, `where` begins with the side."
     )
 
     @property
@@ -330,14 +339,14 @@ class ComparisonResult(Result):
 
 
 class Comparison(Job):
-    """A stored comparison. It never changes."""
+    """A stored comparison."""
 
     collection: ClassVar[str] = "comparisons"
 
     kind: Literal["comparison"] = "comparison"
     measurement_set_id: Identifier = Field(description="Measurement set of the first side.")
     second_set_id: Identifier | None = Field(
-        description="Measurement set of the second side; null if only one side is compared."
+        description="Second measurement set; null if only one measurement set is compared."
     )
     request: ComparisonRequest
     result: ComparisonResult | None = Field(description="Result; null until the comparison has succeeded.")

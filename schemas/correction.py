@@ -59,23 +59,22 @@ class CorrectionOptions(AcceptingOptions, PredictionOptions):
     )
     tool: Annotated[_Frame | None, Terminal("--tool", "X,Y,Z,RX,RY,RZ[mm,deg]", parse_numbers)] = Field(
         default=None,
-        description="Frame of the tool in the flange frame: X, Y, Z, rotation vector; default: the flange "
-        "frame.",
+        description="Frame of the tool in the flange frame, as position and rotation vector; default: "
+        "the flange frame.",
     )
     base: Annotated[_Frame | None, Terminal("--base", "X,Y,Z,RX,RY,RZ[mm,deg]", parse_numbers)] = Field(
         default=None,
-        description="Frame of the poses in the robot's base frame R0: X, Y, Z, rotation vector; "
-        "default: R0 itself.",
+        description="Frame of the poses in the base frame R0, as position and rotation vector; default: R0.",
     )
     force: Annotated[Vector3 | None, Terminal("--force", "X,Y,Z[N]", parse_numbers)] = Field(
         default=None,
-        description="Force on the tool in all rows; omit this field if the columns `fx`, `fy`, `fz` "
-        "state the force.",
+        description="Force on the tool in every row; omit this field if the columns `fx`, `fy`, `fz` "
+        "state forces.",
     )
     axes: Literal["robot", "base", "tool", "feed"] = Field(
         default="robot",
-        description="Axes along which forces are stated: the axes of the robot's base frame R0, of the base "
-        "of the poses or of the tool; or feed, normal and the z axis of the tool.",
+        description="Axes along which forces are stated: the robot's base, the poses' base, the tool, or "
+        "the path (feed, normal and z axis of the tool).",
     )
     load_point: Annotated[Vector3 | None, Terminal("--load-point", "X,Y,Z[mm]", parse_numbers)] = Field(
         default=None,
@@ -112,20 +111,20 @@ _Column = Annotated[list[Quantity], Field(min_length=1, max_length=_MOST_SENT_RO
 
 
 class CorrectionRequest(CorrectionOptions):
-    """A request of corrected poses: columns, or a file."""
+    """Request to correct poses, which are sent as columns or as a file."""
 
     run_id: Identifier | None = Field(
         default=None, description="Id of the run whose identified model is used."
     )
     robot_id: Identifier | None = Field(
         default=None,
-        description="Id of a robot that was not measured: its stiffness is assumed from a prior.",
+        description="Id of a robot without measurements, whose stiffness is assumed from a prior.",
     )
     columns: Annotated[dict[Name, _Column], Field(max_length=MAX_COLUMNS)] = Field(
         default_factory=dict,
-        description="Columns of equal length: `x`, `y`, `z` of the tool in the base; its rotation by `rx`, "
-        "`ry`, `rz` (rotation vector), `a`, `b`, `c` (about z, y', x'') or `q1` ... `q4`; optional joints "
-        "`j1` ... and loads `fx` ... `mz`.",
+        description="Columns of equal length. Position of the tool in the base: `x`, `y`, `z`. Rotation: "
+        "`rx`, `ry`, `rz` (rotation vector), `a`, `b`, `c` (about z, y', x'') or `q1` ... "
+        "`q4`. Optional columns: joints `j1` ... and loads `fx` ... `mz`.",
     )
     files: Annotated[list[ProgramFile], Field(max_length=1)] = Field(
         default_factory=list,
@@ -151,16 +150,17 @@ class CorrectionResult(FromRun):
     remarks: list[str]
     columns: dict[str, list[Any]] = Field(
         default_factory=dict,
-        description="`status` of each row; corrected pose and joints as sent (null unless `corrected`, "
-        "`no_load`, `capped` or `uncertain`); `dx`, `dy`, `dz`: deflection without a correction, axes of the "
-        "base, `readings` and `model_error`: half-widths of its length's interval; `residual`; "
-        "`joint_speed`; empty in a job.",
+        description="Columns of the answer; empty in a job. Corrected pose and joints are null unless "
+        "`status` is `corrected`, `no_load`, `capped` or `uncertain`. `dx`, `dy` and `dz` "
+        "are the deflection without a correction, along the axes of the base. `readings` and "
+        "`model_error` are half-widths of intervals of the deflection's length. Further "
+        "columns are `residual` and `joint_speed`.",
     )
     table: ProgramFile | None = Field(default=None, description="Rows of a job.")
 
 
 class CorrectionJob(Job):
-    """A stored correction of a table of poses. It never changes."""
+    """A stored correction of a table of poses."""
 
     collection: ClassVar[str] = "corrections"
 

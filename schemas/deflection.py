@@ -50,11 +50,11 @@ class LoadCase(Message):
         "units.length."
     )
     force: Vector3 = Field(
-        description="Force on the robot, along the axes of its base frame R0, in units.force."
+        description="Force on the robot along the axes of the base frame R0, in units.force."
     )
     moment: Vector3 | None = Field(
         default=None,
-        description="Moment on the robot about the load point, along the axes of its base frame R0, in "
+        description="Moment on the robot about the load point, along the axes of the base frame R0, in "
         "units.moment.",
     )
     load_point: Vector3 | None = Field(
@@ -88,8 +88,8 @@ class SagOptions(Message):
 
     absolute: StrictBool = Field(
         default=False,
-        description="True to predict deflections relative to a rigid arm, so that the sag by own weight is "
-        "included; needs a run with `weight`.",
+        description="True to include the sag by own weight, which requires a run with `weight`. "
+        "Deflections are then relative to a rigid arm.",
     )
 
 
@@ -132,16 +132,16 @@ class ModelErrorInterval(Message):
 
     displacement: Metres[Interval3]
     radius: Metres[float] = Field(
-        description="Radius of the ball that contains the true displacement at the requested confidence, "
-        "from postures that were held out from the fit."
+        description="Greatest distance between true and predicted displacement at the requested "
+        "confidence. The distance comes from postures omitted from the fit."
     )
     load_ratio: Dimensionless[float] = Field(
         description="Load divided by the greatest load of the campaign; above 1.01 the case is an "
         "extrapolation."
     )
     leverage_ratio: Dimensionless[float] = Field(
-        description="Standard uncertainty per load, divided by the greatest such value at the measured "
-        "places; above 1.01 the case is an extrapolation."
+        description="Standard uncertainty per load, divided by the greatest standard uncertainty per "
+        "load in the campaign. Above 1.01 the case is an extrapolation."
     )
 
 
@@ -150,19 +150,17 @@ class DirectionalStiffness(Message):
 
     direction: Dimensionless[Point] = Field(description="Unit vector, axes of R0.")
     lateral_free: LinearStiffness[float | None] = Field(
-        description="Stiffness 1 / (u' C_tt u), if motion across the direction u is free; null if infinite."
+        description="Stiffness if all other motion is free; null if infinite."
     )
     lateral_blocked: LinearStiffness[float | None] = Field(
-        description="Stiffness u' inv(C_tt) u, if motion across u is blocked; null if infinite. "
-        "C: compliance."
+        description="Stiffness if translations across the direction are blocked; null if infinite."
     )
     rotation_blocked: LinearStiffness[float | None] = Field(
-        description="Stiffness u' K_tt u, K = inv(C), if all motion except along u is blocked; "
-        "null if infinite."
+        description="Stiffness if all other motion is blocked; null if infinite."
     )
-    compliance: TranslationalCompliance[float] = Field(description="u' C_tt u.")
+    compliance: TranslationalCompliance[float] = Field(description="Compliance along the direction.")
     standard_uncertainty: TranslationalCompliance[float | None] = Field(
-        description="Standard uncertainty of that compliance, from the readings alone."
+        description="Standard uncertainty of the compliance, from the readings alone."
     )
 
 
@@ -175,12 +173,12 @@ class WorstDirection(Message):
         description="Standard uncertainty, from the noise of the readings alone."
     )
     direction_uncertainty: Radians[float | None] = Field(
-        description="Standard uncertainty of the angle of the direction, at most a quarter turn."
+        description="Standard uncertainty of the direction, as an angle of at most 90°."
     )
 
 
 class CartesianCompliance(Message):
-    """Response of the point to a small additional wrench at this point, in the loaded posture, axes of R0."""
+    """Response of a point to a small additional force and moment at the point, in the loaded posture."""
 
     translation_by_force: TranslationalCompliance[Square3]
     translation_by_moment: TranslationPerMoment[Square3]
@@ -199,8 +197,7 @@ class DeflectionBudget(Message):
     """Uncertainty budget of the length of a predicted displacement. The load of the case counts as exact."""
 
     contributions: Metres[dict[str, float]] = Field(
-        description="Contribution of each source to the standard uncertainty; the sources are those of the "
-        "run's `budget`."
+        description="Contribution of each source in the run's `budget` to the standard uncertainty."
     )
     included: list[str] = Field(description="Sources that `standard_uncertainty` combines.")
     standard_uncertainty: Metres[float]
@@ -235,8 +232,8 @@ class CaseResult(Message):
     compliance: CartesianCompliance | None
     budget: DeflectionBudget | None = Field(
         default=None,
-        description="Uncertainty budget of the length of the displacement, with an exact load; null without "
-        "a displacement, with elastic links or coupling, or if unknown.",
+        description="Uncertainty budget of the displacement's length for an exact load; null if unknown, "
+        "and with elastic links or coupling.",
     )
     remarks: list[str] = Field(
         description="Warnings of extrapolation, and reasons why a number or an interval is missing."
@@ -269,8 +266,8 @@ class MapOptions(AcceptingOptions, SagOptions):
     name: Name | None = None
     area: Metres[Box]
     grid: tuple[_Count, _Count, _Count] = Field(
-        description="Number of places along x, y and z, the faces of the box included; a single place is in "
-        "the middle of the box."
+        description="Number of places along x, y and z. The first and last place lie on the faces of the "
+        "box; a single place lies in the middle."
     )
     place: Metres[Vector3] = Field(
         description="Position of the tool in the flange frame; the robot moves this point to each place of "
@@ -290,9 +287,9 @@ class MapOptions(AcceptingOptions, SagOptions):
     )
     turns: Annotated[int, Field(strict=True, ge=1, le=360)] = Field(
         default=1,
-        description="Number of angles of the tool about its axis, evenly over a full turn. At the first "
-        "angle, the x axis of the flange points along x of the base frame R0 (or y if the tool points along "
-        "x).",
+        description="Number of rotation angles of the tool about its axis, spread evenly over 360°. At "
+        "the first angle, the flange's x axis points along x of the base frame. If the tool "
+        "points along x, y is used.",
     )
     force: Newtons[Vector3] = Field(description="Force of the process on the robot, along `axes`.")
     moment: Torque[Vector3 | None] = Field(
@@ -311,9 +308,9 @@ class MapOptions(AcceptingOptions, SagOptions):
     )
     near: Positions[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] | None] = Field(
         default=None,
-        description="Joint positions as the controller shows them: each place gets the posture nearest to "
-        "these positions. Default: each place gets its stiffest posture. Required with prismatic joints, "
-        "which keep their position.",
+        description="Joint positions as the controller shows them. At each place of the map, the posture "
+        "nearest to these positions is used. Default: the stiffest posture at each place. "
+        "Required with prismatic joints, which keep their position.",
     )
     confidence: Dimensionless[Confidence] = 0.95
 
@@ -356,8 +353,8 @@ class MapPlace(Message):
         description="Greatest compliance across the direction; null if `compliance_along` is null."
     )
     extrapolation: Dimensionless[float | None] = Field(
-        description="Ratio of load, or of uncertainty per load, to the greatest value of the campaign; "
-        "above 1.01 the place is an extrapolation; null without model error."
+        description="Load, or uncertainty per load, divided by the campaign's greatest value; null "
+        "without model error. Above 1.01 the place is an extrapolation."
     )
 
 
@@ -367,13 +364,14 @@ class MapResult(FromRun):
     places: int
     counts: dict[PlaceStatus, int] = Field(
         description="Number of places by status. `reached`: with values. `out_of_reach`: no posture "
-        "reaches it. `joint_limits`: all postures are beyond the limits. `unseen_joint`: the load twists a "
-        "joint that the readings do not determine. `overloaded`: the load halves a joint's stiffness, or "
-        "turns it by 0.25 rad. `not_followed`: too near a singularity to follow `near`."
+        "reaches the place. `joint_limits`: all postures are beyond the limits. "
+        "`unseen_joint`: the load twists a joint that the readings do not determine. "
+        "`overloaded`: the load halves a joint's stiffness, or turns a joint by 0.25 rad. "
+        "`not_followed`: too near a singularity to follow `near`."
     )
     percentiles: Metres[dict[str, float]] = Field(
-        description="Deflection that this percentage of the reached places does not exceed: `0`, `5`, `25`, "
-        "`50`, `75`, `95`, `100`."
+        description="Percentiles of the deflection over all reached places: `0`, `5`, `25`, `50`, `75`, "
+        "`95`, `100`."
     )
     worst: MapPlace | None = Field(
         description="Place with the largest deflection; null if no place is reached."
@@ -382,7 +380,7 @@ class MapResult(FromRun):
         description="Place with the smallest deflection; null if no place is reached."
     )
     extrapolated: int = Field(
-        description="Number of reached places with loads or postures beyond those of the campaign."
+        description="Number of reached places at which the prediction is an extrapolation."
     )
     model_error_postures: int = Field(
         description="Number of measured postures from which the bound of the model error was determined."
@@ -391,7 +389,7 @@ class MapResult(FromRun):
 
 
 class Map(Job):
-    """A stored map. Once finished, it never changes."""
+    """A stored map."""
 
     collection: ClassVar[str] = "maps"
 

@@ -208,7 +208,8 @@ class ResourceChange(Message):
     name: Name | None = Field(default=None, description="New name; null: unchanged.")
     deleted: StrictBool | None = Field(
         default=None,
-        description="True to delete the resource; false to restore it within 30 days.",
+        description="True deletes the resource; false restores a resource that was deleted within the "
+        "last 30 days.",
     )
 
 
@@ -240,7 +241,7 @@ def _list_adapter(kind: type[Item]) -> TypeAdapter[list[Item]]:
 
 @dataclass(frozen=True)
 class Terminal:
-    """Form of a field on the command line, if its name and type do not determine it."""
+    """Form of a field on the command line, if name and type of the field do not determine the form."""
 
     option: str = ""  # name, such as `--prior`; if empty, made from the name of the field
     metavar: str = ""  # form of the value in the help

@@ -27,7 +27,7 @@ class ProblemItem(Message):
 
 
 class Problem(Message):
-    """Problem details: the fault, its place and its remedy."""
+    """Problem details with the fault, the place of the fault and the remedy."""
 
     type: str = Field(
         description="Identifier of the kind of problem.",
@@ -35,7 +35,7 @@ class Problem(Message):
     )
     title: str = Field(description="Title of the kind of problem.")
     status: int = Field(description="HTTP status code.")
-    detail: str = Field(description="Description of this problem in one sentence.")
+    detail: str = Field(description="Description of the problem in one sentence.")
     where: str | None = Field(
         default=None, description="Path of the field with the fault; null if no single field has the fault."
     )
@@ -44,7 +44,7 @@ class Problem(Message):
         default=None, description="Identifier of the request, as in `X-Request-Id` and in the service's log."
     )
     errors: list[ProblemItem] = Field(
-        default_factory=list, description="First twenty faults of the request, each with its field."
+        default_factory=list, description="First twenty faults of the request, each with the faulty field."
     )
 
 
@@ -72,7 +72,10 @@ Unit = Literal["m", "mm", "deg", "rad", "N", "kN", "kgf", "lbf"]
 
 
 class NamedCause(Message):
-    """Cause other than the joints that moved the targets, such as a wrong load point or play in gears."""
+    """Cause, other than the stiffness of joints, that moved the targets.
+
+    Examples are a wrong load point and play in gears.
+    """
 
     name: Name = Field(
         description="`load_point`, `constant_force` (axes of R0), `load_zero` (a force along the flange's "
@@ -83,7 +86,8 @@ class NamedCause(Message):
     )
     first: Name | None = Field(
         default=None,
-        description="Label of the first observation that the mistake affects; null if it affects all.",
+        description="Label of the first observation that the mistake affects; null if all observations "
+        "are affected.",
     )
 
     @property
@@ -93,7 +97,7 @@ class NamedCause(Message):
 
 
 class AdvisedAction(Message):
-    """Action that a program can offer; it changes only the named options or readings."""
+    """Action that a program can offer. The action changes only the named options or readings."""
 
     kind: ActionKind = Field(
         description="`fit_causes`: identify with `causes` as further unknowns, without `observations`. "
@@ -299,7 +303,7 @@ ROOT_MISTAKES: Final[frozenset[FindingCode]] = frozenset(
 
 
 class Finding(Message):
-    """Something suspicious about readings or a result; no data are refused or changed because of it."""
+    """Suspicious fact about readings or a result. No data are refused or changed because of a finding."""
 
     code: FindingCode = Field(description="Kind of the finding.")
     weight: Verdict = Field(
@@ -329,7 +333,7 @@ class Finding(Message):
 
 
 class Assessment(Message):
-    """Assessment of a result: its verdict with the reasons."""
+    """Assessment of a result by a verdict and the reasons for the verdict."""
 
     verdict: Verdict = Field(description="Worst verdict that a reason allows; `use` if there are no reasons.")
     reasons: list[Finding] = Field(
@@ -337,8 +341,8 @@ class Assessment(Message):
     )
     joints_identified: int | None = Field(
         default=None,
-        description="Number of joints whose stiffness has an upper limit; for several fits, the least of "
-        "their numbers; null for geometries.",
+        description="Least number of joints, over all fits, whose stiffness has an upper limit; null for "
+        "geometries.",
     )
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     headline: str | None = Field(
@@ -348,7 +352,7 @@ class Assessment(Message):
     )
     notes: list[str] = Field(
         default_factory=list,
-        description="Checks that these readings do not allow, and assumptions that were made instead.",
+        description="Checks that the readings do not allow, and assumptions made in place of the checks.",
     )
 
 
@@ -359,7 +363,7 @@ class AcceptingOptions(Message):
         Literal["do_not_use"] | None, Terminal("--despite-verdict", flag="do_not_use")
     ] = Field(
         default=None,
-        description="Confirmation: `do_not_use` accepts a run even if its verdict is *do not use*.",
+        description="`do_not_use` confirms the use of a run with the verdict *do not use*.",
     )
 
 
@@ -372,13 +376,13 @@ class ResultSummary(Message):
     )
     compensation: Dimensionless[float | None] = Field(
         default=None,
-        description="Fraction of the mean deflection that the model predicts; for a comparison, the "
-        "greatest fraction of its runs or the smaller fraction of its two sides.",
+        description="Fraction of the mean deflection that the model predicts. A comparison has the "
+        "greatest fraction of its runs, or the smaller of two sets.",
     )
     joints_identified: int | None = Field(
         default=None,
-        description="Number of joints whose stiffness has an upper limit; for a comparison, the greatest "
-        "number of its runs or the least number of its two sides; null for geometries.",
+        description="Number of joints whose stiffness has an upper limit; null for geometries. A "
+        "comparison has the greatest number of its runs, or the smaller of two sets.",
     )
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     warning_count: int | None = Field(

@@ -30,8 +30,8 @@ class FleetRequest(FleetOptions):
 
     measurement_set_ids: Annotated[list[Identifier], Field(min_length=1, max_length=MAX_SETS)] | None = Field(
         default=None,
-        description="Measurement sets to identify. Null or absent: the last measured set with loads of each "
-        "robot; the job then states the ids of these sets.",
+        description="Measurement sets to identify. Null or absent: the last measured set with loads of "
+        "each robot. The job states the ids of the chosen sets.",
     )
 
     @field_validator("measurement_set_ids", mode="after")
@@ -75,7 +75,7 @@ class FleetResult(Message):
 
 
 class Fleet(Job):
-    """A stored fleet. Once finished, it never changes."""
+    """A stored fleet."""
 
     collection: ClassVar[str] = "fleets"
 

@@ -36,9 +36,9 @@ MAX_READINGS_OF_POSTURE = 2 * MAX_JOINTS
 
 
 class GearboxUnits(Message):
-    """Units of the numbers of a weight step; masses are in kg."""
+    """Units of all numbers except masses, which are in kg."""
 
-    length: LengthUnit = Field(description="Unit of the load's place.")
+    length: LengthUnit = Field(description="Unit of the position of the load.")
     angle: AngleUnit = Field(description="Unit of joint angles, of encoder angles and of `encoder_sigma`.")
 
 
@@ -51,13 +51,13 @@ class HungLoad(Message):
     mass_uncertainty: Kilograms[Annotated[float, Field(strict=True, ge=0.0, le=GREATEST_MASS)] | None] = (
         Field(
             default=None,
-            description="Standard uncertainty of the mass in kg; if absent, 1 % is assumed, and the verdict "
-            "is at best `use_with_care`.",
+            description="Standard uncertainty of the mass in kg. If absent, 1 % is assumed, and the best "
+            "possible verdict is `use_with_care`.",
         )
     )
     point: Vector3 = Field(
-        description="Centre of mass of the load in the flange frame, in units.length; for a load on a hook, "
-        "the position of the hook."
+        description="Centre of mass of the load in the flange frame, in units.length. For a load on a "
+        "hook, state the position of the hook."
     )
     point_uncertainty: Annotated[float, Field(strict=True, ge=0.0, le=1e4)] | None = Field(
         default=None,
@@ -67,7 +67,7 @@ class HungLoad(Message):
 
 
 class EncoderAngles(Message):
-    """Angles of both encoders of a joint at rest."""
+    """Angles of the motor encoder and the link encoder of one joint at rest."""
 
     motor: Quantity = Field(
         description="Angle of the motor's encoder divided by the gear ratio, in units.angle; a constant "
@@ -79,15 +79,15 @@ class EncoderAngles(Message):
 
 
 class TwistReading(Message):
-    """Angles of both encoders of one joint, without and with the load, in one posture."""
+    """Angles of both encoders of one joint in one posture, without and with the load."""
 
     joint: Name = Field(description="Name of the robot's joint.", examples=["joint_2"])
     unloaded: EncoderAngles
     loaded: EncoderAngles
     approach: Literal["+", "-"] | None = Field(
         default=None,
-        description="Direction in which the joint turned last, the same with and without the load; absent "
-        "if unknown.",
+        description="Direction of the joint's last turn before the readings without and with the load; "
+        "absent if unknown.",
     )
 
 
@@ -104,12 +104,13 @@ class StepPosture(Message):
         description="Joint positions as the controller shows them, in units.angle or units.length."
     )
     encoder_readings: _TwistReadings = Field(
-        description="Readings of both encoders, at most one per joint and approach."
+        description="Readings of the two encoders of a joint, at most one per joint and direction of "
+        "approach."
     )
 
 
 class StepReadings(Message):
-    """Readings of a weight step in a table, without its load."""
+    """Table of encoder readings without and with a weight; the table does not state the weight."""
 
     units: GearboxUnits
     observations: list[StepPosture]
@@ -129,7 +130,7 @@ def parse_load(text: str) -> dict[str, Any]:
 
 
 class GearboxRequest(Message):
-    """Angles of two encoders of one robot: of a weight step at rest, or of a motion."""
+    """Angles of two encoders per joint, read at rest without and with a weight, or logged during a motion."""
 
     name: Name = Field(default="gearboxes", examples=["LBR cell 2, 10 kg"])
     units: GearboxUnits
@@ -137,10 +138,10 @@ class GearboxRequest(Message):
         default=None, description="Id of a stored robot; omit this field if `robot` is given."
     )
     robot: RobotDocument | None = Field(
-        default=None, description="Robot document that the service does not store, in place of `robot_id`."
+        default=None, description="Description of a robot that is not stored, instead of `robot_id`."
     )
     load: Annotated[HungLoad | None, Terminal("--load", "KG[±KG],X,Y,Z", parse_load)] = Field(
-        default=None, description="Load of the weight step."
+        default=None, description="Load of the readings at rest."
     )
     gravity: Vector3 = Field(
         default=(0.0, 0.0, -9.80665),
@@ -148,17 +149,16 @@ class GearboxRequest(Message):
     )
     encoder_sigma: Annotated[float, Field(strict=True, ge=0.0, le=10.0)] | None = Field(
         default=None,
-        description="Standard uncertainty of an encoder's angle, in units.angle. The noise of a step is "
-        "estimated from the residuals, and is at least twice this value.",
+        description="Standard uncertainty of an encoder's angle, in units.angle. The estimated noise of "
+        "a step is at least twice the stated value.",
     )
     observations: Annotated[list[StepPosture], Field(max_length=MAX_POSTURES), FailFast()] = Field(
         default_factory=list,
-        description="Postures of the weight step, each read without and with the load; 12 postures are "
-        "good practice.",
+        description="Postures, each read without and with the load; 12 postures are good practice.",
     )
     motion: Motion | None = Field(
         default=None,
-        description="Logs of a motion, in place of `load` and `observations`: the masses of the arm then "
+        description="Logs of a motion, in place of `load` and `observations`. The masses of the arm then "
         "check the stiffness of a gearbox within a factor of 1.5.",
     )
 
@@ -183,7 +183,7 @@ class GearboxRequest(Message):
         if self.motion is None and not has_step:
             raise ValueError("give `load` and `observations` of a weight step, or give `motion` with logs")
         if self.motion is not None and has_part:
-            raise ValueError("give either `motion`, or `load` and `observations` of a weight step")
+            raise ValueError("give either `motion`, or `load` with `observations` at rest")
         return self
 
     @model_validator(mode="after")
@@ -218,7 +218,7 @@ class GearboxStiffness(Message):
         description="Stiffness of the gearbox; null if unknown, with the reason in `reason`."
     )
     stiffness_interval: Stiffness[tuple[float, float | None] | None] = Field(
-        description="95 % interval of the stiffness; its upper end is null if the gearbox may be rigid."
+        description="95 % interval of the stiffness; the upper end is null if the gearbox may be rigid."
     )
     half_width: Dimensionless[float | None] = Field(
         description="Half of the interval's width, relative to the stiffness; null if the interval has no "
@@ -235,11 +235,11 @@ class GearboxStiffness(Message):
         description="Change of the gearbox's twist that no torque explains, such as a drift of an encoder."
     )
     lost_motion: Radians[float | None] = Field(
-        description="Twist after an approach from the positive side less twist after an approach from the "
-        "negative side, mean over the postures; null unless both sides were measured."
+        description="Mean difference of the twist between approaches from the positive and the negative "
+        "side; null unless both approaches were measured."
     )
     lost_motion_interval: Radians[Interval | None] = Field(
-        description="95 % interval of the mean twist between both approaches."
+        description="95 % interval of the mean difference of the twist between the two approaches."
     )
     noise: Radians[float | None] = Field(
         description="Standard deviation of the step of the twist in a single posture."
@@ -247,10 +247,10 @@ class GearboxStiffness(Message):
     degrees_of_freedom: int = Field(
         description="Number of postures less number of unknowns; for logs, number of independent samples."
     )
-    postures: int = Field(description="Number of postures in which this joint was read; 0 for logs.")
+    postures: int = Field(description="Number of postures in which the joint was read; 0 for logs.")
     delay: Seconds[float | None] = Field(
         default=None,
-        description="Delay of the readings of the link encoder in the logs; null for a weight step.",
+        description="Delay of the link encoder's readings in the logs; null without logs.",
     )
 
 
@@ -259,7 +259,7 @@ class StepResidual(Message):
 
     label: Name
     joint: Name
-    torque: Torque[float] = Field(description="Torque about the joint with which the motor carries the load.")
+    torque: Torque[float] = Field(description="Torque of the motor that carries the load about the joint.")
     step: Radians[float] = Field(
         description="Twist of the gearbox with the load less twist without the load; mean over the "
         "approaches."
@@ -281,7 +281,7 @@ class LogEstimate(Message):
 
 
 class GearboxResult(Result):
-    """Stiffness of gearboxes. It says nothing about structure behind the encoders."""
+    """Stiffness of gearboxes. The result says nothing about the structure behind the encoders."""
 
     assessment: Assessment
     gearboxes: list[GearboxStiffness]
@@ -290,8 +290,8 @@ class GearboxResult(Result):
         description="Standard uncertainty of the mass, as used in the fit; null for logs."
     )
     point_uncertainty: Metres[float | None] = Field(
-        description="Standard uncertainty of each coordinate of the place of the load, as used in the fit; "
-        "null for logs."
+        description="Standard uncertainty of each coordinate of the load's position in the fit; null for "
+        "logs."
     )
     residuals: list[StepResidual]
     by_log: list[LogEstimate] = Field(
@@ -309,7 +309,7 @@ class GearboxResult(Result):
 
 
 class Gearbox(Job):
-    """A stored identification of gearboxes. It never changes."""
+    """A stored identification of gearboxes."""
 
     collection: ClassVar[str] = "gearboxes"
 

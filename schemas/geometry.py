@@ -42,12 +42,12 @@ class IdentifiedAxis(Message):
         description="Unit vector along the axis; positive rotation by the right-hand rule."
     )
     position_uncertainty: Metres[float | None] = Field(
-        description="Largest standard uncertainty of the axis across its direction at `point`, without the "
-        "uncertainty of the base frame R0; null if not determined."
+        description="Largest standard uncertainty of the axis position at `point`; null if not "
+        "determined. The uncertainty of the base frame R0 is not included."
     )
     direction_uncertainty: Radians[float | None] = Field(
-        description="Largest standard uncertainty of the direction, without the uncertainty of the base "
-        "frame R0; null if not determined."
+        description="Largest standard uncertainty of the axis direction, without the uncertainty of the "
+        "base frame R0; null if not determined."
     )
 
 
@@ -59,8 +59,8 @@ class SweepEvidence(Message):
     positions: int
     arc: Radians[float] = Field(description="Arc covered by the readings.")
     radial_rms: Metres[dict[Name, float | None]] = Field(
-        description="Root mean square of the radial residuals of each target; null for a target without a "
-        "reading. For a sweep that turns two axes: residuals across the axis."
+        description="Root mean square of the radial residuals of each target; null for a target without "
+        "a reading. A sweep that turns two axes has residuals across the axis instead."
     )
     axial_rms: Metres[dict[Name, float | None]] = Field(
         description="Root mean square of the residuals of each target along the axis."
@@ -70,11 +70,11 @@ class SweepEvidence(Message):
         "after the joint map."
     )
     angle_deviation: Radians[float | None] = Field(
-        description="Root mean square difference between measured angles and the angles of the controller; "
-        "null if the fit uses the angles of the controller."
+        description="Root mean square difference between measured and controller angles; null if the fit "
+        "uses the controller's angles."
     )
     variance_factor: float = Field(
-        description="χ² of this sweep per degree of freedom: 1 on average if sigma is right."
+        description="Chi-square of the sweep per degree of freedom, about 1 if sigma is right."
     )
 
 
@@ -89,13 +89,13 @@ class PoseEvidence(Message):
         description="Number of independent combinations of unknowns that the poses determine."
     )
     only_together: list[list[str]] = Field(
-        description="Unknowns of each combination that the poses do not determine, so that the combination "
-        "keeps its nominal value."
+        description="Unknowns in each combination that the poses do not determine. The combination keeps "
+        "the nominal value."
     )
     rms_residual: Metres[float] = Field(description="Root mean square of the residuals of the coordinates.")
     held_out_rms: Metres[float | None] = Field(
-        description="Root mean square error of a coordinate of held-out poses (five-fold cross-validation); "
-        "null if the other poses do not determine the geometry."
+        description="Root mean square error of a coordinate of poses omitted from the fit; null if the "
+        "other poses do not determine the geometry."
     )
 
 
@@ -104,8 +104,8 @@ class WristCentre(Message):
 
     way: Literal["sphere", "axes", "trilateration", "combined"]
     weight: Dimensionless[float] = Field(
-        description="Weight of this estimate in the combined centre, mean over three coordinates; 1 for "
-        "`combined`."
+        description="Weight of the estimate in the combined centre, averaged over three coordinates; 1 "
+        "for `combined`."
     )
     tracker: Metres[Point]
     tracker_covariance: SquareMetres[Square3]
@@ -122,7 +122,7 @@ class WristDistance(Message):
     second: Literal["sphere", "axes", "trilateration"]
     distance: Metres[float]
     probability: float = Field(
-        description="p-value of the hypothesis that both estimates have the same wrist centre."
+        description="p-value of the hypothesis that two estimates of the wrist centre are equal."
     )
 
 
@@ -148,8 +148,7 @@ class WristResult(Message):
 
     estimates: list[WristCentre]
     combined: WristCentre = Field(
-        description="Weighted mean of the estimates of the centre; the weights are their information "
-        "matrices."
+        description="Mean of the estimates of the centre, weighted by their information matrices."
     )
     distances: list[WristDistance]
     targets: list[WristTarget] = Field(
@@ -158,7 +157,7 @@ class WristResult(Message):
         "wrist joints were swept.",
     )
     posture: Radians[list[float]] = Field(
-        description="Model angles of the joints for which the centre is stated."
+        description="Angles of the model's joints for which the wrist centre is stated."
     )
     miss_distance: Metres[float] = Field(
         description="Largest distance of one of the last three axes from the point nearest to all three."
@@ -179,7 +178,7 @@ class FlangeTarget(Message):
     name: Name
     position: Metres[Point]
     covariance: SquareMetres[Square3 | None] = Field(
-        description="Covariance of the position; null if it is not determined."
+        description="Covariance of the position; null if not determined."
     )
 
 
@@ -198,17 +197,20 @@ class LinkComparison(Message):
     identified: StatedUnit[float]
     difference: StatedUnit[float] = Field(description="Identified minus nominal value.")
     standard_uncertainty: StatedUnit[float | None] = Field(
-        description="Standard uncertainty of the identified value; null if it is not determined."
+        description="Standard uncertainty of the identified value; null if not determined."
     )
 
 
 class IdentifiedDh(Message):
-    """The identified model as a table: ``flange to R0 = base · T1 … Tn · tool``."""
+    """The identified model as a table.
+
+    The transform from flange to R0 is the product ``base · T1 … Tn · tool``.
+    """
 
     convention: Literal["standard", "modified"]
     rows: list[DhRow]
     base: Rigid = Field(description="Transform from frame 0 of the table to the robot's base frame R0.")
-    tool: Rigid = Field(description="Transform from the flange frame to frame n of the table.")
+    tool: Rigid = Field(description="Transform from the flange frame to the last frame of the table.")
     deviation: Metres[float] = Field(
         description="Largest distance between the flange by the table and the flange by the identified "
         "model, over 200 random postures."
@@ -243,33 +245,34 @@ class GeometryResult(Result):
         description="Fit of each sweep; empty if the geometry is identified from poses."
     )
     fit: Literal["one_by_one", "together"] | None = Field(
-        description="Fit from which the axes were taken; `one_by_one` if the sweeps disagree (finding "
-        "`sweeps_disagree`); null for poses."
+        description="Fit from which the axes were taken; null for poses. The value is `one_by_one` if "
+        "the sweeps disagree (finding `sweeps_disagree`)."
     )
     poses: PoseEvidence | None = Field(description="Result of the calibration from poses; null for sweeps.")
     sigma: Metres[float] = Field(
-        description="Standard uncertainty of a coordinate of a reading, from which all other uncertainties "
-        "follow; for an instrument, the root mean square over the readings."
+        description="Standard uncertainty of one coordinate of a reading, the basis of all other "
+        "uncertainties. For an instrument, the value is the root mean square over the "
+        "readings."
     )
     sigma_source: Literal["stated", "residuals"]
     degrees_of_freedom: int
     variance_factor: float = Field(
-        description="χ² per degree of freedom: 1 on average if the stated sigma is right; exactly 1 if "
-        "sigma is estimated."
+        description="Chi-square per degree of freedom, about 1 if the stated sigma is right; exactly 1 "
+        "if sigma is estimated."
     )
     agreement_probability: float | None = Field(
         description="p-value of the hypothesis that one model explains all sweeps. If the value is small, "
         "fit the sweeps one by one."
     )
     controller_probability: float | None = Field(
-        description="p-value of the hypothesis that the controller's angles are exact. If the value is not "
-        "small, use `angles` = `controller`."
+        description="p-value of the hypothesis that the controller's angles are exact. Set `angles` to "
+        "`controller` unless the value is small."
     )
     base: Literal["nominal", "axes"] = Field(description="Definition of R0.")
     transform_tracker_to_base: Rigid
     transform_covariance: MixedSquares[Square6 | None] = Field(
-        description="Covariance of a small motion of the frame, displacement δ and rotation φ in the base "
-        "frame R0: ``y = (1 + [φ]×)(R x + t) + δ``; null if not determined."
+        description="Covariance of a small displacement and then rotation of the frame, in the base "
+        "frame R0; null if not determined."
     )
     wrist: WristResult | None = Field(
         description="Wrist centre; null if unknown, with the reason in `no_wrist`."
@@ -283,7 +286,8 @@ class GeometryResult(Result):
     robot: RobotDocument = Field(description="Identified model as a robot document, ready to be posted.")
     dh: list[IdentifiedDh]
     drift: Drift | None = Field(
-        description="Drift of the base targets; null unless the base targets were read before and after."
+        description="Change of the base targets' positions during the measurement; null unless base "
+        "targets were read at start and end."
     )
     findings: list[Finding]
 
@@ -361,7 +365,7 @@ _Poses = Annotated[
 
 
 class GeometryRequest(Message):
-    """Sweeps or unloaded poses of one robot, read by a tracker at any place."""
+    """Sweeps or unloaded poses of one robot, read by a tracker."""
 
     name: Name = Field(default="geometry", examples=["KR 240 cell 3, sweeps"])
     units: GeometryUnits
@@ -393,8 +397,8 @@ class GeometryRequest(Message):
     )
     fit: Literal["one_by_one", "together"] = Field(
         default="together",
-        description="Way to fit the sweeps: one by one, which uses only the angle of the moving joint; or "
-        "all together, which uses the controller's angles of all joints.",
+        description="Way to fit the sweeps. A fit one by one uses only the angle of the moving joint; a "
+        "fit of all together uses the controller's angles of all joints.",
     )
     angles: Literal["free", "controller"] = Field(
         default="free",
@@ -409,8 +413,8 @@ class GeometryRequest(Message):
     )
     base_height: Quantity = Field(
         default=0.0,
-        description="Height of the common perpendicular of axes 1 and 2 above the origin of the base frame "
-        "R0, in units.length, if `base` is `axes`.",
+        description="Height above the origin of R0 of the common perpendicular of axes 1 and 2, in "
+        "units.length, if `base` is `axes`.",
     )
     flange: Literal["nominal", "axes", "targets"] | None = Field(
         default=None,
@@ -420,8 +424,8 @@ class GeometryRequest(Message):
     )
     flange_targets: tuple[Name, Name, Name] | None = Field(
         default=None,
-        description="Names of three targets that define the flange frame if `flange` is `targets`: origin "
-        "at the first target, x towards the second, y towards the third.",
+        description="Names of three targets that define the flange frame if `flange` is `targets`. The "
+        "origin is the first target; x points to the second and y towards the third.",
     )
     base_targets_before: BasePositions | None = Field(
         default=None,
@@ -497,7 +501,7 @@ class GeometryRequest(Message):
 
 
 class Geometry(Job):
-    """A stored geometry. It never changes."""
+    """A stored geometry."""
 
     collection: ClassVar[str] = "geometries"
 

@@ -119,7 +119,7 @@ class ImportOptions(Message):
     )
     load_point_target: Name | None = Field(
         default=None,
-        description="Name of the target at the hook; its reading without load gives the load point.",
+        description="Name of the target at the hook, whose reading without load gives the load point.",
     )
     mean_of_repeats: StrictBool = Field(
         default=False, description="True to use the mean of repeated readings of a point."
@@ -132,12 +132,12 @@ class ImportOptions(Message):
 
 
 class ColumnMeaning(Message):
-    """One column and its meaning."""
+    """One column with the meaning of the column."""
 
     column: int = Field(description="Number of the column, from 1.")
     header: str = Field(description="Header as written in the file; empty if the column has no header.")
     meaning: str = Field(
-        description="Meaning of the column, in the words that `columns` accepts; `unknown` if it is not "
+        description="Meaning of the column, in the words that `columns` accepts; `unknown` if not "
         "understood.",
         examples=["P10 unloaded x", "joint 1", "ignored"],
     )
@@ -197,13 +197,13 @@ class ImportFault(Message):
     )
     words: list[str] = Field(
         default_factory=list,
-        description="Words in the files that this option concerns.",
+        description="Words in the files that the option concerns.",
         examples=[["pre", "post"]],
     )
 
 
 class ImportPreview(Message):
-    """Preview of all files together, before anything is stored; complete once nothing is unclear."""
+    """Preview of all files before storage; complete if nothing is unclear."""
 
     files: list[FilePreview] = Field(description="Files in the order in which they were sent.")
     observation_count: int = Field(default=0, description="Number of different labels of observations.")
@@ -241,7 +241,7 @@ class ImportRequest(ImportOptions):
     )
     encoders: Literal["motor", "secondary"] | None = Field(
         default=None,
-        description="Encoders with which the controller closes the position loop; this field must be stated.",
+        description="Encoders with which the controller closes the position loop; mandatory.",
     )
     noise: Noise | None = Field(
         default=None, description="Noise of the readings, with the fields of a measurement set."
@@ -262,8 +262,8 @@ class ImportRequest(ImportOptions):
     )
     accept_unusual: StrictBool = Field(
         default=False,
-        description="True to accept values over 100 standard deviations from the median of their column, "
-        "and a load point over 5 m from the flange.",
+        description="True to accept values over 100 standard deviations from their column's median, and "
+        "load points over 5 m from the flange.",
     )
     force: Vector3 | None = Field(
         default=None,
@@ -318,13 +318,12 @@ class ImportAnswer(ImportPreview):
     )
     bodies: list[Body] = Field(
         default_factory=list,
-        description="Bodies of the robot with their masses, read from a table of masses; empty without such "
-        "a table.",
+        description="Bodies of the robot with their masses, from a table of masses; empty without a table.",
     )
     geometry: GeometryRequest | None = Field(
         default=None,
-        description="Poses without load, to be posted to /v1/geometries with `robot_id`, if the files have "
-        "only joint angles and unloaded positions.",
+        description="Poses without load to post to /v1/geometries with `robot_id`, from files with only "
+        "joint angles and unloaded positions.",
     )
     weight_step: StepReadings | None = Field(
         default=None,

@@ -40,7 +40,7 @@ class Progress(Message):
 
 
 class Result(Message):
-    """Result with the assessment of its readings, or of the run that gave its model."""
+    """Result with an assessment of the readings, or of the run that gave the model."""
 
     assessment: Assessment | None
     joint_kinds: dict[Name, JointKind] = Field(
@@ -61,14 +61,14 @@ class FromRun(Result):
 
 
 class Job(Message):
-    """A request with its state, result and provenance. It never changes after its end."""
+    """A request with its state, result and provenance. A job never changes after the end."""
 
     collection: ClassVar[str]  # name of all jobs of this kind, where they are posted
 
     id: Identifier
     kind: str
     state: JobState = Field(
-        description="State of the job. Until the job ends, poll its address or follow its events."
+        description="State of the job. Until the job ends, poll the job's address or follow the job's events."
     )
     progress: Progress | None = Field(default=None, description="Null if computed at once.")
     request: Message
@@ -90,7 +90,7 @@ class Job(Message):
 
 
 class JobSummary(ResultSummary):
-    """A job in a listing. Fields that its kind does not have are null or empty."""
+    """A job in a listing. Fields that the kind of job does not have are null or empty."""
 
     id: Identifier
     kind: str = Field(description="Kind of the job, such as `run`.", examples=["run"])
@@ -134,8 +134,8 @@ class JobSummary(ResultSummary):
     )
     outputs: list[str] = Field(
         default_factory=list,
-        description="SHA-256 of each corrected file of a program; such a file is refused as input, because "
-        "it would be corrected twice.",
+        description="SHA-256 of each corrected file of a program. A corrected file is refused as input, "
+        "because a second correction would be wrong.",
     )
 
 
@@ -154,5 +154,5 @@ class JobChange(Message):
     )
     deleted: StrictBool | None = Field(
         default=None,
-        description="True to delete the job; false to restore it within 30 days.",
+        description="True deletes the job; false restores a job that was deleted within the last 30 days.",
     )

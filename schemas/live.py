@@ -48,11 +48,11 @@ class LiveReading(Message):
     state: Literal["counts", "doubtful", "withdrawn"]
     reason: str | None = Field(default=None, description="Reason why the reading was withdrawn.")
     p_value: Dimensionless[float | None] = Field(
-        description="Probability that a good reading deviates at least as far from the prediction by the "
-        "other readings; null without a prediction."
+        description="Probability that a good reading deviates as much from the prediction by other "
+        "readings; null without a prediction."
     )
     distance: Metres[float | None] = Field(
-        description="Greatest distance of a target from its predicted position."
+        description="Greatest distance between the measured and predicted position of a target."
     )
     doubtful: StrictBool = Field(
         description="True if the reading should be repeated while the load still acts."
@@ -60,11 +60,11 @@ class LiveReading(Message):
     causes: list[str] = Field(
         description="Possible causes of the doubt in words; the likeliest cause is first."
     )
-    message: str | None = Field(description="Comparison of this reading with the other readings, in words.")
+    message: str | None = Field(description="Comparison of the reading with the other readings, in words.")
     ball_ratio: Dimensionless[float | None] = Field(
         default=None,
-        description="Distance from the prediction, divided by the radius that contains 90 % of good "
-        "readings; null if the reading is not held out.",
+        description="Distance from the prediction, divided by the radius for 90 % of good readings; null "
+        "if the reading is part of the fit.",
     )
 
 
@@ -87,12 +87,13 @@ class LiveJoint(Message):
         "assumed errors of load point and force.",
     )
     reason: str | None = Field(
-        default=None, description="Reason why the campaign will not determine this joint."
+        default=None, description="Reason why the campaign will not determine the joint."
     )
     prior: Literal["waits", "counts", "deviates"] | None = Field(
         default=None,
-        description="State of the joint's prior: `waits` until readings determine the joint as well, "
-        "`counts`, or `deviates` and is ignored. Null without a prior.",
+        description="State of the joint's prior. `waits`: readings do not determine the joint yet. "
+        "`counts`: the prior is used. `deviates`: the prior contradicts the readings and is "
+        "ignored. Null without a prior.",
     )
 
 
@@ -103,8 +104,9 @@ class LiveState(Message):
         description="Number of entries in the record of the campaign; every change adds an entry."
     )
     state: Literal["measuring", "reached", "cannot", "closed"] = Field(
-        description="State of the goal. `reached`: the goal is met, and a held-out reading agrees with its "
-        "prediction. `cannot`: the goal will not be met; see `message`. `closed`: the campaign has ended."
+        description="State of the goal. `reached`: the goal is met, and a reading omitted from the fit "
+        "agrees with the prediction. `cannot`: the goal will not be met; see `message`. "
+        "`closed`: the campaign has ended."
     )
     message: str = Field(description="State in words.")
     goal: str = Field(description="Declared goal in words.")
@@ -158,7 +160,10 @@ class MeasurementSetPost(MeasurementSetRequest):
 
 
 class MeasurementSet(StoredMeasurementSet, MeasurementSetDocument):
-    """A stored measurement set with its findings; one that is measured live has `open` and `live`."""
+    """A stored measurement set with the findings of its checks.
+
+    A set that is still measured has `open` and `live`.
+    """
 
     observations: list[Observation] = Field(
         description="Observations of the set; for an open set, the observations that count so far."

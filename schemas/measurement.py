@@ -64,7 +64,7 @@ class _Uncertain(Message):
 
 
 class Uncertainty(_Uncertain):
-    """Standard uncertainty ``constant + per_distance · d`` at the distance d from the instrument."""
+    """Standard uncertainty: `constant` plus `per_distance` times the distance to the instrument."""
 
     constant: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(
         description="Constant part of the uncertainty, in the set's unit of length.", examples=[1e-5]
@@ -78,13 +78,13 @@ class Uncertainty(_Uncertain):
 class Instrument(Message):
     """A laser tracker, with different uncertainties along and across its line of sight.
 
-    Standard uncertainties (coverage factor 1). Sheets often state a maximum permissible error; divide it as
-    the sheet states, or by 2 otherwise.
+    Standard uncertainties (coverage factor 1). Divide a maximum permissible error by the divisor in the
+    data sheet, or by 2 without such a divisor.
     """
 
     station: Vector3 = Field(
-        description="Position of the tracker in the frame of the positions, in units.length; [0, 0, 0] if "
-        "the positions are in the tracker's own frame."
+        description="Position of the tracker in the frame of the positions, in units.length. In the "
+        "tracker's own frame, state zeros."
     )
     range: Uncertainty = Field(description="Standard uncertainty along the line of sight.")
     transverse: Uncertainty = Field(
@@ -95,28 +95,28 @@ class Instrument(Message):
 class ForceUncertainty(_Uncertain):
     """Standard uncertainties of the load, each common to all observations of the set.
 
-    More readings do not average these errors out. Coverage factor 1: a load cell of class 0.5 has a `scale`
-    of about 0.005 / √3.
+    More readings do not average these errors out. A load cell of class 0.5 has a `scale` of about 0.003
+    (coverage factor 1).
     """
 
     scale: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] | None = Field(
         default=None,
-        description="Relative standard uncertainty of the scale of all forces and moments, and therefore of "
-        "all stiffnesses; 0.01 if absent.",
+        description="Relative standard uncertainty of the scale of all forces and moments, and therefore "
+        "of all stiffnesses; 0.01 if absent.",
         examples=[0.005],
     )
     direction: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
         default=0.0,
-        description="Standard uncertainty of a common rotation of all forces and moments about each axis of "
-        "the base frame R0, in rad.",
+        description="Standard uncertainty of a common rotation of all forces and moments about each axis "
+        "of R0, in rad.",
         examples=[0.002],
     )
 
 
 class AxisUncertainty(_Uncertain):
-    """Standard uncertainties of the joint axes in the robot's model, one error an axis for all observations.
+    """Standard uncertainties of the joint axes in the robot's model.
 
-    A geometry states them for each axis; give the typical or the greatest.
+    Each axis has one error in all observations. Give the typical or the greatest uncertainty of the axes.
     """
 
     position: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(
@@ -146,35 +146,36 @@ BetweenReadings = Literal["still", "payload_declared", "gravity_compensated"]
 
 
 class Grounds(Message):
-    """Grounds of a campaign's statements; each ground has a least uncertainty in the fit.
+    """Ways in which the load was measured.
 
-    A field that is absent is an open question: then the assumptions of a campaign without `noise` remain.
+    For an absent field, the assumption of a campaign without `noise` remains.
     """
 
     load_point: LoadPointGround | None = Field(
         default=None,
-        description="Way in which the load point was measured, which sets the least standard uncertainty of "
-        "each coordinate in the fit: by `tracker` at the hook 1 mm, from a `drawing` 3 mm, by `hand` 10 mm. "
-        "If absent, 10 mm.",
+        description="Way in which the load point was measured. The least standard uncertainty per "
+        "coordinate is 1 mm by `tracker` at the hook, 3 mm from a `drawing`, 10 mm by "
+        "`hand`. If absent, 10 mm.",
         examples=["tracker"],
     )
     force: ForceGround | None = Field(
         default=None,
-        description="Ground of the force: weighed on `scales` or by a load `cell` at the hook, with the "
-        "uncertainty `force.scale`; measured beyond a `pulley`: the force at the hook is smaller by 5 ± 3 %; "
-        "a weight by its `catalogue`: 3 % at least.",
+        description="Way in which the force is known. `scales`, or `cell` at the hook: uncertainty "
+        "`force.scale`. `pulley`: measured beyond a pulley, so that the force at the hook is "
+        "smaller by 5 ± 3 %. `catalogue`: weight with an uncertainty of at least 3 %.",
         examples=["cell"],
     )
     tared: StrictBool | None = Field(
         default=None,
-        description="True if the load `cell` was set to zero before each reading: its zero along the rope "
-        "is then uncertain by 2 N, otherwise within 60 N. Loads of two sizes show the zero.",
+        description="True if the load `cell` was set to zero before each reading. The zero is then "
+        "uncertain by 2 N along the rope, otherwise by 60 N. Loads of two sizes show the "
+        "zero.",
     )
     between: BetweenReadings | None = Field(
         default=None,
-        description="State of the arm between both readings of a posture. `still` (assumed if absent), or "
-        "an arm whose controller compensated the load by its payload or by gravity compensation: such "
-        "readings are refused.",
+        description="State of the arm between the unloaded and the loaded reading of a posture. Default: "
+        "`still`. Readings are refused if the controller compensated the load by payload or "
+        "by gravity compensation.",
     )
 
     @model_validator(mode="after")
@@ -188,7 +189,8 @@ class Grounds(Message):
 class Noise(Message):
     """Uncertainties of tracker, secondary encoders, load and positions.
 
-    State the tracker's as `sigma` or `instrument`; omit both if every reading states its own.
+    State the tracker's noise as `sigma` or `instrument`. Omit `sigma` and `instrument` if every reading
+    states its own noise.
     """
 
     sigma: Sigma | None = Field(
@@ -218,15 +220,16 @@ class Noise(Message):
     )
     load_point: Place | None = Field(
         default=None,
-        description="Standard uncertainty of each coordinate of the load point, in units.length; all "
-        "observations have the same error. The fit uses at least the uncertainty that `grounds.load_point` "
-        "implies.",
+        description="Standard uncertainty of each coordinate of the load point, in units.length; the "
+        "error is common to all observations. The fit uses at least the uncertainty that "
+        "`grounds.load_point` implies.",
         examples=[5e-4],
     )
     target_places: Place | None = Field(
         default=None,
         description="Standard uncertainty of each coordinate of each target in the flange frame, in "
-        "units.length; all observations have the same error. If absent, positions count as exact.",
+        "units.length; the error is common to all observations. If absent, positions count "
+        "as exact.",
         examples=[5e-4],
     )
     drift: Place | None = Field(
@@ -247,8 +250,8 @@ class Noise(Message):
     refuted: StrictBool = Field(
         default=False,
         strict=True,
-        description="True if the residuals contradict the stated noise of the tracker: sigma is then "
-        "estimated from the residuals, and the verdict is at best *use with care*.",
+        description="True if the residuals contradict the stated noise of the tracker. Sigma is then "
+        "estimated from the residuals, and the best verdict is *use with care*.",
     )
 
     @model_validator(mode="after")
@@ -326,7 +329,7 @@ class Frame(Message):
 
 
 class Rigid(Message):
-    """Transform of coordinates x to another frame: ``rotation x + translation``."""
+    """Transform of coordinates to another frame: rotation first, then translation."""
 
     rotation: Dimensionless[Square3] = Field(description="Rotation matrix, row by row.")
     translation: Metres[Point]
@@ -340,8 +343,8 @@ class ResolvedFrame(Message):
     )
     translation: Metres[Vector3] = Field(description="The tracker's origin in R0.")
     flange_targets: Metres[dict[Name, Vector3]] = Field(
-        description="Places of the geometry's targets in the flange frame, used for targets whose place the "
-        "set does not state; empty if the geometry has another flange frame."
+        description="Places of the geometry's targets in the flange frame, for targets whose place the "
+        "set does not state. Empty if the geometry has another flange frame."
     )
 
 
@@ -365,19 +368,19 @@ class SetMetadata(Message):
 
     measured_at: Moment | None = Field(
         default=None,
-        description="Time of the measurement, ISO 8601 with its time zone; stored in UTC.",
+        description="Time of the measurement in ISO 8601 with a time zone; stored in UTC.",
         examples=["2026-11-20T14:30:00+01:00"],
     )
     operator: Name | None = Field(default=None, description="Person or team that measured.")
     instrument: Name | None = Field(
         default=None,
-        description="Name of the instrument, for readers; its uncertainty is stated in `noise`.",
+        description="Name of the instrument for readers; `noise` states the instrument's uncertainty.",
         examples=["Leica AT960, 750123"],
     )
     serial_number: Name | None = Field(default=None, description="Serial number of the robot.")
     item_condition: Name | None = Field(
         default=None,
-        description="Condition of the robot when it was measured.",
+        description="Condition of the robot during the measurement.",
         examples=["as found, 12,000 h of operation"],
     )
     conditions: Name | None = Field(
@@ -428,7 +431,10 @@ MomentUnit = Literal["N.m", "N.mm", "kN.m", "kgf.m", "lbf.m", "lbf.ft", "lbf.in"
 
 
 class Units(Message):
-    """Units of every number in the set; mandatory, as a confusion of kg and N cannot be detected later."""
+    """Units of every number in the set.
+
+    Units are mandatory, because a confusion of kg and N cannot be detected later.
+    """
 
     length: LengthUnit = Field(
         description="Unit of positions, deflections, load points, sigma and prismatic joints."
@@ -448,13 +454,16 @@ _KINDS_OF_READING = ("unloaded", "loaded", "deflection", "displacement")
 
 
 class Reading(Message):
-    """One target in one observation: positions, a deflection, or a displacement along a direction (gauge)."""
+    """Readings of one target in one observation.
+
+    The readings are positions, a deflection, or a displacement along a direction (dial gauge).
+    """
 
     target: Name = Field(description="Name of the target (reflector).", examples=["P10"])
     unloaded: Vector3 | None = Field(
         default=None,
-        description="Position in the base frame R0 without load, in units.length; may be given without "
-        "`loaded` only for runs with `weight`.",
+        description="Position in the base frame R0 without load, in units.length. `loaded` may be absent "
+        "only for runs with `weight`.",
     )
     loaded: Vector3 | None = Field(
         default=None, description="Position in the base frame R0 under load, in units.length."
@@ -476,8 +485,8 @@ class Reading(Message):
     )
     direction: Vector3 | None = Field(
         default=None,
-        description="Direction of `displacement`, a vector of length 1e-6 or more, along the axes of the "
-        "base frame R0, or of `frame` if the set has one.",
+        description="Direction of `displacement` in the base frame R0, or in `frame` if stated. The "
+        "vector has a length of 1e-6 or more.",
         examples=[[0.0, 0.0, 1.0]],
     )
     flange_direction: Vector3 | None = Field(
@@ -486,8 +495,8 @@ class Reading(Message):
     sigma: Sigma | None = Field(
         default=None,
         description="Standard uncertainty of one coordinate of either position, or of the gauge, in "
-        "units.length. Either all tracker readings state `sigma`, or `noise` states it for all; a reading "
-        "along a direction may always state it.",
+        "units.length. All tracker readings state `sigma`, or `noise` states one sigma for "
+        "all. A reading along a direction may always state `sigma`.",
     )
     unloaded_covariance: Matrix3 | None = Field(
         default=None,
@@ -532,11 +541,14 @@ class Reading(Message):
 
 
 class EncoderReading(Message):
-    """A joint's angle behind its gearbox before and under load, while the motor's encoder closes the loop."""
+    """Angle of a joint behind the gearbox, without and under load.
+
+    The motor's encoder closes the position loop.
+    """
 
     joint: Name = Field(description="Name of the robot's joint.", examples=["joint_2"])
     unloaded: Quantity = Field(
-        description="Angle of the model's joint without load, after the joint map, in units.angle; a "
+        description="Angle of the model's joint (after the joint map) without load, in units.angle; a "
         "constant offset is allowed."
     )
     loaded: Quantity = Field(description="Angle under load, in units.angle.")
@@ -580,7 +592,7 @@ class MeasurementSetHeader(SetMetadata):
     name: Name = Field(examples=["cell 3, dead weight, 2026-11-20"])
     units: Units
     encoders: Literal["motor", "secondary"] = Field(
-        description="Encoders with which the controller closes the position loop: those of the motors, or "
+        description="Encoders with which the controller closes the position loop: motor encoders, or "
         "secondary encoders behind the gearboxes."
     )
     noise: Noise | None = Field(
@@ -604,14 +616,13 @@ class MeasurementSetHeader(SetMetadata):
     )
     load_point_target: Name | None = Field(
         default=None,
-        description="Name of the target at the hook: its reading without load in any observation gives the "
-        "load point. A stated load point is tested against this reading.",
+        description="Name of the target at the hook. A reading of the target without load gives the load "
+        "point. The reading also tests a stated load point.",
         examples=["hook"],
     )
     joint_kinds: Annotated[list[JointKind], Field(max_length=MAX_JOINTS)] | None = Field(
         default=None,
-        description="Kinds of the joints as the readings state them; must equal the kinds of the robot's "
-        "joints.",
+        description="Kinds of the joints in the readings, equal to the kinds of the robot's joints.",
     )
 
 
@@ -630,7 +641,7 @@ class MeasurementSetRequest(MeasurementSetDocument):
 
 
 class StoredSet(SetMetadata):
-    """Fields of a stored measurement set that its listing shows, too."""
+    """Fields of a stored measurement set that lists also show."""
 
     id: Identifier
     robot_id: Identifier
@@ -652,12 +663,11 @@ class MeasurementSetSummary(StoredSet):
 
 
 class StoredMeasurementSet(MeasurementSetHeader, StoredSet):
-    """A stored measurement set without its observations."""
+    """A stored measurement set without observations."""
 
     resolved_frame: Rigid | None = Field(
         default=None,
-        description="Transform from the tracker's frame to the base frame R0, as `frame` stated it when the "
-        "set was stored.",
+        description="Transform from the tracker's frame to the base frame R0, as stored with the set.",
     )
     geometry_targets: Metres[dict[Name, Vector3]] = Field(
         default_factory=dict,

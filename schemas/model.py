@@ -26,22 +26,23 @@ class ScoreStep(Message):
     """A step of the distribution of residuals in postures omitted from the fit."""
 
     score: Metres[float | None] = Field(
-        description="Score of a reading: length of its residual divided by the root of its load's size, or "
-        "by its growth with `noise`; null if the other postures do not determine the prediction."
+        description="Scaled length of the residual of an omitted reading; null if the other postures do "
+        "not determine the prediction. The scale is the root of the load's size, or the "
+        "load's growth with `noise`."
     )
     share: float = Field(
-        description="Fraction of the readings whose score is at most this score, with equal weights for all "
-        "P postures, multiplied by P/(P + 1). Dimensionless."
+        description="Fraction of the readings with at most this score. Postures count equally, and P "
+        "postures give a factor of P/(P + 1). Dimensionless."
     )
 
 
 class ModelError(Message):
-    """Residuals in postures omitted in turn, which calibrate the bound of the model error."""
+    """Residuals of postures omitted one by one, which calibrate the bound of the model error."""
 
     postures: int = Field(description="Number of postures that were omitted, one after the other.")
     steps: list[ScoreStep] = Field(
-        description="Steps of the cumulative distribution of scores, ascending; neighbouring steps are "
-        "merged to leave about 500."
+        description="Steps of the cumulative distribution of scores in ascending order, merged to about "
+        "500 steps."
     )
     force: Newtons[float] = Field(
         description="Reference for the size of forces: the greatest load has size 1; zero without loads."
@@ -51,16 +52,19 @@ class ModelError(Message):
     )
     least_load: float = Field(description="Least size of a load in the campaign. Dimensionless.")
     leverage: Metres[float] = Field(
-        description="Greatest ratio of the standard uncertainty of a target's prediction to the size of its "
-        "load."
+        description="Greatest ratio of the standard uncertainty of a target's prediction to the size of "
+        "the load."
     )
     noise: Metres[float | None] = Field(
         default=None,
         description="Standard deviation of a coordinate of a reading. Residuals grow with this value and "
-        "with the standard uncertainty of the prediction; null if they grow with the root of the load.",
+        "with the prediction's standard uncertainty; null if residuals grow with the root of "
+        "the load.",
     )
     load_point_leverage: Metres[float] = Field(
-        default=0.0, description="Ratio `leverage` for the load points, in the postures of the campaign."
+        default=0.0,
+        description="Greatest ratio of the standard uncertainty of a load point's "
+        "prediction to the size of the load, in the measured postures.",
     )
 
 
@@ -69,39 +73,39 @@ class ElasticPart(Message):
 
     links: list[Name] = Field(description="Joints whose links may bend.")
     columns: list[int] = Field(
-        description="Place of each entry in the list of all compliances: n joints; upper triangle of their "
-        "coupling by columns; 21 entries for each link in the same order; 21 of the base. Entries off a "
-        "diagonal are multiplied by √2."
+        description="Position of each entry in the list of all compliances. The list has the joints, the "
+        "upper triangle of the joints' coupling by columns, 21 entries for each link, and 21 "
+        "of the base. Entries off a diagonal are multiplied by √2."
     )
     entries: list[float] = Field(description="Values of the entries in SI units: rad/(N.m), m/N, rad/N.")
     covariance_root: list[float] = Field(
-        description="Upper triangular matrix T row by row, with T T' the covariance of the entries, in the "
-        "units of the entries; empty if sigma is unknown."
+        description="Upper triangular factor T of the covariance T T' of the entries, row by row; empty "
+        "if sigma is unknown."
     )
 
 
 class WeightPart(Message):
-    """Own weight of the robot as it was identified with the compliances, for the sag."""
+    """Own weight of the robot, identified together with the compliances, to predict the sag."""
 
     gravity: Point = Field(description="Acceleration of gravity in the robot's base frame R0, in m/s².")
     mass: list[list[float]] = Field(
-        description="Mass in kg that each joint (column) carries, as it acts on the torque of each joint "
-        "(row); readings determine only products of a compliance and a mass.",
+        description="Mass in kg that each joint (column) carries, for the torque of each joint (row). "
+        "Readings determine only products of a compliance and a mass.",
         json_schema_extra={"unit": "kg"},
     )
     centre: Metres[list[list[Point]]] = Field(
-        description="Centres of these masses, each in the frame that moves with its joint."
+        description="Centres of the masses, each in the frame that moves with the joint."
     )
     covariance_root: list[list[float]] = Field(
-        description="Matrix R, with R R' the covariance of all compliances, then of the products of "
-        "compliance with mass and first moment in the order of `mass`. SI units."
+        description="Factor R of the covariance R R' of all compliances, then of products of compliance "
+        "with mass and first moment, ordered like `mass`. SI units."
     )
 
 
 class IdentifiedModel(Message):
     """Compliances with their errors before any constraint, and the constraints."""
 
-    joints: list[Name] = Field(description="All joints of the robot, in its order.")
+    joints: list[Name] = Field(description="All joints of the robot, in the robot's order.")
     compliance: Compliance[list[float]] = Field(
         description="Compliance of each joint for predictions; zero if unknown. Compliances of joints that "
         "are not in `seen` are used only for the sag by own weight."
@@ -115,8 +119,8 @@ class IdentifiedModel(Message):
         "empty if sigma is unknown."
     )
     information_root: list[list[float]] | None = Field(
-        description="Matrix R, with R'R the inverse of the covariance of the determined combinations, in "
-        "N.m/rad; null if the covariance is regular."
+        description="Factor R of the inverse covariance R'R of the determined combinations, in N.m/rad; "
+        "null if the covariance is regular."
     )
     lower: Compliance[list[float | None]] = Field(
         description="Lower bound of each joint's compliance; null for a joint without a bound."
@@ -129,8 +133,8 @@ class IdentifiedModel(Message):
     )
     elastic: ElasticPart | None = Field(
         default=None,
-        description="All compliances of a model with elastic links or coupling; the other matrices are then "
-        "empty, and `seen` lists the observable joints.",
+        description="All compliances of a model with elastic links or coupling. `seen` then lists the "
+        "observable joints, and the other matrices are empty.",
     )
     weight: WeightPart | None = Field(
         default=None,
@@ -157,11 +161,11 @@ class PrincipalCompliance(Message):
     value: float = Field(
         description="Compliance along a principal axis: m/N for translation, rad/(N.m) for rotation."
     )
-    direction: Dimensionless[Point] = Field(description="Unit vector of its axis.")
+    direction: Dimensionless[Point] = Field(description="Unit vector along the principal axis.")
 
 
 class ElasticCompliance(Message):
-    """Compliance of a link, or of the base below joint 1, about the origin and in the axes of its frame."""
+    """Compliance of a link, or of the base below joint 1, in the frame of the link or base."""
 
     joint: Name | None = Field(
         description="Joint whose frame moves with the near end of the link; null for the base, whose frame "
@@ -178,8 +182,7 @@ class ElasticCompliance(Message):
         description="Principal rotational compliances, largest first."
     )
     effective_freedom: Dimensionless[float] = Field(
-        description="Effective number of parameters that the readings determine; the penalty determines the "
-        "others."
+        description="Effective number of parameters that the readings, not the penalty, determine."
     )
     parameters: int = Field(description="Number of parameters.")
 
@@ -192,7 +195,7 @@ class ElementShare(Message):
         description="Joint, or joint that carries the link; null for the coupling and for the base."
     )
     share: Dimensionless[float] = Field(
-        description="Fraction of the measured deflections that this element explains, by projection; the "
+        description="Fraction of the measured deflections that the element explains, by projection. The "
         "fractions of all elements and of the rest add up to 1."
     )
     by_observation: Dimensionless[list[float]] = Field(

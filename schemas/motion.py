@@ -43,8 +43,8 @@ class MovingBody(Body):
     )
     inertia: Inertia[tuple[float, float, float, float, float, float]] = Field(
         default=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-        description="Moments and products of inertia Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass, "
-        "along the axes of the frame of `centre`; default: a point mass.",
+        description="Inertia Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass, in the frame of "
+        "`centre`; default: a point mass.",
     )
 
 
@@ -63,9 +63,9 @@ class CarriedLoad(Message):
 
 
 class GasSpring(Message):
-    """Balancer of a joint: a gas spring that pulls a point behind the joint towards a point before it.
+    """Gas spring that balances a joint and pulls a point behind the joint towards a point before the joint.
 
-    The gas keeps its temperature; its volume is greatest where the spring is shortest.
+    The gas has a constant temperature, and the greatest volume at the shortest length of the spring.
     """
 
     joint: Name = Field(examples=["joint_2"])
@@ -77,14 +77,14 @@ class GasSpring(Message):
         description="Distance from the joint's axis to the end of the spring that moves with the joint."
     )
     angle: Quantity = Field(
-        description="Angle about the joint's axis from the end before the joint to the end that moves with "
-        "it, at joint position 0 of the model, in units.angle."
+        description="Angle about the joint's axis from the fixed end to the moving end at joint position "
+        "0 of the model, in units.angle."
     )
     area: SquareMetres[Annotated[float, Field(strict=True, gt=0.0, le=1.0)]] = Field(
         description="Area on which the gas acts: area of the piston less area of the rod."
     )
     pressure: Pascals[Annotated[float, Field(strict=True, gt=0.0, le=1e9)]] = Field(
-        description="Pressure of the gas at its greatest volume."
+        description="Pressure of the gas at the greatest volume."
     )
     volume: CubicMetres[Annotated[float, Field(strict=True, gt=0.0, le=1.0)]] = Field(
         description="Greatest volume of the gas."
@@ -104,8 +104,8 @@ class MotionLog(Message):
     motor: dict[Name, _Samples] = Field(
         min_length=1,
         max_length=MAX_JOINTS,
-        description="Angles of the motor of each joint, by joint name, divided by the gear ratio, as the "
-        "controller shows the joint, in units.angle or units.length. All joints of the robot are needed.",
+        description="Motor angles by joint name, divided by the gear ratio, as the controller shows the "
+        "joint, in units.angle or units.length. All joints of the robot are needed.",
     )
     link: dict[Name, _Samples] = Field(
         min_length=1,
@@ -138,7 +138,7 @@ class MotionLog(Message):
 
 
 class Motion(Message):
-    """Logs of a robot in motion, and what its motors carry."""
+    """Logs of a robot in motion, with the bodies that the motors carry."""
 
     logs: Annotated[list[MotionLog], Field(min_length=1, max_length=MAX_LOGS), FailFast()]
     payload: CarriedLoad
@@ -151,15 +151,14 @@ class Motion(Message):
     )
     start: Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] | None = Field(
         default=None,
-        description="Joint positions as the controller shows them, in units.angle or units.length, for "
-        "which all angles of the logs are zero; default: zero.",
+        description="Joint positions shown by the controller when all logged angles are zero, in "
+        "units.angle or units.length; default: zero.",
     )
     gear_periods: dict[
         Name, Annotated[list[Annotated[float, Field(strict=True, ge=1.0, le=1e5)]], Field(max_length=8)]
     ] = Field(
         default_factory=dict,
-        description="Periods of the error of the gearbox of each joint, by joint name, in periods per turn "
-        "of the joint.",
+        description="Periods of each joint's gearbox error per turn of the joint, by joint name.",
     )
 
     @model_validator(mode="after")

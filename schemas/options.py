@@ -117,7 +117,7 @@ class OwnWeight(Message):
     kind: Literal["own_weight"] = "own_weight"
     gravity: Vector3 = Field(
         default=(0.0, 0.0, -9.80665),
-        description="Acceleration of gravity in the robot's base frame R0, in m/s²; default: along −z of R0.",
+        description="Acceleration of gravity in the robot's base frame R0, in m/s²; default: along −z.",
     )
     estimate_gravity: Annotated[bool, Field(strict=True)] = Field(
         default=False,
@@ -244,19 +244,19 @@ class RunOptions(MethodOptions):
     )
     huber_threshold: Annotated[float, Field(strict=True, ge=0.1, le=100.0)] | None = Field(
         default=None,
-        description="Threshold of the Huber loss for the norm of a target's residual divided by sigma; "
-        "default 2.8, above which 5 % of good readings lie. Dimensionless.",
+        description="Threshold of the Huber loss, in units of sigma, for the length of a target's "
+        "residual. Default: 2.8, which 5 % of good readings exceed. Dimensionless.",
     )
     complementary_stiffness: Literal["neglected", "included"] = Field(
         default="included",
-        description="Treatment of the change of the load's joint torques by the deflection (Chen & Kao, "
-        "K_c): `included` or `neglected`; always neglected with links or coupling.",
+        description="Treatment of the change of joint torques by the deflection (Chen & Kao): `included` "
+        "or `neglected`. Models with links or coupling always neglect the change.",
     )
     causes: Causes = Field(
         default_factory=list,
         description="Systematic errors to fit together with the joints, as a reason of the verdict "
-        "recommends: the readings stay as they are, and the intervals include the uncertainty of these "
-        "errors.",
+        "recommends. The readings do not change, and the intervals include the uncertainty "
+        "of the errors.",
     )
     priors: Annotated[
         dict[Name, StiffnessPrior],
@@ -273,19 +273,21 @@ class RunOptions(MethodOptions):
         Terminal("", "JOINT,JOINT,...", parse_names, "list"),
     ] = Field(
         default_factory=list,
-        description="Order of stiffnesses: chains of joints, in which each joint is at least as stiff as "
-        "the next joint. The stiffnesses of these joints are positive.",
+        description="Order of stiffnesses, as chains of joints. Each joint is at least as stiff as the "
+        "next joint of the chain. The stiffnesses of these joints are positive.",
         examples=[[["joint_2", "joint_4"]]],
     )
     elasticity: Elasticity = Field(
         default="automatic",
         validate_default=True,
         description="Parts that bend. `coupled_joints`: a full matrix of the joints. `diagonal_links`: "
-        "joints, six compliances per link. `joints_and_links`: joints, 6 x 6 per link. `joints_and_base`: "
-        "joints, 6 x 6 of the base. `links_and_base`: joints, links, base. `automatic`: joints, unless a "
-        "test shows that other parts bend; then the simplest model within one standard error of the best. "
-        "All but `joints` need method `partial_pose` and weighting `covariance`, without bounds, priors, "
-        "order, encoder readings or resampling; else `automatic` uses joints.",
+        "joints, six compliances per link. `joints_and_links`: joints, 6 x 6 per link. "
+        "`joints_and_base`: joints, 6 x 6 of the base. `links_and_base`: joints, links, "
+        "base. `automatic`: joints, unless a test shows that other parts bend; then the "
+        "simplest model within one standard error of the best. Values other than `joints` "
+        "need method `partial_pose` and weighting `covariance`. With bounds, priors, order, "
+        "encoder readings or resampling, only `joints` is allowed, and `automatic` uses "
+        "joints.",
     )
     links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
@@ -294,8 +296,8 @@ class RunOptions(MethodOptions):
     )
     link_penalty: Annotated[float, Field(strict=True, ge=1e-9, le=1e3)] | None = Field(
         default=None,
-        description="Penalty on the compliance of links and coupling; default: chosen by cross-validation, "
-        "which may take long.",
+        description="Weight of the term that keeps compliances of links and coupling small; default: "
+        "chosen by cross-validation (slow).",
     )
     cross_validation: CrossValidation = Field(
         default=CrossValidation(),
@@ -311,9 +313,10 @@ class RunOptions(MethodOptions):
     confidence: Confidence = 0.95
     weight: OwnWeight | None = Field(
         default=None,
-        description="Run by the robot's own weight as load, together with known loads of the set; the "
-        "geometry is also estimated. Needs `bodies` of the robot and the default method, weighting, loss "
-        "and elasticity; excludes bounds, priors, order and resampling.",
+        description="Run with the robot's own weight as a load, in addition to known loads of the set. "
+        "The run also estimates the geometry. `bodies` of the robot and the default method, "
+        "weighting, loss and elasticity are needed. Bounds, priors, order and resampling are "
+        "excluded.",
     )
     leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
         default_factory=list,

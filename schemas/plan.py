@@ -60,8 +60,8 @@ class DeflectionGoal(Message):
 
     kind: Literal["deflection"]
     uncertainty: Metres[_Length] = Field(
-        description="Greatest expanded uncertainty (95 %) of a coordinate of the deflection, root mean "
-        "square over places of the work area and over forces along the axes of the base frame R0."
+        description="Greatest expanded uncertainty (95 %) of one coordinate of the deflection, as root "
+        "mean square over the work area. Forces along all axes of R0 are included."
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,
@@ -75,9 +75,9 @@ class DecisionGoal(Message):
 
     kind: Literal["decision"]
     limit: Metres[_Length] = Field(
-        description="Limit of the greatest deflection in the work area by a force along an axis of the base "
-        "frame R0. The question is decided once the 95 % interval of this deflection does not contain the "
-        "limit."
+        description="Limit of the greatest deflection in the work area by a force along an axis of the "
+        "base frame R0. The question is decided once the 95 % interval of the deflection "
+        "excludes the limit."
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,
@@ -145,7 +145,10 @@ Box = TypeAliasType(
     "Box",
     Annotated[
         tuple[Vector3, Vector3],
-        Field(description="Least and greatest corner of the box, in the robot's base frame R0."),
+        Field(
+            description="Corners of the box with the least and the greatest coordinates, in the "
+            "robot's base frame R0."
+        ),
     ],
 )
 
@@ -172,7 +175,7 @@ class AnyDirection(Message):
 
     kind: Literal["any_direction"]
     force: Newtons[Force] = Field(
-        description="Magnitude of the force; it is reduced where a joint torque would exceed its limit."
+        description="Magnitude of the force, reduced where a joint torque would exceed the joint's limit."
     )
 
 
@@ -190,7 +193,10 @@ PlannedLoad = Annotated[DeadWeight | AnyDirection | Cable | OwnWeight, Field(dis
 
 
 class PlannedStep(Message):
-    """A weight step of two encoders: a mass at the load point, which pulls along −z of R0."""
+    """Mass at the load point, for readings of two encoders without and with the mass.
+
+    The weight acts along −z of R0.
+    """
 
     mass: Kilograms[Force] = Field(description="Mass of the load.")
     mass_uncertainty: Kilograms[Annotated[float, Field(strict=True, ge=0.0, le=1e6)] | None] = Field(
@@ -261,8 +267,8 @@ class ReadingOptions(Message):
         Terminal("--direction", "X,Y,Z", parse_numbers, "list"),
     ] = Field(
         default_factory=list,
-        description="Directions in the base frame R0 along which a dial gauge or 1-D laser can measure, one "
-        "per reading; empty if all three coordinates are read.",
+        description="Directions in R0 along which a dial gauge or 1-D laser can measure, one per "
+        "reading; empty if three coordinates are read.",
     )
     load_point: Metres[Vector3 | None] = Field(
         default=None,
@@ -270,18 +276,18 @@ class ReadingOptions(Message):
     )
     sigma: Metres[Annotated[float, Field(strict=True, ge=1e-9, le=1.0)] | None] = Field(
         default=None,
-        description="Standard uncertainty of one coordinate of one reading; default: that of the campaign, "
-        "or 20 µm.",
+        description="Standard uncertainty of one coordinate of one reading; default: the campaign's "
+        "value, or 20 µm.",
     )
     repeatability: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.01)] | None] = Field(
         default=None,
         description="Standard deviation of the random position of each joint from posture to posture; "
-        "default: that of the campaign, or 0.",
+        "default: the campaign's value, or 0.",
     )
     tracker: Instrument | None = Field(
         default=None,
-        description="Tracker with its position in the base frame R0, in SI units; its errors replace "
-        "`sigma`.",
+        description="Tracker with the position in the base frame R0, in SI units; the tracker's errors "
+        "replace `sigma`.",
     )
     torque_limits: Effort[dict[Name, Annotated[float, Field(strict=True, gt=0.0)]]] = Field(
         default_factory=dict,
@@ -293,8 +299,9 @@ class ReadingOptions(Message):
         Terminal("--stiffness", "JOINT=STIFFNESS", parse_stiffness, "dict"),
     ] = Field(
         default_factory=dict,
-        description="Expected stiffnesses, to which relative uncertainties refer. Default: those of the "
-        "campaign, or stiffnesses with which all joints move the targets equally.",
+        description="Expected stiffnesses, to which relative uncertainties refer. Default: the "
+        "stiffnesses of the campaign, or stiffnesses with which all joints move the targets "
+        "equally.",
     )
     priors: Annotated[
         dict[Name, StiffnessPrior],
@@ -325,13 +332,13 @@ class ReadingOptions(Message):
     surroundings: Surroundings = Field(default_factory=Surroundings)
     distinct_angle: Radians[_Angle] = Field(
         default=0.17453292519943295,
-        description="Least difference between two postures in the angle of one joint (or in its position, "
-        "in metres); 0 allows repeated postures.",
+        description="Least difference between two postures in one joint angle, or in metres for a "
+        "prismatic joint; 0 allows repeated postures.",
     )
     elastic_links: StrictBool | None = Field(
         default=None,
-        description="True to plan for a model with elastic links; default: true if the fit of the campaign "
-        "shows that joints alone do not explain the readings.",
+        description="True to plan for a model with elastic links. Default: true if joints alone do not "
+        "explain the campaign's readings.",
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**32 - 1)] = Field(
         default=0, description="Random seed of the postures; the same seed gives the same plan."
@@ -355,14 +362,14 @@ class PlanOptions(AcceptingOptions, ReadingOptions):
         ),
     ] = Field(
         default=None,
-        description="Goal of the plan, instead of `readings`: the plan then has the fewest readings that "
-        "meet the goal (95 %). A goal for joints is relative to `stiffness`.",
+        description="Goal of the plan, instead of `readings`. The plan has the fewest readings that meet "
+        "the goal (95 %). A goal for joints is relative to `stiffness`.",
     )
     weight_step: Annotated[PlannedStep | None, Terminal("--weight-step", "KG[±KG]", parse_planned_step)] = (
         Field(
             default=None,
-            description="Load of a weight step, in place of `load`: plan postures in which two encoders of "
-            "each of the `joints` are read without and with the load, after approaches from both sides. No "
+            description="Weight for readings of two encoders, in place of `load`. Each of the `joints` "
+            "is read without and with the weight, after approaches from both sides. No "
             "reading is held out.",
         )
     )
@@ -387,7 +394,7 @@ class PlanOptions(AcceptingOptions, ReadingOptions):
 
 
 class PlanRequest(PlanOptions):
-    """Request of a plan: for a robot, or to continue a measurement set."""
+    """Request of a plan for a robot, or of a continuation of a measurement set."""
 
     robot_id: Identifier | None = Field(default=None, description="Robot of a new campaign.")
     measurement_set_id: Identifier | None = Field(default=None, description="Measurement set to continue.")
@@ -396,7 +403,7 @@ class PlanRequest(PlanOptions):
 
 
 class PlannedReading(Message):
-    """A planned reading: posture and load."""
+    """A planned reading with its posture and load."""
 
     label: Name = Field(
         description="Label that is sent with the reading; the held-out readings of a plan have the labels "
@@ -410,8 +417,8 @@ class PlannedReading(Message):
         description="Direction in the base frame R0 along which to read; null if all coordinates are read.",
     )
     held_out: StrictBool = Field(
-        description="True if the reading is held out from the fit; a live campaign first compares this "
-        "reading with its prediction."
+        description="True if the reading is omitted from the fit. A live campaign first compares such a "
+        "reading with the prediction."
     )
     block: int = Field(
         default=1,
@@ -444,7 +451,7 @@ class PlannedJoint(Message):
 
 
 class PlanResult(Result):
-    """List of readings with its predicted uncertainties."""
+    """List of planned readings with predicted uncertainties."""
 
     assessment: Assessment | None = Field(
         description="Assessment of the plan, with the reasons from the campaign so far (for a model of "
@@ -452,8 +459,8 @@ class PlanResult(Result):
     )
 
     readings: list[PlannedReading] = Field(
-        description="Readings in blocks of four, ordered for short travel; with several anchors, ordered "
-        "for few changes of the load."
+        description="Readings in blocks of four, ordered for short travel. With several anchors, the "
+        "order has few changes of the load."
     )
     targets: Metres[dict[Name, Point]] = Field(
         description="Places of the targets to measure, in the flange frame."
@@ -467,8 +474,8 @@ class PlanResult(Result):
     criterion: PlanCriterion
     elastic_links: StrictBool = Field(description="True if elastic links were also unknowns of the plan.")
     efficiency: Dimensionless[float] = Field(
-        description="Certified fraction: the plan has at least this fraction of the information of the best "
-        "plan with the same number of readings from the same candidates."
+        description="Lower bound of the plan's information, as a fraction of the best plan of equal "
+        "length from the same candidates."
     )
     efficiencies: Dimensionless[dict[str, float]] = Field(description="Efficiency by other criteria.")
     goal_share: Dimensionless[float | None] = Field(
@@ -498,7 +505,7 @@ class PlanResult(Result):
 
 
 class Plan(Job):
-    """A stored plan. It never changes."""
+    """A stored plan."""
 
     collection: ClassVar[str] = "plans"
 

@@ -64,35 +64,37 @@ def parse_feed(text: str) -> float:
 
 
 class ProcessOptions(ProgramOptions):
-    """Options of a process: those of a compensated program, and permitted turns and places."""
+    """Options of a compensated program, with permitted rotations of the tool and places of the workpiece."""
 
     turn: Annotated[
         Literal["free", "keep"] | tuple[Quantity, Quantity],
         Terminal("--turn", "free|keep|LEAST,GREATEST[deg]", parse_turn, unit="deg"),
     ] = Field(
         default="free",
-        description="Rotation of the tool about its spindle: `free`, `keep` (as programmed), or the least "
-        "and the greatest rotation from the programmed one, in units.angle.",
+        description="Rotation of the tool about the spindle: `free`, `keep` (as programmed), or a range "
+        "from the programmed rotation, in units.angle.",
     )
     turns: Annotated[int, Field(strict=True, ge=1, le=MAX_TURNS)] = Field(
-        default=72, description="Number of rotations of the tool that are tried over a full turn."
+        default=72, description="Number of rotations of the tool to try over 360°."
     )
     feed: Annotated[
         Annotated[Quantity, Field(gt=0.0)] | None, Terminal("--feed", "SPEED[mm/s]", parse_feed, unit="m")
     ] = Field(
         default=None,
-        description="Feed of the cut, in units.length per s; default: the feed in the table of loads, in "
-        "the program, or of the cut. Moves with a faster programmed speed carry no force.",
+        description="Feed of the cut, in units.length per s; default: the feed of the loads, the program "
+        "or the cut. Moves with a faster programmed speed carry no force.",
     )
     rate: Annotated[Quantity, Field(gt=0.0, le=1_000.0, json_schema_extra={"unit": "deg/mm"})] = Field(
         default=1.0,
-        description="Greatest rotation of the tool per length of path; without a feed, it also limits the "
-        "speed of the joints. 0.3 keeps nine tenths of the gain.",
+        description="Greatest rotation of the tool per length of path. Without a feed, the value also "
+        "limits the joint speeds. With 0.3, the path keeps 90 % of the possible reduction of "
+        "the deflection.",
     )
     branches: Literal["keep", "free"] = Field(
         default="keep",
-        description="Branch of the inverse kinematics: that of the program, or `free`. With `free`, a "
-        "program is written only if it can state the branches; otherwise turns.csv states them.",
+        description="Branch of the inverse kinematics: the program's branch, or `free`. With `free`, a "
+        "program that cannot state branches is not written; the file turns.csv then has the "
+        "branches.",
     )
     clearance: Annotated[Quantity, Field(ge=0.0)] = Field(
         default=0.04,
@@ -105,8 +107,8 @@ class ProcessOptions(ProgramOptions):
     )
     place: Annotated[Box | None, Terminal("--place", "X,Y,Z,X,Y,Z[mm]", parse_box, unit="m")] = Field(
         default=None,
-        description="Box in which the centre of the path (the middle of its bounding box) may lie, in "
-        "units.length; default: the workpiece does not move.",
+        description="Box for the centre of the path's bounding box, in units.length; default: the "
+        "workpiece does not move.",
     )
     grid: Annotated[tuple[_Count, _Count, _Count], Terminal("--grid", "N,N,N", parse_counts)] = Field(
         default=(4, 4, 3), description="Number of positions along x, y and z that are tried in the box."
@@ -148,12 +150,12 @@ class ProcessRequest(ProcessOptions):
     )
     robot_id: Identifier | None = Field(
         default=None,
-        description="Id of a robot that was not measured, instead of `run_id`: its stiffness is assumed to "
-        "be known within a factor of two.",
+        description="Id of a robot without measurements, instead of `run_id`. The stiffness is then "
+        "assumed to be known within a factor of two.",
     )
     files: Annotated[list[ProgramFile], Field(max_length=MAX_FILES)] = Field(
         default_factory=list,
-        description="Program or table of poses, together with the table of loads; post both as the form's "
+        description="Program or table of poses, with the table of loads; post the files as the form's "
         "`files`.",
     )
 
@@ -166,7 +168,7 @@ class ProcessRequest(ProcessOptions):
 
 
 class DeflectionBand(Message):
-    """A deflection along a path, or a difference of two deflections, with its intervals."""
+    """A deflection along a path, or a difference of two deflections, with intervals."""
 
     value: Metres[float]
     readings: Metres[Interval | None] = Field(
@@ -181,15 +183,15 @@ class ProcessPlace(Message):
     """A possible place of the workpiece."""
 
     centre: Metres[Point] = Field(description="Centre of the path in the robot's base frame R0.")
-    shift: Metres[Point] = Field(description="Displacement of the centre of the path from its present place.")
+    shift: Metres[Point] = Field(description="Displacement of the centre of the path from the present place.")
     turn: Radians[float] = Field(
         description="Rotation of the workpiece about z through the centre of the path."
     )
     deflection: DeflectionBand
     behind_best: DeflectionBand | None = Field(
-        description="Deflection at this place minus deflection at the best place; null for the best place."
+        description="Deflection at the place minus deflection at the best place; null for the best place."
     )
-    is_worse: StrictBool = Field(description="True if the interval of this difference excludes zero.")
+    is_worse: StrictBool = Field(description="True if the interval of the difference excludes zero.")
 
 
 class ProcessResult(ProgramResult):
@@ -198,14 +200,14 @@ class ProcessResult(ProgramResult):
     objective: Literal["rms", "greatest"]
     gain: Literal["less", "no_order", "no_gain"] = Field(
         description="Comparison of the chosen path with the program. `less`: the interval of the "
-        "difference, with model error, excludes zero. `no_order`: it contains zero. `no_gain`: no rotation "
-        "of the tool changes the deflection."
+        "difference, with model error, excludes zero. `no_order`: the interval contains "
+        "zero. `no_gain`: no rotation of the tool changes the deflection."
     )
     before: DeflectionBand | None = Field(
         description="Deflection along the path as sent; null if the robot cannot follow the path as sent."
     )
     turned: DeflectionBand = Field(
-        description="Deflection with the chosen rotations of the tool and the chosen place of the workpiece."
+        description="Deflection with the chosen rotations of the tool, at the chosen place of the workpiece."
     )
     remaining: DeflectionBand = Field(description="Deflection that remains after the compensation.")
     difference: DeflectionBand | None = Field(description="`turned` minus `before`.")
@@ -213,12 +215,12 @@ class ProcessResult(ProgramResult):
         description="Constant rotations of the tool that were tried along the whole path."
     )
     fixed_deflections: Metres[list[float | None]] = Field(
-        description="Deflection with each constant rotation of the tool, at the knots of the path; null if "
-        "joint limits exclude the rotation."
+        description="Deflection with each constant rotation of the tool, at sampled points of the path; "
+        "null if joint limits exclude the rotation."
     )
     feed: Annotated[float | None, Field(json_schema_extra={"unit": "m/s"})] = Field(
         default=None,
-        description="Greatest feed under load; null if unknown: joint speeds are then those at 0.05 m/s.",
+        description="Greatest feed under load; null if unknown. Joint speeds are then computed for 0.05 m/s.",
     )
     needed_speeds: Annotated[list[float], Field(json_schema_extra={"unit": "rad/s"})] = Field(
         default_factory=list, description="Greatest speed that the lines of the path demand of each joint."
@@ -230,7 +232,7 @@ class ProcessResult(ProgramResult):
     )
     sent_speed_shares: Dimensionless[list[float | None]] = Field(
         default_factory=list,
-        description="Ratios `speed_shares` for the program as sent; empty if unknown.",
+        description="Values of `speed_shares` for the program as sent; empty if unknown.",
     )
     places: Annotated[list[ProcessPlace], Field(max_length=MAX_BEST_PLACES)] = Field(
         description="Best places of the workpiece; the very best is first."
@@ -249,7 +251,8 @@ class ProcessResult(ProgramResult):
     flat_places: int = Field(description="Number of tried places whose deflection is within 5 % of the best.")
     frames: list[ProgramFrame] = Field(
         description="Base frames to set in the controller for the best place, in the notation of the "
-        "program. If the program states the numbers of a base, the base stays and its targets move."
+        "program. If the program states a base by numbers, the base stays and the targets "
+        "move."
     )
     choice: ProgramFile = Field(
         description="Tables of rotations and places; null in answers, because the files `turns.csv` and "
@@ -258,7 +261,7 @@ class ProcessResult(ProgramResult):
 
 
 class Process(Job):
-    """A stored process. Once finished, it never changes."""
+    """A stored process."""
 
     collection: ClassVar[str] = "processes"
 

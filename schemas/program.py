@@ -44,15 +44,16 @@ _FrameNumbers = Annotated[
     Field(
         min_length=6,
         max_length=7,
-        description="Numbers as in the program: KUKA X, Y, Z, A, B, C, FANUC X, Y, Z, W, P, R: mm and °; "
-        "ABB X, Y, Z in mm, q1 ... q4; UR x, y, z, rx, ry, rz: m and rad; CSV as its columns or KUKA.",
+        description="Numbers of the frame as in the program. KUKA: X, Y, Z, A, B, C; FANUC: X, Y, Z, W, "
+        "P, R (mm and °). ABB: X, Y, Z in mm, q1 ... q4. UR: x, y, z, rx, ry, rz (m and "
+        "rad). CSV: as its columns or KUKA.",
     ),
 ]
 _Line = Annotated[int, Field(strict=True, ge=1, le=MAX_LINE)]
 
 
 class ProgramFrame(Message):
-    """A frame that the program names without its numbers."""
+    """Numbers of a frame that the program only names."""
 
     name: Name | None = Field(
         default=None,
@@ -97,18 +98,21 @@ CutMaterial = Literal[
 
 
 class Cut(Message):
-    """A milling cut; its mean force follows from Kienzle's specific cutting force, in SI units."""
+    """A milling cut, whose mean force follows from Kienzle's specific cutting force.
+
+    Numbers are in SI units.
+    """
 
     material: CutMaterial | None = Field(
         default=None,
-        description="Material of the workpiece, which gives `pressure` and `exponent`; omit this field "
-        "if these two are stated.",
+        description="Material of the workpiece, which gives `pressure` and `exponent`; omit if "
+        "`pressure` and `exponent` are stated.",
     )
     pressure: Annotated[
         Annotated[Quantity, Field(gt=0.0)] | None, Field(json_schema_extra={"unit": "Pa"})
     ] = Field(
         default=None,
-        description="Specific cutting force k_c1.1: force per area of a chip that is 1 mm thick.",
+        description="Specific cutting force k_c1.1, for a chip that is 1 mm thick.",
     )
     exponent: Dimensionless[Annotated[Quantity, Field(ge=0.0, lt=1.0)] | None] = Field(
         default=None,
@@ -163,8 +167,9 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
         description="Units of the numbers in this request; the program has units of its own."
     )
     accuracy_option: Literal["off", "same_as_measured", "compensates_load"] = Field(
-        description="Accuracy option of the controller: `off`; `same_as_measured`: switched on, as in the "
-        "campaign; `compensates_load`: refused, because the load would be compensated twice."
+        description="Accuracy option of the controller. `off`: switched off. `same_as_measured`: "
+        "switched on, as in the campaign. `compensates_load`: refused, because the load "
+        "would be compensated twice."
     )
     load: Annotated[ProcessLoad | None, Terminal("--force", "X,Y,Z[N]", parse_force, unit="N")] = Field(
         default=None,
@@ -176,9 +181,10 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     loads: Name | None = Field(
         default=None,
-        description="Name of the sent file of loads, instead of `load`: CSV with `point` (as in "
-        "points.csv), `label` (of the target) or `length [mm]` (along lines and arcs, interpolated), `Fx "
-        "[N]`, `Fy [N]`, `Fz [N]`, if needed `Mx [N.m]` ... Other points have no load.",
+        description="Name of the sent file of loads, instead of `load`. The CSV file has a column "
+        "`point` (as in points.csv), `label` (of the target) or `length [mm]` (along lines "
+        "and arcs, interpolated). Further columns are `Fx [N]`, `Fy [N]`, `Fz [N]`, if "
+        "needed `Mx [N.m]` ... Other points have no load.",
     )
     cut: Annotated[Cut | None, Terminal(hidden=True)] = Field(
         default=None,
@@ -187,8 +193,9 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     axes: Literal["robot", "tool", "base", "feed"] = Field(
         default="robot",
-        description="Axes of forces: of the robot's base frame R0, of the tool or of the program's base; or "
-        "`feed`: feed, normal (to the right, seen from the spindle) and spindle.",
+        description="Axes of forces: the robot's base frame R0, the tool, the program's base, or `feed`. "
+        "The axes of `feed` are feed, normal (to the right, seen from the spindle) and "
+        "spindle.",
     )
     spindle: Annotated[Vector3 | None, Terminal("--spindle", "X,Y,Z", parse_numbers)] = Field(
         default=None,
@@ -217,16 +224,16 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     world: _FrameNumbers | None = Field(
         default=None,
-        description="World frame of the controller in the robot's base frame R0, if both frames differ.",
+        description="World frame of the controller in the robot's base frame R0, if the frames differ.",
     )
     flange: _FrameNumbers | None = Field(
         default=None,
-        description="Flange frame of the controller in the flange frame of the model, if both frames differ.",
+        description="Flange frame of the controller in the flange frame of the model, if the frames differ.",
     )
     tool_x: Vector3 | None = Field(
         default=None,
-        description="Direction of the tool's x axis in the base frame, for programs that state only "
-        "positions, or positions and directions of the tool's z axis.",
+        description="Direction of the tool's x axis in the base frame, for programs that do not state "
+        "the full rotation of the tool.",
     )
     start: Annotated[
         Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] | None,
@@ -245,8 +252,8 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     ramp_length: Annotated[Quantity, Field(ge=0.0), Terminal(unit="m")] = Field(
         default=0.0,
-        description="Length of path over which corrections rise when the load begins and fall when it ends, "
-        "in units.length.",
+        description="Length of path over which corrections grow at the start of a load and fade at the "
+        "end, in units.length.",
     )
     leave_alone: Annotated[list[Name], Field(max_length=1_000)] = Field(
         default_factory=list,
@@ -254,12 +261,12 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     trust_routines: StrictBool = Field(
         default=False,
-        description="True if no unknown routine moves the robot or changes frames or points, except those "
-        "that it gets by reference.",
+        description="True if no unknown routine moves the robot or changes frames or points. Arguments "
+        "passed by reference are an exception.",
     )
     leave_others: StrictBool = Field(
         default=False,
-        description="True to leave moves uncorrected if their target, base or tool is uncertain; false to "
+        description="True to leave moves with an uncertain target, base or tool uncorrected; false to "
         "refuse a program with such moves.",
     )
     external_axes: Literal["carry_nothing"] | None = Field(
@@ -273,7 +280,7 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     mark: StrictBool = Field(
         default=True,
         description="True to write run, verdict and date as a comment (always written for the verdict "
-        "do_not_use). A program with this comment is not corrected again.",
+        "do_not_use). A program with such a comment is not corrected again.",
     )
 
     @model_validator(mode="after")
@@ -369,7 +376,7 @@ class ProgramPoint(Message):
         "model error.",
     )
     residual: Metres[float] = Field(
-        description="Predicted distance between the loaded tool and its programmed target."
+        description="Predicted distance between the loaded tool and the programmed target."
     )
     residual_rotation: Radians[float]
     residual_interval: Metres[Interval | None] = Field(
@@ -405,14 +412,14 @@ class ProgramResult(FromRun):
         description="Number of programmed targets without a correction, for each reason."
     )
     deflection: Metres[Spread | None] = Field(
-        description="Distance between the loaded tool and its programmed target without a correction; null "
-        "if no point is loaded."
+        description="Distance between the loaded tool and the programmed target without a correction; "
+        "null if no point is loaded."
     )
     correction: Metres[Spread | None] = Field(
         description="Distance by which the correction moves programmed targets."
     )
     residual: Metres[Spread | None] = Field(
-        description="Distance between the loaded tool and its programmed target with the compensated program."
+        description="Distance between the loaded tool and the programmed target with the compensated program."
     )
     deflection_ends: Metres[SpreadEnds | None] = Field(
         default=None, description="Least and greatest ends of the intervals of `deflection`."
@@ -441,7 +448,7 @@ class ProgramResult(FromRun):
 
 
 class Program(Job):
-    """A stored compensated program. It never changes."""
+    """A stored compensated program."""
 
     collection: ClassVar[str] = "programs"
 

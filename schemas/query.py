@@ -26,8 +26,7 @@ class PageQuery(Message):
     )
     cursor: Annotated[str, Field(max_length=64)] | None = Field(
         default=None,
-        description="Cursor of the page: the value of `next` in the previous page; omit it for the "
-        "first page.",
+        description="Cursor of the page, from `next` of the previous page; omit for the first page.",
     )
 
 
@@ -36,18 +35,17 @@ class ListQuery(PageQuery):
 
     q: ExactName | None = Field(
         default=None,
-        description="Words to find in names (of the resource, its robot or its set) or in a set's serial "
-        "number, operator or instrument; upper and lower case are equal.",
+        description="Text to find in the name of a resource, robot or set, or in a set's serial number, "
+        "operator or instrument. Case is ignored.",
     )
     sort: Literal["created_at", "-created_at", "name", "-name"] = Field(
         default="-created_at",
-        description="Order by time or by name; `-` means descending, so that the newest is first. Runs are "
-        "ordered by the names of their sets.",
+        description="Order by time or by name. A leading `-` means descending order, with the newest "
+        "first. Runs are ordered by the names of their sets.",
     )
     deleted: bool = Field(
         default=False,
-        description="True to list only deleted resources, which can be restored; false to list only the "
-        "others.",
+        description="True to list only deleted resources; false to list only resources that are not deleted.",
     )
 
     def listing_arguments(self) -> dict[str, Any]:
@@ -70,8 +68,7 @@ class JobQuery(ListQuery):
     robot_id: Reference | None = Field(default=None, description="Filter by robot.")
     measurement_set_id: Reference | None = Field(
         default=None,
-        description="Id of a measurement set by which to filter; comparisons are filtered by the set of "
-        "their first side.",
+        description="Filter by the id of a measurement set. Comparisons are filtered by the first set.",
     )
     second_set_id: Reference | None = Field(
         default=None,
@@ -136,8 +133,8 @@ class SetQuery(OpenSetQuery):
 
     open: bool = Field(
         default=False,
-        description="True to list only sets that are still measured; the only other filter is then "
-        "`robot_id`.",
+        description="True to list only sets that are still measured. `robot_id` is then the only other "
+        "filter.",
     )
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
     encoders: Literal["motor", "secondary"] | None = Field(default=None, description="Filter by encoders.")
@@ -149,11 +146,11 @@ class SetQuery(OpenSetQuery):
     content_hash: Reference | None = Field(default=None, description="Filter by `content_hash`.")
     measured_from: Moment | None = Field(
         default=None,
-        description="Filter by time of measurement: from this time on, stated with its time zone.",
+        description="Filter by time of measurement, from the stated time on; state a time zone.",
     )
     measured_to: Moment | None = Field(
         default=None,
-        description="Filter by time of measurement: before this time, stated with its time zone.",
+        description="Filter by time of measurement, before the stated time; state a time zone.",
     )
 
     @model_validator(mode="after")

@@ -33,7 +33,7 @@ class RehearsedJoint(Message):
 
 
 class RehearsalResult(Message):
-    """Result of a rehearsal: the stiffnesses found next to the planted ones."""
+    """Comparison of the identified stiffnesses with the known stiffnesses of a simulation."""
 
     joints: list[RehearsedJoint]
     determined: int = Field(description="Number of joints whose interval has two ends.")

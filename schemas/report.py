@@ -24,7 +24,7 @@ class Party(Message):
 
 
 class Laboratory(Party):
-    """Laboratory that issues reports: its settings, a TOML file."""
+    """Settings of a laboratory that issues reports, in a TOML file."""
 
     country: Annotated[str, Field(pattern="^[A-Z]{2}$")] | None = Field(
         default=None,
@@ -53,8 +53,8 @@ class Laboratory(Party):
     )
     accreditation: Name | None = Field(
         default=None,
-        description="Accreditation of the laboratory with its number. Reports state an accreditation "
-        "only if it is given here.",
+        description="Accreditation of the laboratory with its number. Without this field, reports state "
+        "no accreditation.",
     )
     traceability: Notes | None = Field(
         default=None,
@@ -66,8 +66,7 @@ class Laboratory(Party):
     )
     method: Notes | None = Field(
         default=None,
-        description="Number of the laboratory's procedure, which is stated in addition to the method of "
-        "this software.",
+        description="Number of the laboratory's procedure, stated together with the method of this software.",
     )
     customer: Party | None = Field(default=None, description="Customer of the reports.")
     logo: Name | None = Field(

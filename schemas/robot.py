@@ -40,7 +40,8 @@ class DhRow(Message):
     a: Metres[Quantity] = Field(description="Link length a.")
     alpha: Radians[Quantity] = Field(description="Link twist alpha.")
     d: Metres[Quantity] = Field(
-        description="Link offset d; for a prismatic joint, the constant that is added to its length."
+        description="Link offset d of the DH table; for a prismatic joint, the constant added to the "
+        "joint's length."
     )
     theta: Radians[Quantity] = Field(description="Constant angle that is added to the angle of the joint.")
     lower: Positions[Quantity | None] = Field(default=None, description="Lower joint limit, if known.")
@@ -101,13 +102,13 @@ PostedModel = Annotated[UrdfModel | DhModel | GeometryModel | CatalogueModel, Fi
 
 
 class JointMap(Message):
-    """Affine map: joints of the model = matrix · joints of the controller + offset."""
+    """Map from controller joints to model joints: multiply by `matrix`, then add `offset`."""
 
     matrix: Annotated[
         list[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]], Field(max_length=MAX_JOINTS)
     ] = Field(
-        description="Invertible n × n matrix from the controller's joints to the model's joints, in their "
-        "SI units; dimensionless among revolute joints."
+        description="Invertible square matrix from the controller's joints to the model's joints, in SI "
+        "units; dimensionless among revolute joints."
     )
     offset: Positions[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]] = Field(
         description="Offset, n numbers."
@@ -125,8 +126,9 @@ class Body(Message):
         description="Relative half-width of the range of the mass: 0.1 is ± 10 %.",
     )
     centre: Metres[Vector3] = Field(
-        description="Centre of mass in a frame that moves with the joint. In a URDF, the frame of the child "
-        "link; in a DH table, z is the axis of the joint, and the origin is where theta of the row applies."
+        description="Centre of mass in a frame that moves with the joint. A URDF uses the frame of the "
+        "child link. In a DH table, z is the joint's axis, and the origin is where theta of "
+        "the row applies."
     )
     centre_uncertainty: Metres[Annotated[float, Field(strict=True, ge=0.0, le=10.0)]] = Field(
         default=0.0, description="Radius of the ball that contains the centre of mass."
@@ -141,7 +143,7 @@ class RobotDocument(Message):
     joint_map: JointMap | None = Field(
         default=None,
         description="Joint map from the controller's joints to the model's joints; default: identity, or "
-        "the map of the arm of the catalogue. A geometry contains its own map.",
+        "the map in the catalogue. A geometry contains its own map.",
     )
     bodies: Annotated[list[Body], Field(min_length=1, max_length=2 * MAX_JOINTS)] | None = Field(
         default=None,
@@ -185,7 +187,7 @@ class Estimate(Message):
 
 
 class ChangedJoint(Message):
-    """A joint whose stiffness differs from that in the first campaign."""
+    """A joint whose stiffness differs from the stiffness in the first campaign."""
 
     joint: Name
     serial_number: str | None = Field(
@@ -208,20 +210,20 @@ class LastCampaign(Message):
     )
     verdict: Verdict = Field(description="Newest verdict.")
     changed: list[ChangedJoint] = Field(
-        description="Joints whose stiffness changed in the trend of any serial number with any options; "
-        "each joint is listed once for each serial number."
+        description="Joints whose stiffness changed, over all options and serial numbers. A joint is "
+        "listed once for each serial number."
     )
 
 
 class MeasuredArm(Message):
-    """One arm of a robot, by the serial number that its sets state."""
+    """One arm of a robot, identified by the serial number in the measurement sets."""
 
     serial_number: str | None
-    at: Timestamp = Field(description="Time of its latest campaign.")
+    at: Timestamp = Field(description="Time of the latest campaign.")
     tested: list[Name] = Field(description="Joints that a trend compares.")
     rank: Dimensionless[float] = Field(
-        description="Key for sorting: surest change of a joint in standard uncertainties, increased by 1e6 "
-        "if the joint became softer; 0 without a change."
+        description="Key for sorting by the surest change of a joint, in standard uncertainties. A "
+        "softer joint adds 1e6; no change gives 0."
     )
 
 
@@ -267,8 +269,8 @@ class StoredRobot(RobotDocument, RobotEntry):
         description="True if the last three axes meet in one point, as the decoupled method requires."
     )
     wrist_miss_distance: Metres[float | None] = Field(
-        description="Distance of the last three axes from the point nearest to all three; null if there is "
-        "no such point."
+        description="Distance of the last three axes from their nearest common point; null without such "
+        "a point."
     )
     geometry_id: Identifier | None = Field(
         default=None,
@@ -290,7 +292,7 @@ class Robot(StoredRobot, RobotSummary):
 
 
 class RobotChange(ResourceChange):
-    """Changes of a robot except its kinematics. Omitted fields remain unchanged."""
+    """Changes of a robot, except of the kinematics. Omitted fields remain unchanged."""
 
     add_mark: Mark | None = None
     remove_mark: Mark | None = Field(
@@ -305,8 +307,7 @@ class RobotChange(ResourceChange):
 class JointMapPreset(Message):
     """Joint map of many controllers of a maker.
 
-    The map is valid for DH tables whose axes 2, 3 and 5 point the same way, and whose axes 4 and 6 point to
-    the flange.
+    In the DH table, axes 2, 3 and 5 must point the same way, and axes 4 and 6 to the flange.
     """
 
     id: Identifier
@@ -322,10 +323,10 @@ class Arm(Message):
     maker: Name
     model: DhModel
     joint_map: JointMap | None = Field(
-        description="Map from the controller's angles to the model's angles; null if both are the same."
+        description="Map from the controller's angles to the model's angles; null if the angles are equal."
     )
     joint_map_preset: Identifier | None = Field(
-        description="Name of a preset for the joint map; null if both angles are the same."
+        description="Name of a preset for the joint map; null if both kinds of angles are equal."
     )
     base: str = Field(
         description="Origin of the robot's base frame R0, which is the frame of the controller."
@@ -350,14 +351,12 @@ MAX_POSTURES = 1_000
 
 
 class KinematicsRequest(Message):
-    """A robot, stored or not, and configurations of it."""
+    """A robot, stored or not, with configurations of the robot."""
 
     robot_id: Identifier | None = Field(
         default=None, description="Id of a stored robot; omit this field if `robot` is given."
     )
-    robot: RobotDocument | None = Field(
-        default=None, description="Document of a robot to preview, which the service does not store."
-    )
+    robot: RobotDocument | None = Field(default=None, description="Robot to preview; nothing is stored.")
     joints: Positions[
         Annotated[
             list[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]], Field(max_length=MAX_POSTURES)

@@ -44,7 +44,7 @@ class JointResult(Message):
     kind: StatedKind = "revolute"
     status: Literal["identified", "uncertain", "at_bound", "not_observable"]
     verdict: Verdict = Field(
-        description="Verdict on the stiffness of the joint, limited by its status and by the reasons."
+        description="Verdict on the joint's stiffness, limited by the joint's status and by the reasons."
     )
     compliance: Compliance[float | None]
     stiffness: Stiffness[float | None] = Field(
@@ -71,7 +71,7 @@ class JointResult(Message):
         "dominates; null without a prior.",
     )
     reason: str | None = Field(
-        description="Reason why the joint has no number, or why its number is at a bound."
+        description="Reason why the joint has no number, or why the number is at a bound."
     )
 
 
@@ -116,7 +116,10 @@ BudgetSource = Annotated[
 BudgetGap = Literal["model_error", "lack_of_fit"]
 Evaluation = Annotated[
     Literal["A", "B"],
-    Field(description="Type of evaluation: A by statistics of these readings, B from other statements."),
+    Field(
+        description="Type of evaluation of the uncertainty: A by statistics of the readings, B by "
+        "other information."
+    ),
 ]
 
 
@@ -126,22 +129,23 @@ class BudgetComponent(Message):
     source: BudgetSource
     evaluation: Evaluation
     included: StrictBool = Field(
-        description="True if the standard uncertainty includes this source. The model error is included "
-        "only if joints alone do not fit; a neglected K_c is never included."
+        description="True if the standard uncertainty includes the source. The model error is included "
+        "only if joints alone do not fit. A neglected complementary stiffness is never "
+        "included."
     )
     degrees_of_freedom: Dimensionless[float | None] = Field(
         description="Degrees of freedom of a type A evaluation; null for infinitely many."
     )
     contributions: Compliance[list[float]] = Field(
-        description="Contribution of this source to the standard uncertainty of each joint."
+        description="Contribution of the source to the standard uncertainty of each joint."
     )
     correlation: Dimensionless[list[list[float]]] = Field(
-        description="Correlation between the joints that this source causes."
+        description="Correlation between joints that the source causes."
     )
     responses: Compliance[list[tuple[float, float, float]] | None] = Field(
         default=None,
         description="Change of each joint if the load point moves by one standard uncertainty along each "
-        "axis of the flange; null for other sources.",
+        "flange axis; null for other sources.",
     )
 
 
@@ -160,8 +164,8 @@ class Budget(Message):
     )
     probability: Dimensionless[float] = Field(description="Coverage probability.")
     coverage_factor: Dimensionless[float] = Field(
-        description="Coverage factor: normal distribution, or Student's t if sigma is estimated or the "
-        "model error is included."
+        description="Coverage factor. The distribution is normal, or Student's t if sigma is estimated "
+        "or the model error is included."
     )
     expanded_uncertainty: Compliance[list[float]] = Field(
         description="Expanded uncertainty: coverage factor times standard uncertainty."
@@ -210,20 +214,20 @@ class Advice(Message):
     message: str = Field(description="Advice in words.")
     joints: Positions[list[float]] = Field(description="Joint positions as the controller shows them.")
     observation: Name | None = Field(
-        description="Label of the observation with this posture; null if no observation has it."
+        description="Label of the observation with the proposed posture; null if no observation has the "
+        "posture."
     )
     force: Newtons[Point] = Field(
-        description="Force on the robot, along the axes of the base frame R0, as large as the largest force "
-        "of the set; it acts at the load point of that observation."
+        description="Force on the robot along the axes of R0, as large as the largest force of the set."
     )
     uncertainty_ratio: float | None = Field(
-        description="Standard uncertainty of the compliance after one such reading of all targets, divided "
-        "by the present standard uncertainty; null if the compliance is not determined so far."
+        description="Standard uncertainty of the compliance with the proposed reading, divided by the "
+        "present one; null if not determined so far."
     )
     standard_uncertainty: Compliance[float | None] = Field(
         default=None,
-        description="Standard uncertainty of the compliance after one such reading of all targets; null if "
-        "sigma is unknown.",
+        description="Standard uncertainty of the compliance with the proposed reading of all targets; "
+        "null if sigma is unknown.",
     )
 
 
@@ -240,9 +244,10 @@ class Identifiability(Message):
     )
     observability: Dimensionless[dict[ObservabilityIndex, float] | None] = Field(
         default=None,
-        description="Observability indices (Sun & Hollerbach 2008); null if rank-deficient. With the "
-        "singular values s: `o1` geometric mean, `o2` least divided by greatest, `o3` least, `o4` least "
-        "squared divided by greatest, `o5` 1 / sum of 1/s. Larger is better; no index exceeds 1.",
+        description="Observability indices (Sun & Hollerbach 2008); null if rank-deficient. Of the "
+        "singular values, `o1` is the geometric mean, `o2` the least divided by the "
+        "greatest, `o3` the least, `o4` the squared least divided by the greatest, `o5` the "
+        "inverse of the sum of inverses. A larger index is better; no index exceeds 1.",
     )
     advice: list[Advice] = Field(
         default_factory=list,
@@ -251,12 +256,12 @@ class Identifiability(Message):
     )
     weakest: list[str] = Field(
         default_factory=list,
-        description="Messages for each stage with a condition number above 100: joints that are hard to "
-        "distinguish, with the proportion of their compliances.",
+        description="Joints that are hard to distinguish, with the proportion of their compliances, for "
+        "each stage with a condition number above 100.",
     )
     stages: list[StageIdentifiability] = Field(
-        description="Stages of the method: one stage, or for the decoupled method two, first the arm and "
-        "then the wrist."
+        description="Stages of the method. The decoupled method has two stages, first the arm and then "
+        "the wrist; other methods have one."
     )
 
 
@@ -271,7 +276,8 @@ class ResampledJoint(Message):
         description="Percentile interval over all draws, at the run's confidence."
     )
     stiffness_mean: Stiffness[float | None] = Field(
-        description="Mean of the finite stiffnesses over the draws; `share_infinite` counts the others."
+        description="Mean of the finite stiffnesses over the draws; `share_infinite` counts infinite "
+        "stiffnesses."
     )
     stiffness_deviation: Stiffness[float | None] = Field(
         description="Standard deviation of the finite stiffnesses over the draws."
@@ -310,7 +316,7 @@ class WeightShare(Message):
     joint: Name
     torque: Torque[Interval] = Field(description="Least and greatest torque of the loads about the joint.")
     largest_sag: Radians[float | None] = Field(
-        description="Greatest sag of the joint by own weight; null if its stiffness is unknown."
+        description="Greatest sag of the joint by own weight; null if the joint's stiffness is unknown."
     )
     readings: Dimensionless[float | None] = Field(
         description="Fraction of the interval's width that would remain if the masses were exact; null "
@@ -369,12 +375,12 @@ class Goodness(Message):
     """Chi-square of the residuals, in units of sigma."""
 
     chi_square: float = Field(
-        description="Sum of the squared whitened residuals; with the robust loss, residuals are cut at the "
-        "threshold and scaled to the same expectation."
+        description="Sum of the squared whitened residuals. With the robust loss, residuals are cut at "
+        "the threshold and scaled to the same expectation."
     )
     degrees_of_freedom: float
     sigma_source: Literal["given", "residuals"] = Field(
-        description="Source of sigma: stated by the user, or estimated from these residuals."
+        description="Source of sigma: stated by the user, or estimated from the residuals."
     )
     p_value: Dimensionless[float | None] = Field(
         default=None,
@@ -386,8 +392,8 @@ class Goodness(Message):
     )
     repeatability: Radians[float | None] = Field(
         default=None,
-        description="Standard deviation of a joint's random angle from posture to posture; null if the "
-        "residuals show no such motion.",
+        description="Standard deviation of a joint's random angle from posture to posture; null if "
+        "residuals show no random angle.",
     )
     repeatability_at_targets: Metres[float | None] = Field(
         default=None,
@@ -402,17 +408,23 @@ class ComplementaryStiffness(Message):
 
     included: StrictBool
     iterations: int = Field(
-        description="Number of fits until the iteration converged; 0 if K_c is neglected."
+        description="Number of fits until convergence; 0 if the complementary stiffness is neglected."
     )
-    largest_ratio: float = Field(description="Largest ratio |K_c,ij| / k_i over all observations of the set.")
+    largest_ratio: float = Field(
+        description="Largest ratio of complementary stiffness to joint "
+        "stiffness over all observations of the set."
+    )
     largest_shift: float | None = Field(
-        description="Largest change of a compliance when K_c is included, divided by its standard "
-        "uncertainty; null if unknown."
+        description="Largest change of a compliance by the complementary stiffness, in standard "
+        "uncertainties; null if unknown."
     )
 
 
 class SuspiciousReading(Message):
-    """A reading that the robust loss gives less weight, as it does to one good reading in a thousand."""
+    """A reading to which the robust loss gives less weight.
+
+    Among good readings, one in a thousand is listed.
+    """
 
     observation: Name
     target: Name
@@ -435,7 +447,7 @@ class Residual(Message):
 
 
 class Contribution(Message):
-    """Contribution of one joint to the predicted deflection, projected on it."""
+    """Contribution of one joint to the predicted deflection, by projection."""
 
     joint: Name
     share: Dimensionless[float] = Field(
@@ -461,7 +473,7 @@ class EncoderResidual(Message):
 
 
 class ModelChoice(Message):
-    """Elastic elements and loss of this run, with the evidence for both."""
+    """Elastic elements and loss of the run, with the evidence for the choice."""
 
     elasticity: ElasticModel
     loss: StoredLoss
@@ -498,11 +510,11 @@ class CauseTest(Message):
 
     name: Name = Field(description="Name of the systematic error, as in the `causes` of a run.")
     first: Name | None = Field(
-        description="Label of the first observation with this error; null if all observations have it."
+        description="Label of the first observation with the error; null if all observations have the error."
     )
     p_value: Dimensionless[float] = Field(
-        description="p-value of the F test for this error: the larger value of the tests with stated "
-        "weights and with equal weights."
+        description="p-value of the F test for the error, the larger one of tests with stated weights "
+        "and with equal weights."
     )
 
 
@@ -516,8 +528,8 @@ class RunResult(Result):
     assessment: Assessment
     joints: list[JointResult]
     compensation: float | None = Field(
-        description="Explained fraction of the mean deflection, 1 - mean‖residual‖ / mean‖deflection‖; null "
-        "if nothing moved or no degrees of freedom remain."
+        description="Fraction of the mean deflection that the model explains; null if nothing moved or "
+        "no degrees of freedom remain."
     )
     rms_residual: Metres[float] = Field(description="Root mean square of the residual vectors' lengths.")
     sigma: Metres[float | None] = Field(
@@ -530,11 +542,11 @@ class RunResult(Result):
         description="Largest violation of each optimality condition over all stages."
     )
     characteristic_length: Metres[float | None] = Field(
-        description="Characteristic length; null if the weighting needs none."
+        description="Length that divides translations; null if the weighting uses no length."
     )
     complementary_stiffness: ComplementaryStiffness | None = Field(
-        description="Effect of the complementary stiffness K_c; null with elastic links or coupling, whose "
-        "model neglects K_c."
+        description="Effect of the complementary stiffness; null with elastic links or coupling, whose "
+        "models neglect the effect."
     )
     huber_threshold: Dimensionless[float | None] = Field(
         default=None, description="Threshold of the Huber loss in units of sigma; null for other losses."
@@ -553,12 +565,12 @@ class RunResult(Result):
     links: LinksResult | None = Field(
         default=None,
         description="Results of elastic links or coupling. The numbers of each joint then include the "
-        "rotation of its link about the joint's axis. The intervals contain all values that fit with 0.3 "
-        "times the best penalty; null if `link_penalty` is given.",
+        "rotation of the link about the joint's axis. The intervals contain all values that "
+        "fit with 0.3 times the best penalty; null if `link_penalty` is given.",
     )
     choice: ModelChoice | None = Field(
         default=None,
-        description="Elastic parts and loss of this run, with the reason for their choice; null for runs by "
+        description="Elastic parts and loss of the run, with the reason for the choice; null for runs by "
         "own weight.",
     )
     causes: list[CauseTest] = Field(
@@ -590,8 +602,8 @@ class RunResult(Result):
     )
     weight: WeightResult | None = Field(
         default=None,
-        description="Result of a run with `weight`: deflections are relative to an arm without sag, and "
-        "intervals are outer bounds over all masses; else null.",
+        description="Result of a run with `weight`; null for other runs. Deflections are relative to an "
+        "arm without sag, and intervals are outer bounds over all masses.",
     )
     warnings: list[Finding] = Field(description="Warnings of the measurement set, then warnings of the fit.")
 
@@ -615,7 +627,7 @@ class RunResult(Result):
 
 
 class Run(Job):
-    """A stored run. It never changes once ended."""
+    """A stored run."""
 
     collection: ClassVar[str] = "runs"
 
@@ -633,7 +645,7 @@ class Run(Job):
 
 
 class Campaign(Message):
-    """One robot, one measurement set of it, and the options of the run."""
+    """One robot, one of the robot's measurement sets, and the options of the run."""
 
     robot: RobotDocument
     measurement_set: MeasurementSetDocument

@@ -20,7 +20,7 @@ Encoders = Literal["motor", "secondary"]
 class TrendQuery(Message):
     """Filters of the campaigns in a trend.
 
-    Default: the serial number of the newest campaign, and the options that most of its campaigns share.
+    Default: the serial number of the newest campaign, and the options of most campaigns with this number.
     """
 
     serial_number: Name | None = Field(default=None, description="Serial number of the robot.")
@@ -34,13 +34,13 @@ class TrendQuery(Message):
     )
     same_load: bool = Field(
         default=False,
-        description="True if the load of all campaigns acted at the same point of the flange, so that they "
-        "have the same error of the load point.",
+        description="True if the load acted at the same point of the flange in all campaigns. All "
+        "campaigns then share one error of the load point.",
     )
     same_cell: bool = Field(
         default=False,
-        description="True if the same load cell or the same weights gave the forces of all campaigns, so "
-        "that they have the same error of scale.",
+        description="True if one load cell, or one set of weights, gave the forces of all campaigns. All "
+        "campaigns then share one error of scale.",
     )
     campaigns: int = Field(
         default=100,
@@ -64,7 +64,7 @@ class TrendSelection(Message):
 
 
 class TrendCampaign(Message):
-    """One campaign: a measurement set and its newest comparable run."""
+    """One campaign, with a measurement set and the newest comparable run of the set."""
 
     run_id: Identifier
     measurement_set_id: Identifier
@@ -90,7 +90,7 @@ class TrendPoint(Message):
         default=None,
         description="Interval of the stiffness at the run's confidence; an end of null means no upper limit.",
     )
-    reason: str | None = Field(description="Reason why the point is not compared; null if it is compared.")
+    reason: str | None = Field(description="Reason why the point is not compared; null for a compared point.")
 
 
 class TrendJoint(Message):
@@ -100,8 +100,8 @@ class TrendJoint(Message):
     kind: StatedKind = "revolute"
     points: list[TrendPoint] = Field(description="Points of the joint, one for each campaign in `campaigns`.")
     change: Estimate | None = Field(
-        description="Relative change of stiffness from the first point to the latest point without a "
-        "`reason` (-0.1: 10 % softer); null unless there are two such points."
+        description="Relative change of stiffness from the first to the latest point without a `reason`; "
+        "null without two such points. A value of -0.1 means 10 % softer."
     )
     p_value: Dimensionless[float | None] = Field(
         description="Two-sided p-value of the hypothesis that the stiffness is unchanged."
@@ -111,8 +111,8 @@ class TrendJoint(Message):
         description="Range of ratios of the latest to the first stiffness that chance alone explains.",
     )
     changed: StrictBool = Field(
-        description="True if the stiffness changed: `p_value` is below `level` divided by the number of "
-        "tested joints."
+        description="True if the stiffness changed. `p_value` is then below `level` divided by the "
+        "number of tested joints."
     )
 
 

@@ -13,6 +13,9 @@ IndexArray: TypeAlias = npt.NDArray[np.intp]
 ActiveBounds: TypeAlias = npt.NDArray[np.int8]
 """Array that is -1 for a parameter at its lower bound, 1 at its upper bound, and 0 for a free parameter."""
 
+_OF_INVERSE = 1e-6
+"""Relative error that is granted to the norm of an inverse, far above its rounding where a bound is 1e-4."""
+
 
 def fix_axis_signs(axes: FloatArray) -> FloatArray:
     """Return axes (..., 3), each multiplied by 1 or −1 such that its first large component is positive.
@@ -46,6 +49,31 @@ def greatest_eigenvalue(matrices: FloatArray) -> FloatArray:
     B /= np.where(r > 0.0, r, 1.0)
     half_determinant = 0.5 * np.einsum("i...,i...->...", B[0], cross(B[1], B[2]))
     return np.asarray(mean + 2.0 * r * np.cos(np.arccos(np.clip(half_determinant, -1.0, 1.0)) / 3.0))
+
+
+def are_regular(matrices: FloatArray, bound: FloatArray | float) -> BoolArray:
+    """Return a mask (K,) of square matrices (K, p, p) whose least singular value is at least a bound.
+
+    Most matrices are decided by the Frobenius norm of their inverse, ``1 ≤ σ ‖A⁻¹‖ ≤ √p`` for the least
+    singular value σ: a third of the time of their singular values, which decide the others.
+
+    Args:
+        matrices: (K, p, p) matrices.
+        bound: one bound, or (K,) bounds; positive.
+    """
+    bounds = np.broadcast_to(bound, len(matrices))
+    regular = np.zeros(len(matrices), dtype=np.bool_)
+    invertible = np.flatnonzero(np.linalg.det(matrices) != 0.0)
+    inverse = np.linalg.inv(matrices[invertible])
+    least = 1.0 / np.sqrt(np.square(inverse).sum(axis=(1, 2)))  # of the singular value
+    most = np.sqrt(matrices.shape[1]) * least
+    wanted = bounds[invertible]
+    is_sure = least * (1.0 - _OF_INVERSE) >= wanted
+    is_near = ~is_sure & (most * (1.0 + _OF_INVERSE) >= wanted)
+    near = invertible[is_near]
+    regular[invertible[is_sure]] = True
+    regular[near] = np.linalg.svd(matrices[near], compute_uv=False)[:, -1] >= bounds[near]
+    return regular
 
 
 def wrap(angles: FloatArray) -> FloatArray:

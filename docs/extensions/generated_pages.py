@@ -36,7 +36,7 @@ Each page shows the public names of one package, module by module.
 """
 _FINDINGS = """# Findings
 
-Codes of findings, by what they concern; the verdict in italics is the best that the finding allows. A
+Codes of findings, sorted by subject. The verdict in italics is the best verdict of a run with the finding. A
 finding itself has its `weight`, its numbers and its remedy. [How to read a
 result](../reading-a-result.md) explains verdicts.
 """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
@@ -29,29 +29,41 @@ _SETTINGS: Any = {
 }
 
 
+def _build_late_command(name: str) -> Any:  # noqa: ANN401 - Typer's Click is private
+    """Build a command of `_LATE_COMMANDS`, with one option for each field of its request."""
+    # Only an application of Typer makes a Click command of a function: this one has a single command.
+    app_of_command = typer.Typer(add_completion=False, **_SETTINGS)
+    app_of_command.command(name)(_build_function(name))
+    return get_command(app_of_command)
+
+
+def _build_function(name: str) -> Callable[..., None]:
+    """Return the function of a command of `_LATE_COMMANDS`; what builds it is imported only here."""
+    if name == "import":
+        from jointstiff.service.cli.imports import build_import_command
+
+        return build_import_command()
+    if name == "measure":
+        from jointstiff.service.cli.measure import build_measure_command
+
+        return build_measure_command()
+    from jointstiff.service.cli import kinds
+
+    if name == "predict":
+        return kinds.build_predict_command()
+    if name == "correct":
+        return kinds.build_correct_command()
+    kind_of_command = {room.command: kind for kind, room in ROOMS.items()}
+    return kinds.build_command(kind_of_command[name])
+
+
 class _Commands(typer.core.TyperGroup):
     """Group of all commands; it builds those in `_LATE_COMMANDS` when they are called."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - Typer's Click is private
         """Return (name, command, remaining arguments); build a command of `_LATE_COMMANDS` first."""
         if args and args[0] in _LATE_COMMANDS:
-            if args[0] == "import":
-                from jointstiff.service.cli.imports import build_import_command as build
-            elif args[0] == "measure":
-                from jointstiff.service.cli.measure import build_measure_command as build
-            elif args[0] == "predict":
-                from jointstiff.service.cli.kinds import build_predict_command as build
-            elif args[0] == "correct":
-                from jointstiff.service.cli.kinds import build_correct_command as build
-            else:
-                from jointstiff.service.cli.kinds import build_command
-
-                kinds = {room.command: name for name, room in ROOMS.items()}
-                build = partial(build_command, kinds[args[0]])
-            # Only an application of Typer makes a Click command of a function: this one has a single command.
-            app_of_command = typer.Typer(add_completion=False, **_SETTINGS)
-            app_of_command.command(args[0])(build())
-            self.commands[args[0]] = get_command(app_of_command)
+            self.commands[args[0]] = _build_late_command(args[0])
         name, command, rest = super().resolve_command(ctx, args)
         if command is not None:
             _refuse_repeated_options(command, rest)

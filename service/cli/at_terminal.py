@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Literal
 
 import typer
@@ -107,20 +108,30 @@ def format_reading(state: LiveState, reading: LiveReading) -> str:
     parts = [f"{reading.label}:"]
     if state.share is not None:
         parts.append(f"uncertainty {state.share:.2f} times that of the goal,")
-    identified = [joint for joint in state.joints if joint.relative is not None]
-    if identified:
-        least_certain = max(identified, key=lambda joint: joint.relative or 0.0)
-        parts.append(f"{least_certain.name} ± {100.0 * (least_certain.relative or 0.0):.0f} %,")
+    parts += _format_least_certain(state)
+    parts += _format_agreement(reading)
+    parts.append(_format_needed_readings(state.still_needed))
+    return " ".join(parts)
+
+
+def _format_least_certain(state: LiveState) -> Iterator[str]:
+    """Yield the joint with the greatest relative uncertainty, "joint_2 ± 14 %,"; nothing if none is known."""
+    relative = {joint.name: joint.relative for joint in state.joints if joint.relative is not None}
+    if relative:
+        name = max(relative, key=lambda each: relative[each])
+        yield f"{name} ± {100.0 * relative[name]:.0f} %,"
+
+
+def _format_agreement(reading: LiveReading) -> Iterator[str]:
+    """Yield how well a reading agrees with its prediction from the earlier readings."""
     if reading.doubtful:
-        parts.append("doubtful,")
+        yield "doubtful,"
     elif reading.p_value is not None:
-        parts.append(f"agrees with its prediction (p {reading.p_value:.2g}),")
+        yield f"agrees with its prediction (p {reading.p_value:.2g}),"
     if reading.ball_ratio is not None:
         is_near = reading.ball_ratio <= 1.0
         comparison = "as near to its prediction as" if is_near else "further from its prediction than"
-        parts.append(f"held-out reading: {comparison} 90 % of good readings,")
-    parts.append(_format_needed_readings(state.still_needed))
-    return " ".join(parts)
+        yield f"held-out reading: {comparison} 90 % of good readings,"
 
 
 def _format_needed_readings(number: int | None) -> str:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -19,6 +20,9 @@ from jointstiff.service.cli.options import (
     write_json,
 )
 from jointstiff.service.settings import Settings
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.run import Run
 
 
 def examples(
@@ -128,13 +132,7 @@ def rehearse(
     from jointstiff.service.library.rehearse import rehearse as do_rehearse
     from jointstiff.service.tables.terminal import console, lay_out_parts
 
-    planted = {}
-    for text in stiffness or ():
-        name, _, number = text.partition("=")
-        try:
-            planted[name] = float(number)
-        except ValueError:
-            raise typer.BadParameter(f"'{text}' must be like joint_2=3e6", param_hint="--stiffness") from None
+    planted = _parse_stiffnesses(stiffness or ())
     if save is not None:
         check_ending(save, [".json"])
         refuse_existing(save, overwrite=overwrite)
@@ -145,6 +143,22 @@ def rehearse(
         typer.echo(result.model_dump_json(indent=2))
     else:
         console().print(lay_out_parts(result._parts()))
+
+
+def _parse_stiffnesses(texts: Sequence[str]) -> dict[str, float]:
+    """Return joint → stiffness [N·m/rad] of texts such as `joint_2=3e6`.
+
+    Raises:
+        typer.BadParameter: a text has another form.
+    """
+    stiffnesses = dict[str, float]()
+    for text in texts:
+        name, _, number = text.partition("=")
+        try:
+            stiffnesses[name] = float(number)
+        except ValueError:
+            raise typer.BadParameter(f"'{text}' must be like joint_2=3e6", param_hint="--stiffness") from None
+    return stiffnesses
 
 
 def demo(
@@ -196,16 +210,38 @@ def demo(
 def _show_example(address: str, *, once: bool) -> int:
     """Post the example campaign and a comparison, and print the run; return the exit status.
 
-    Unless `once`, print the address of the run's page, too. The idempotency keys are made from the content
-    of the requests, so that a second demonstration shows the run and the comparison stored by the first.
+    Unless `once`, print the address of the run's page, too.
     """
-    from jointstiff.schemas.fields import content_key
     from jointstiff.service.kinds.run.kind import RUN
-    from jointstiff.service.library.client import Client
     from jointstiff.service.problems import RefusedError
     from jointstiff.service.reports.job import job_parts
-    from jointstiff.service.resources.documents import to_json_text
     from jointstiff.service.tables.terminal import console, lay_out_parts, problem_text
+
+    try:
+        run = _post_example(address)
+    except RefusedError as refused:
+        console(stderr=True).print(problem_text(refused.problem))
+        return 1
+    console().print(lay_out_parts(job_parts(RUN, run)))
+    if once:  # the service ends now, so that the address of a page would be of no use
+        typer.echo(f"\nRun {run.id}\nTo open the page of the run, use the same command without --once")
+    else:
+        typer.echo(f"\nOpen the page: {address}/#/runs/{run.id}")
+    return 0
+
+
+def _post_example(address: str) -> Run:
+    """Post the example campaign and a comparison for the page, print their ids, and return the run.
+
+    The idempotency keys are made from the content of the requests, so that a second demonstration shows the
+    run and the comparison stored by the first.
+
+    Raises:
+        RefusedError: the service refuses a request.
+    """
+    from jointstiff.schemas.fields import content_key
+    from jointstiff.service.library.client import Client
+    from jointstiff.service.resources.documents import to_json_text
     from jointstiff.simulator import default_arm, simulate_campaign
 
     class ClientPostingOnce(Client):
@@ -216,21 +252,12 @@ def _show_example(address: str, *, once: bool) -> int:
             text, jobs = to_json_text(request), getattr(self, kind.collection)
             return jobs.wait(jobs.create(text, key=content_key(text), files=files), follow)
 
-    try:
-        with ClientPostingOnce(address) as client:
-            client.ping()
-            campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
-            run = client.runs.wait(client.post(campaign, once=True))
-            stored = client.measurement_sets.get(run.request.measurement_set_id)
-            counts = f"{len(stored.observations)} observations, {len(stored.warnings)} warnings"
-            typer.echo(f"robot {stored.robot_id}\nmeasurement set {stored.id} ({counts})\n")
-            client.compare(run)  # for the page
-    except RefusedError as refused:
-        console(stderr=True).print(problem_text(refused.problem))
-        return 1
-    console().print(lay_out_parts(job_parts(RUN, run)))
-    if once:  # the service ends now, so that the address of a page would be of no use
-        typer.echo(f"\nRun {run.id}\nTo open the page of the run, use the same command without --once")
-    else:
-        typer.echo(f"\nOpen the page: {address}/#/runs/{run.id}")
-    return 0
+    with ClientPostingOnce(address) as client:
+        client.ping()
+        campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
+        run: Run = client.runs.wait(client.post(campaign, once=True))
+        stored = client.measurement_sets.get(run.request.measurement_set_id)
+        counts = f"{len(stored.observations)} observations, {len(stored.warnings)} warnings"
+        typer.echo(f"robot {stored.robot_id}\nmeasurement set {stored.id} ({counts})\n")
+        client.compare(run)
+    return run

@@ -8,6 +8,7 @@ import re
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType, NoneType, UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Union, get_args, get_origin
 
@@ -21,7 +22,7 @@ from jointstiff.service.cli import options as cli
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
 
-    from jointstiff.schemas.finding import Problem
+    from jointstiff.schemas.finding import Problem, ProblemItem
 
 _ALWAYS_REFUSED: Final = frozenset({"compensates_load"})
 """Words of options that every request refuses with a reason of their own; no remedy proposes them."""
@@ -45,26 +46,51 @@ def field_options(message_class: type[Message], form_of_field: Forms = NO_FORMS)
     """
     for name, field_info in message_class.model_fields.items():
         terminal = find_option_form(field_info, form_of_field.get(name))
-        flag = option_flag(message_class, name, form_of_field)
-        text = terminal.text or " ".join((field_info.description or "").split())
-        if terminal.hidden:
+        value = _choose_option_value(field_info, terminal)
+        if terminal.hidden or value is None:
             continue
-        if terminal.flag:
-            yield name, Annotated[bool | None, typer.Option(flag, help=text)]
-        elif terminal.parse is not None:
-            option_type: Any = ParsedValue if terminal.gather == "one" else list[ParsedValue]
-            text += "" if terminal.gather == "one" else " Repeatable."
-            arguments: dict[str, Any] = {
-                "parser": _keep_words_of_errors(terminal.parse),
-                "metavar": terminal.metavar,
-            }
-            yield name, Annotated[option_type | None, typer.Option(flag, help=text, **arguments)]
-        elif (
-            type_and_arguments := _choose_option_type(_unwrap_type(field_info.annotation), terminal.unit)
-        ) is not None:
-            option_type, arguments = type_and_arguments
-            flag += f"/--no-{name.replace('_', '-')}" if option_type is bool else ""
-            yield name, Annotated[option_type | None, typer.Option(flag, help=text, **arguments)]
+        flag = option_flag(message_class, name, form_of_field)
+        if value.has_negative:
+            flag += f"/--no-{name.replace('_', '-')}"
+        text = terminal.text or " ".join((field_info.description or "").split())
+        if value.is_repeatable:
+            text += " Repeatable."
+        yield name, Annotated[value.type | None, typer.Option(flag, help=text, **value.arguments)]
+
+
+@dataclass(frozen=True)
+class _OptionValue:
+    """The value of an option on the command line."""
+
+    type: Any  # of Python, such as float
+    arguments: Mapping[str, Any] = field(default_factory=dict)  # for `typer.Option`, such as a parser
+    is_repeatable: bool = False  # whether the option can be given several times
+    has_negative: bool = False  # whether there is an option `--no-…`, too
+
+    @classmethod
+    def parsed(
+        cls,
+        parser: Callable[[str], Any],
+        metavar: str,
+        **arguments: Any,  # noqa: ANN401 - of Typer
+    ) -> _OptionValue:
+        """Return a value that a parser makes of a text; the help shows the form of the text by `metavar`."""
+        return cls(ParsedValue, {"parser": parser, "metavar": metavar, **arguments})
+
+
+def _choose_option_value(field_info: FieldInfo, terminal: Terminal) -> _OptionValue | None:
+    """Return the value of the option of a field, whose form is `terminal`.
+
+    Return None if the field cannot be an option, so that only a file of options can state it.
+    """
+    if terminal.flag:
+        return _OptionValue(bool)
+    if terminal.parse is None:
+        return _choose_value_by_type(_unwrap_type(field_info.annotation), terminal.unit)
+    value = _OptionValue.parsed(_keep_words_of_errors(terminal.parse), terminal.metavar)
+    if terminal.gather == "one":
+        return value
+    return replace(value, type=list[ParsedValue], is_repeatable=True)
 
 
 def option_flag(message_class: type[Message], name: str, form_of_field: Forms = NO_FORMS) -> str:
@@ -127,40 +153,52 @@ def find_option_form(field_info: FieldInfo, form: Terminal | None = None) -> Ter
     return next((each for each in field_info.metadata if isinstance(each, Terminal)), Terminal(unit=unit))
 
 
-def _choose_option_type(field_type: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: ANN401 - a type
-    """Return (type of an option, arguments for `typer.Option`) for a field with a type and a unit.
+def _choose_value_by_type(field_type: Any, unit: str) -> _OptionValue | None:  # noqa: ANN401 - a type
+    """Return the value of an option for a field with a type and a unit.
 
     Return None if the field cannot be an option, so that only a file of options can state it.
     """
-    if field_type in {bool, int}:
-        return field_type, {}
-    if get_origin(field_type) is Literal:
-        words = get_args(field_type)
-        return ParsedValue, {
-            "parser": _keep_words_of_errors(_make_word_parser(words)),
-            "metavar": f"<{'|'.join(words)}>",
-            "autocompletion": lambda incomplete: [word for word in words if word.startswith(incomplete)],
-        }
+    if field_type is bool:
+        return _OptionValue(bool, has_negative=True)
+    if field_type is int:
+        return _OptionValue(int)
     if field_type is str:
-        return str, {"metavar": "TEXT"}
-    if field_type is float and unit in _UNITS_AT_TERMINAL:
-        terminal_unit, factor = _UNITS_AT_TERMINAL[unit]
-        return ParsedValue, {
-            "parser": lambda text: factor * float(text),
-            "metavar": f"NUMBER[{terminal_unit}]",
-        }
+        return _OptionValue(str, {"metavar": "TEXT"})
     if field_type is float:
-        return float, {"metavar": "NUMBER"}
+        return _choose_number_value(unit)
+    if get_origin(field_type) is Literal:
+        return _choose_word_value(get_args(field_type))
     item_types = [_unwrap_type(each) for each in get_args(field_type)]
     if get_origin(field_type) is tuple and item_types == [float] * 3:
-        unit_text = {"m": "[mm]", "": "", "1": ""}.get(unit, f"[{unit}]")
-        return ParsedValue, {
-            "parser": cli.parse_point if unit == "m" else cli.parse_vector,
-            "metavar": f"X,Y,Z{unit_text}",
-        }
+        return _choose_vector_value(unit)
     if get_origin(field_type) is list and (item_types[0] is str or get_origin(item_types[0]) is Literal):
-        return ParsedValue, {"parser": parse_names, "metavar": "NAME,NAME,..."}
+        return _OptionValue.parsed(parse_names, "NAME,NAME,...")
     return None
+
+
+def _choose_number_value(unit: str) -> _OptionValue:
+    """Return the value of an option with a number, whose field has a unit: lengths are typed in mm."""
+    if unit not in _UNITS_AT_TERMINAL:
+        return _OptionValue(float, {"metavar": "NUMBER"})
+    terminal_unit, factor = _UNITS_AT_TERMINAL[unit]
+    return _OptionValue.parsed(lambda text: factor * float(text), f"NUMBER[{terminal_unit}]")
+
+
+def _choose_word_value(words: Sequence[str]) -> _OptionValue:
+    """Return the value of an option with one of the words of a field, which the shell can complete."""
+    return _OptionValue.parsed(
+        _keep_words_of_errors(_make_word_parser(words)),
+        f"<{'|'.join(words)}>",
+        autocompletion=lambda incomplete: [word for word in words if word.startswith(incomplete)],
+    )
+
+
+def _choose_vector_value(unit: str) -> _OptionValue:
+    """Return the value of an option with three numbers, whose field has a unit: points are typed in mm."""
+    if unit == "m":
+        return _OptionValue.parsed(cli.parse_point, "X,Y,Z[mm]")
+    has_unit = unit not in {"", "1"}
+    return _OptionValue.parsed(cli.parse_vector, f"X,Y,Z[{unit}]" if has_unit else "X,Y,Z")
 
 
 def _make_word_parser(words: Sequence[str]) -> Callable[[str], str]:
@@ -243,18 +281,25 @@ def name_options_in_text(message_class: type[Message], text: str, form_of_field:
             return f"`{flag}`"
         if _unwrap_type(field_info.annotation) is bool:
             return f"`{flag}`" if value == "true" else f"`--no-{name.replace('_', '-')}`"
-        if form.gather == "dict" and value.startswith("{"):
-            pairs = _read_pairs(value)
-            if pairs is None:
-                return match[0]
-            values = [shlex.quote(f"{key}={meaning}") for key, meaning in pairs.items()]
-            return f"`{' '.join(f'{flag} {each}' for each in values)}`"
-        values = [each.strip(" '\"") for each in value.strip("[]").split(",")]
-        if form.gather == "one":  # the option has one text with commas
-            values = [",".join(values)]
-        return f"`{' '.join(f'{flag} {each}' for each in values)}`"
+        values = _write_option_values(value, form)
+        return match[0] if values is None else f"`{' '.join(f'{flag} {each}' for each in values)}`"
 
     return _FIELD_IN_TEXT.sub(replace_field, text)
+
+
+def _write_option_values(value: str, form: Terminal) -> list[str] | None:
+    """Return the value of a field as texts for the command line, one for each time that the option is given.
+
+    `["A", "B"]` → "A,B" if the option has one text, else "A" and "B"; `{"pre": "unloaded"}` → "pre=unloaded".
+    Return None for a value that is not understood.
+    """
+    if form.gather == "dict" and value.startswith("{"):
+        pairs = _read_pairs(value)
+        if pairs is None:
+            return None
+        return [shlex.quote(f"{key}={meaning}") for key, meaning in pairs.items()]
+    values = [each.strip(" '\"") for each in value.strip("[]").split(",")]
+    return [",".join(values)] if form.gather == "one" else values
 
 
 def name_options_in_problem(
@@ -267,36 +312,42 @@ def name_options_in_problem(
         problem: problem with the fields of the request.
         form_of_field: forms of fields on the command line, in place of the forms that the class declares.
     """
-    from jointstiff.service.problems import MISSING
-
-    fields_with_option, items = dict(field_options(message_class, form_of_field)), []
-    for item in problem.errors:
-        remedy = item.remedy and name_options_in_text(message_class, item.remedy, form_of_field)
-        if item.reason == MISSING and item.where in message_class.model_fields:
-            # An option, such as `--encoders`, is missing on the command line.
-            field_type = _unwrap_type(message_class.model_fields[item.where].annotation)
-            remedy = f"give `{option_flag(message_class, item.where, form_of_field)}`"
-            if get_origin(field_type) is Literal:
-                words = [word for word in get_args(field_type) if word not in _ALWAYS_REFUSED]
-                remedy += f": one of {', '.join(words)}"
-            if item.where not in fields_with_option:
-                remedy = "state the option in the JSON file of `--options`"
-        changes = {
-            "reason": name_options_in_text(message_class, item.reason, form_of_field),
-            "remedy": remedy,
-        }
-        items.append(item.model_copy(update=changes))
+    items = [_name_options_in_item(message_class, item, form_of_field) for item in problem.errors]
     title = problem.title
     if items and all(re.split(r"\W", item.where)[0] in message_class.model_fields for item in items):
         title = "Options are missing or wrong"
-    is_remedy_of_item = problem.remedy in {item.remedy for item in problem.errors}
-    remedy = (
-        items[0].remedy
-        if is_remedy_of_item
-        else problem.remedy and name_options_in_text(message_class, problem.remedy, form_of_field)
-    )
+    if problem.remedy in {item.remedy for item in problem.errors}:
+        remedy = items[0].remedy
+    else:
+        remedy = problem.remedy and name_options_in_text(message_class, problem.remedy, form_of_field)
     detail = name_options_in_text(message_class, problem.detail, form_of_field)
     return problem.model_copy(update={"title": title, "detail": detail, "remedy": remedy, "errors": items})
+
+
+def _name_options_in_item(
+    message_class: type[Message], item: ProblemItem, form_of_field: Forms
+) -> ProblemItem:
+    """Return one fault of a request, whose texts name options; arguments as `name_options_in_problem`."""
+    from jointstiff.service.problems import MISSING
+
+    reason = name_options_in_text(message_class, item.reason, form_of_field)
+    if item.reason == MISSING and item.where in message_class.model_fields:
+        remedy: str | None = _explain_missing_option(message_class, item.where, form_of_field)
+    else:
+        remedy = item.remedy and name_options_in_text(message_class, item.remedy, form_of_field)
+    return item.model_copy(update={"reason": reason, "remedy": remedy})
+
+
+def _explain_missing_option(message_class: type[Message], name: str, form_of_field: Forms) -> str:
+    """Return the remedy for a missing field: "give `--encoders`: one of motor, secondary"."""
+    if name not in dict(field_options(message_class, form_of_field)):
+        return "state the option in the JSON file of `--options`"
+    remedy = f"give `{option_flag(message_class, name, form_of_field)}`"
+    field_type = _unwrap_type(message_class.model_fields[name].annotation)
+    if get_origin(field_type) is not Literal:
+        return remedy
+    words = [word for word in get_args(field_type) if word not in _ALWAYS_REFUSED]
+    return f"{remedy}: one of {', '.join(words)}"
 
 
 @contextmanager

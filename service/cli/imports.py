@@ -6,11 +6,11 @@ import csv
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 
 import typer
 
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.importing.reading import SourceFile
     from jointstiff.service.resources.proposals import ProposedImport
-    from jointstiff.service.tables.table import Line, Part
-    from jointstiff.solver.mechanics.robot import KnownRobot
+    from jointstiff.service.tables.table import Line, Part, Table
+    from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 
 
 Options = dict[str, Any]
@@ -185,10 +185,10 @@ _OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
             list[str] | None,
             typer.Option(
                 metavar="KEY=VALUE",
-                help="Way in which data of the load were measured: load_point=tracker (1 mm at least), "
-                "drawing (3 mm) or hand (10 mm); force=scales, cell, pulley (5 ± 3 % less) or catalogue (3 "
-                "%); tared=true or false for a cell; between=still, payload_declared or "
-                "gravity_compensated. Repeatable.",
+                help="Way in which data of the load were measured. load_point=tracker (1 mm at least), "
+                "drawing (3 mm) or hand (10 mm). force=scales, cell, pulley (5 ± 3 % less) or "
+                "catalogue (3 %). tared=true or false for a cell. between=still, payload_declared "
+                "or gravity_compensated. Repeatable.",
             ),
         ],
         None,
@@ -197,8 +197,8 @@ _OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
         Annotated[
             Path | None,
             cli.output_option(
-                "File to write: a campaign; without --robot a measurement set; poses for `geometry` if only "
-                "unloaded positions were read, and the robot has no masses."
+                "File for the campaign, or for a measurement set without --robot. If only unloaded "
+                "positions were read and the robot has no masses, the file has poses for `geometry`."
             ),
         ],
         None,
@@ -277,37 +277,81 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
     options = _merge_options(template_fields, _convert_to_template_unit(fields, template_fields))
     may_ask = is_terminal_input() and not values["as_json"]
     robot = None if values["robot"] is None else read_robot(values["robot"], "--robot")
-    readings = _find_meaning(
-        _StatedReadings(_read_sources(files), options, robot, meaning), may_ask=may_ask, yes=values["yes"]
-    )
-    sources, robot = readings.sources, readings.robot
-    import_answer, options = _read_and_ask(sources, readings.options, robot, may_ask=may_ask)
-    if (
-        robot is None
-        and may_ask
-        and import_answer.measurement_set is not None
-        and (robot_name := ask_for_robot())
-    ):
-        # With the robot the readings are checked again: the preview then has the findings of the inspection.
-        robot = read_robot(robot_name, "--robot")
-        import_answer, _ = _read_and_ask(sources, options, robot, may_ask=False)
-    robot = _state_payload(robot, values["payload"])
-    if robot is not None and import_answer.bodies:
-        robot = robot.model_copy(update={"bodies": import_answer.bodies})
-    if import_answer.measurement_set is not None:
-        noted_set = import_answer.measurement_set.model_copy(update=notes)
+    stated = _StatedReadings(_read_sources(files), options, robot, meaning)
+    readings = _find_meaning(stated, may_ask=may_ask, yes=values["yes"])
+    imported = _read_with_robot(readings, may_ask=may_ask)
+    imported = imported.add_payload(values["payload"])
+    imported = imported.add_notes(notes, grounds, may_ask=may_ask)
+    _print_answer(imported.answer, as_json=values["as_json"])
+    _write_files(imported, readings, values)
+
+
+@dataclass(frozen=True)
+class _Imported:
+    """Files that were read, and the robot that was measured."""
+
+    answer: ImportAnswer
+    robot: RobotDocument | None  # None if the robot is not known
+
+    def add_payload(self, payload: float | None) -> _Imported:
+        """Return the readings of the robot with a payload [kg], and with the masses that the files state.
+
+        Raises:
+            typer.BadParameter: a payload is stated, but the robot is unknown.
+            CampaignError: the payload is not plausible.
+        """
+        robot = _state_payload(self.robot, payload)
+        if robot is not None and self.answer.bodies:
+            robot = robot.model_copy(update={"bodies": self.answer.bodies})
+        return replace(self, robot=robot)
+
+    def add_notes(self, notes: Options, grounds: Options, *, may_ask: bool) -> _Imported:
+        """Return the readings with notes about the measurement, and with the grounds of its uncertainties.
+
+        The grounds say how a number is known: `force` by a load cell. With `may_ask`, a person is asked for
+        grounds that are not stated.
+        """
+        if self.answer.measurement_set is None:
+            return self
+        noted_set = self.answer.measurement_set.model_copy(update=notes)
         complete_set = _complete_grounds(noted_set, grounds, may_ask=may_ask)
-        import_answer = import_answer.model_copy(update={"measurement_set": complete_set})
-    _print_answer(import_answer, as_json=values["as_json"])
+        return replace(self, answer=self.answer.model_copy(update={"measurement_set": complete_set}))
+
+
+def _read_with_robot(readings: _StatedReadings, *, may_ask: bool) -> _Imported:
+    """Read the files; with `may_ask`, ask a person for what is missing, and for the robot.
+
+    With a robot the readings are checked again, because only then the preview has the findings of the
+    inspection.
+    """
+    from jointstiff.service.resources.documents import read_robot
+
+    answer, options = _read_and_ask(readings.sources, readings.options, readings.robot, may_ask=may_ask)
+    asks_for_robot = may_ask and readings.robot is None and answer.measurement_set is not None
+    robot_name = ask_for_robot() if asks_for_robot else None
+    if not robot_name:
+        return _Imported(answer, readings.robot)
+    robot = read_robot(robot_name, "--robot")
+    answer, _ = _read_and_ask(readings.sources, options, robot, may_ask=False)
+    return _Imported(answer, robot)
+
+
+def _write_files(imported: _Imported, readings: _StatedReadings, values: Mapping[str, Any]) -> None:
+    """Write the template and the campaign, as far as options name their files.
+
+    Raises:
+        typer.Exit: the readings have errors, something is missing, or a file cannot be written.
+    """
+    answer, output, overwrite = imported.answer, values["output"], values["overwrite"]
     if values["save_template"] is not None:
-        template = import_answer.template and _build_template(import_answer.template, readings)
-        _write_template(values["save_template"], import_answer, template, overwrite=values["overwrite"])
-    if has_blocking_findings(import_answer) and not values["despite_errors"]:
-        if values["output"] is not None:
-            cli.warn(f"{values['output']} was not written: correct the errors, or use --despite-errors")
+        template = answer.template and _build_template(answer.template, readings)
+        _write_template(values["save_template"], answer, template, overwrite=overwrite)
+    if has_blocking_findings(answer) and not values["despite_errors"]:
+        if output is not None:
+            cli.warn(f"{output} was not written: correct the errors, or use --despite-errors")
         raise typer.Exit(1)
-    if values["output"] is not None:
-        _write_campaign(values["output"], import_answer, robot, overwrite=values["overwrite"])
+    if output is not None:
+        _write_campaign(output, imported, overwrite=overwrite)
 
 
 def _complete_grounds(
@@ -427,6 +471,16 @@ class _StatedReadings:
     robot: RobotDocument | None
     meaning: TableMeaning | None = None  # of columns that names do not explain
 
+    def replace_by_proposal(self, proposed: ProposedImport) -> _StatedReadings:
+        """Return the table that a proposal makes of the files, with the robot whose kinematics explains it.
+
+        Options about columns are left out, because the columns of the table are understood.
+        """
+        left = proposed.request.model_dump(mode="json", include=set(self.options) | {"units"})
+        kept = {name: value for name, value in left.items() if name not in ("columns", "show_faults")}
+        robot = self.robot or _read_arm(proposed.known.name)
+        return _StatedReadings([proposed.table], kept, robot, proposed.meaning)
+
 
 def _find_meaning(readings: _StatedReadings, *, may_ask: bool, yes: bool) -> _StatedReadings:
     """Return readings whose columns are understood: by names, by a template, or by the robot's proposal.
@@ -437,36 +491,53 @@ def _find_meaning(readings: _StatedReadings, *, may_ask: bool, yes: bool) -> _St
         typer.Exit: the files do not have the meaning of the template, or `yes` meets a doubt.
     """
     from jointstiff.service.resources.documents import parse_document
-    from jointstiff.service.resources.imports import import_files
 
-    is_wanted = may_ask or yes or readings.robot is not None or readings.meaning is not None
+    has_meaning = readings.meaning is not None
+    is_wanted = may_ask or yes or has_meaning or readings.robot is not None
     if not is_wanted:
         return readings
     options = _split_typed_header(readings.options, readings.sources) | {"show_faults": True}
     request = parse_document(options, ImportRequest)
     robots = _list_robots(readings.robot)
-    stated = robots[0].robot if readings.robot is not None else None
-    with _name_options_in_errors():
-        if readings.meaning is None and not import_files(readings.sources, request, stated).faults:
-            return readings
+    stated = None if readings.robot is None else robots[0].robot
+    if not has_meaning and not _has_faults(readings.sources, request, stated):
+        return readings
     from jointstiff.service.resources.proposals import NoProposal, propose_import  # imports numpy
 
     proposed = propose_import(readings.sources, request, robots, readings.meaning)
     if isinstance(proposed, NoProposal):
-        if readings.meaning is not None:
-            raise cli.print_failure(
-                f"the files do not fit the template: {_name_options(proposed.reason)}",
-                "import files of the same form, or leave out --template",
-            )
-        if yes or readings.robot is not None:
-            typer.echo(f"no proposal: {_name_options(proposed.reason)}", err=True)
+        _report_no_proposal(proposed.reason, readings, yes=yes)
         return readings
-    if readings.meaning is None and not _is_accepted(proposed, may_ask=may_ask, yes=yes):
-        return readings
-    left = proposed.request.model_dump(mode="json", include=set(readings.options) | {"units"})
-    kept = {name: value for name, value in left.items() if name not in ("columns", "show_faults")}
-    robot = readings.robot or _read_arm(proposed.known.name)
-    return _StatedReadings([proposed.table], kept, robot, proposed.meaning)
+    if has_meaning or _is_accepted(proposed, may_ask=may_ask, yes=yes):
+        return readings.replace_by_proposal(proposed)
+    return readings
+
+
+def _has_faults(sources: Sequence[SourceFile], request: ImportRequest, robot: Robot | None) -> bool:
+    """Return whether names do not explain all columns of the files.
+
+    Raises:
+        CampaignError: the files cannot be read; the texts name command-line options in place of fields.
+    """
+    from jointstiff.service.resources.imports import import_files
+
+    with _name_options_in_errors():
+        return bool(import_files(sources, request, robot).faults)
+
+
+def _report_no_proposal(reason: str, readings: _StatedReadings, *, yes: bool) -> None:
+    """Print why the robot's kinematics explains no columns, if a person has reason to expect a proposal.
+
+    Raises:
+        typer.Exit: the files do not have the meaning that a template states.
+    """
+    if readings.meaning is not None:
+        raise cli.print_failure(
+            f"the files do not fit the template: {_name_options(reason)}",
+            "import files of the same form, or leave out --template",
+        )
+    if yes or readings.robot is not None:
+        typer.echo(f"no proposal: {_name_options(reason)}", err=True)
 
 
 def _is_accepted(proposed: ProposedImport, *, may_ask: bool, yes: bool) -> bool:
@@ -530,28 +601,48 @@ def _read_and_ask(
     from jointstiff.service.resources.documents import parse_document
     from jointstiff.service.resources.imports import import_files
 
-    asked_before, checked_robot = set[str](), None
     with _name_options_in_errors():
-        if robot is not None:
-            # Imported only here, as it imports numpy, which takes time.
-            from jointstiff.service.conversion.prepared import prepare_robot
-
-            checked_robot = prepare_robot(robot).robot
-        while may_ask:
-            request = parse_document(
-                _split_typed_header(options, sources) | {"show_faults": True}, ImportRequest
-            )
-            new_options = ask_for_missing(import_files(sources, request, checked_robot), asked_before)
-            if not new_options:
-                break
-            options = _merge_options(options, _convert_to_template_unit(new_options, options))
+        checked_robot = None if robot is None else _prepare_checked_robot(robot)
+        if may_ask:
+            options = _ask_until_complete(sources, options, checked_robot)
         request = parse_document(_split_typed_header(options, sources), ImportRequest)
         answer = import_files(sources, request, checked_robot)
-    findings = answer.findings and [
-        finding.model_copy(update={"remedy": _name_options(finding.remedy)}) for finding in answer.findings
-    ]
+    return _name_options_in_answer(answer), options
+
+
+def _prepare_checked_robot(robot: RobotDocument) -> Robot:
+    """Return the robot against which readings are checked."""
+    # Imported only here, as it imports numpy, which takes time.
+    from jointstiff.service.conversion.prepared import prepare_robot
+
+    return prepare_robot(robot).robot
+
+
+def _ask_until_complete(sources: Sequence[SourceFile], options: Options, robot: Robot | None) -> Options:
+    """Ask a person for missing options until no question is left; return all options.
+
+    Each answer can lead to a new question, so the files are read again after each round.
+    """
+    from jointstiff.service.resources.documents import parse_document
+    from jointstiff.service.resources.imports import import_files
+
+    asked_before = set[str]()
+    while True:
+        fields = _split_typed_header(options, sources) | {"show_faults": True}
+        answer = import_files(sources, parse_document(fields, ImportRequest), robot)
+        new_options = ask_for_missing(answer, asked_before)
+        if not new_options:
+            return options
+        options = _merge_options(options, _convert_to_template_unit(new_options, options))
+
+
+def _name_options_in_answer(answer: ImportAnswer) -> ImportAnswer:
+    """Return the result of an import whose texts name command-line options in place of fields."""
     missing = [_name_options(text) for text in answer.missing]
-    return answer.model_copy(update={"missing": missing, "findings": findings}), options
+    findings = answer.findings
+    if findings is not None:
+        findings = [each.model_copy(update={"remedy": _name_options(each.remedy)}) for each in findings]
+    return answer.model_copy(update={"missing": missing, "findings": findings})
 
 
 def _split_typed_header(options: Options, sources: Sequence[SourceFile]) -> Options:
@@ -697,9 +788,7 @@ def _write_template(
     cli.write_json(path, template.model_dump(mode="json", exclude_defaults=True))
 
 
-def _write_campaign(
-    path: Path, answer: ImportAnswer, robot: RobotDocument | None, *, overwrite: bool
-) -> None:
+def _write_campaign(path: Path, imported: _Imported, *, overwrite: bool) -> None:
     """Write a campaign file; without a robot, write only the measurement set.
 
     If only unloaded positions or a weight step were read, write these, with the robot if it is known.
@@ -707,43 +796,66 @@ def _write_campaign(
     Raises:
         typer.Exit: information is missing, or the file cannot be written.
     """
-    from jointstiff.service.problems import http_problem
-
-    readings = answer.measurement_set or answer.geometry or answer.weight_step
-    if readings is None:
-        missing = "; ".join(answer.missing)
-        raise print_problem(
-            http_problem(
-                422,
-                f"nothing was written, because information is missing: {missing}",
-                "add the missing information",
-            )
-        )
-    document = readings.model_dump(mode="json", exclude_none=True, exclude_unset=readings is answer.geometry)
-    robot_part = {} if robot is None else {"robot": robot.model_dump(mode="json", exclude_unset=True)}
-    if answer.measurement_set is None:
-        document |= robot_part
-        robot_option = "" if robot_part else " --robot ROBOT"
-        content, next_step = "unloaded poses", f"jointstiff geometry {path}{robot_option}"
-        if answer.weight_step is not None:
-            content = "a weight step"
-            next_step = f"jointstiff gearbox {path}{robot_option} --load KG±KG,X,Y,Z"
-    elif robot_part:
-        document = {**robot_part, "measurement_set": document}
-        if answer.leave_out:
-            document["run"] = {"leave_out": answer.leave_out}
-        if answer.geometry is not None:
-            # Readings without a load only: the run identifies the robot by its own weight.
-            document["run"] = {**document.get("run", {}), "weight": {}}
-        content, next_step = "a campaign", f"jointstiff identify {path}"
-    else:
-        content, next_step = "a measurement set", "add a robot with --robot"
-    if cli.has_content(path, document):
-        typer.echo(f"{path} has this content already; now: {next_step}", err=True)
+    written = _choose_content(path, imported)
+    if cli.has_content(path, written.document):
+        typer.echo(f"{path} has this content already; now: {written.next_step}", err=True)
         return
     cli.refuse_existing(path, overwrite=overwrite)
-    cli.write_json(path, document)
-    typer.echo(f"wrote {path}, {content}; now: {next_step}", err=True)
+    cli.write_json(path, written.document)
+    typer.echo(f"wrote {path}, {written.name}; now: {written.next_step}", err=True)
+
+
+class _WrittenContent(NamedTuple):
+    """Content of a file that the command writes, and what a person does with it."""
+
+    document: Options  # JSON object of the file
+    name: str  # such as "a campaign"
+    next_step: str  # command, or what is missing
+
+
+def _choose_content(path: Path, imported: _Imported) -> _WrittenContent:
+    """Return what the file at a path gets: a campaign, or as much of one as was read.
+
+    Raises:
+        typer.Exit: information is missing.
+    """
+    from jointstiff.service.problems import http_problem
+
+    answer, robot = imported.answer, imported.robot
+    robot_part: Options = {}
+    if robot is not None:
+        robot_part = {"robot": robot.model_dump(mode="json", exclude_unset=True)}
+    robot_option = "" if robot_part else " --robot ROBOT"
+    if answer.measurement_set is not None:
+        measurement_set = answer.measurement_set.model_dump(mode="json", exclude_none=True)
+        if not robot_part:
+            return _WrittenContent(measurement_set, "a measurement set", "add a robot with --robot")
+        campaign = {**robot_part, "measurement_set": measurement_set, **_choose_run_part(answer)}
+        return _WrittenContent(campaign, "a campaign", f"jointstiff identify {path}")
+    if answer.geometry is not None:
+        poses = answer.geometry.model_dump(mode="json", exclude_none=True, exclude_unset=True)
+        next_step = f"jointstiff geometry {path}{robot_option}"
+        return _WrittenContent(poses | robot_part, "unloaded poses", next_step)
+    if answer.weight_step is not None:
+        step = answer.weight_step.model_dump(mode="json", exclude_none=True)
+        next_step = f"jointstiff gearbox {path}{robot_option} --load KG±KG,X,Y,Z"
+        return _WrittenContent(step | robot_part, "a weight step", next_step)
+    missing = "; ".join(answer.missing)
+    reason = f"nothing was written, because information is missing: {missing}"
+    raise print_problem(http_problem(422, reason, "add the missing information"))
+
+
+def _choose_run_part(answer: ImportAnswer) -> Options:
+    """Return the options of the run of a campaign, under `run`; nothing if the defaults suit the readings.
+
+    Readings without a load only are for a run that identifies the robot by its own weight.
+    """
+    run: Options = {}
+    if answer.leave_out:
+        run["leave_out"] = answer.leave_out
+    if answer.geometry is not None:
+        run["weight"] = {}
+    return {"run": run} if run else {}
 
 
 def is_terminal_input() -> bool:
@@ -766,19 +878,27 @@ def ask_for_missing(answer: ImportAnswer, asked_before: set[str]) -> Options:
     faults = [fault.option for fault in answer.faults if fault.option is not None]
     for option in dict.fromkeys([*faults, *answer.missing_fields]):
         for name, question in _find_questions(option, answer):
-            if name not in asked_before:
-                if not asked_before:
-                    typer.echo(_HOW_TO_ANSWER, err=True)
-                asked_before.add(name)
-                value = question()
-                if name == "load_point" and isinstance(value, str):
-                    name = "load_point_target"
-                field, _, subfield = name.partition(".")  # such as `units.length`: a key of the field `units`
-                if subfield:
-                    new_options.setdefault(field, {})[subfield] = value
-                else:
-                    new_options[field] = value
+            if name in asked_before:
+                continue
+            if not asked_before:
+                typer.echo(_HOW_TO_ANSWER, err=True)
+            asked_before.add(name)
+            _add_answer(new_options, name, question())
     return new_options
+
+
+def _add_answer(options: Options, name: str, value: object) -> None:
+    """Add a person's answer to options: to the field `name`, or to a key of a field, as `units.length`.
+
+    The load point may be a target: its name is stated by another field than the coordinates.
+    """
+    if name == "load_point" and isinstance(value, str):
+        name = "load_point_target"
+    field, _, key = name.partition(".")
+    if key:
+        options.setdefault(field, {})[key] = value
+    else:
+        options[field] = value
 
 
 def ask_for_robot() -> str | None:
@@ -900,55 +1020,63 @@ def has_blocking_findings(answer: ImportAnswer) -> bool:
 
 def make_import_report(answer: ImportAnswer) -> list[Part]:
     """Return the preview of an import for people: files with their columns, totals, gaps and findings."""
-    from jointstiff.service.tables.table import Line, build_text_table
+    from jointstiff.service.tables.table import Line
 
     parts: list[Part] = []
     for file in answer.files:
-        rows = [
-            [
-                str(column.column),
-                _shorten(column.header),
-                _shorten(column.meaning) + (" ?" if column.guessed else ""),
-                column.unit or "",
-                "; ".join(
-                    _shorten(row[column.column - 1])
-                    for row in file.first_rows[:2]
-                    if column.column <= len(row)
-                ),
-            ]
-            for column in file.columns
-        ]
-        column_titles = ["", "header", "read as", "unit", "first values"]
-        parts += [
-            Line(f"{file.file}: {_describe_format(file)}", "title"),
-            build_text_table(column_titles, rows, left_aligned=[1, 2, 3, 4]),
-        ]
+        parts += [Line(f"{file.file}: {_describe_format(file)}", "title"), _make_columns_table(file)]
         parts += _make_first_lines(file.assumptions, "assumed: ")
+    parts.append(Line(f"  {_describe_totals(answer)}"))
+    parts += _make_first_lines(answer.assumptions, "assumed: ")
+    if answer.geometry is not None and answer.measurement_set is None:
+        pose_count = len(answer.geometry.poses or ())
+        parts.append(Line(f"  complete: {pose_count} unloaded poses for a geometry", "good"))
+    if answer.bodies:
+        total_mass = sum(body.mass for body in answer.bodies)
+        parts.append(Line(f"  masses: {len(answer.bodies)} bodies, {total_mass:g} kg together"))
+    parts += _make_completeness_lines(answer)
+    return [*parts, *_make_finding_lines(answer)]
+
+
+def _make_columns_table(file: FilePreview) -> Table:
+    """Return a table of a file's columns: header, meaning (with "?" if it was guessed), unit, two values."""
+    from jointstiff.service.tables.table import build_text_table
+
+    rows = list[list[str]]()
+    for column in file.columns:
+        values = [row[column.column - 1] for row in file.first_rows[:2] if column.column <= len(row)]
+        meaning = _shorten(column.meaning) + (" ?" if column.guessed else "")
+        first_values = "; ".join(map(_shorten, values))
+        rows.append([str(column.column), _shorten(column.header), meaning, column.unit or "", first_values])
+    titles = ["", "header", "read as", "unit", "first values"]
+    return build_text_table(titles, rows, left_aligned=[1, 2, 3, 4])
+
+
+def _describe_totals(answer: ImportAnswer) -> str:
+    """Return in words what all files together have: observations, joints, readings, targets and states."""
     joints = "no joint angles" if answer.joint_count is None else f"{answer.joint_count} joints"
     targets = ", ".join(answer.targets) or "none"
     states = ", ".join(answer.states) or "none"
     ellipsis = ", …" if answer.observation_count > len(answer.first_labels) else ""
-    totals = (
-        f"  {answer.observation_count} observations ({', '.join(answer.first_labels)}{ellipsis}), {joints}, "
+    labels = ", ".join(answer.first_labels) + ellipsis
+    return (
+        f"{answer.observation_count} observations ({labels}), {joints}, "
         f"{answer.reading_count} complete readings; targets: {targets}; states: {states}"
     )
-    parts += [Line(totals), *_make_first_lines(answer.assumptions, "assumed: ")]
-    if answer.geometry is not None and answer.measurement_set is None:
-        parts.append(
-            Line(f"  complete: {len(answer.geometry.poses or ())} unloaded poses for a geometry", "good")
-        )
-    if answer.bodies:
-        total_mass = sum(body.mass for body in answer.bodies)
-        parts.append(Line(f"  masses: {len(answer.bodies)} bodies, {total_mass:g} kg together"))
+
+
+def _make_completeness_lines(answer: ImportAnswer) -> Iterator[Line]:
+    """Yield lines on what is missing or, if nothing is missing, on what the files are complete for."""
+    from jointstiff.service.tables.table import Line
+
     if answer.missing:
-        parts += _make_first_lines(answer.missing, "missing: ", "care")
+        yield from _make_first_lines(answer.missing, "missing: ", "care")
     elif answer.weight_step is not None:
-        parts.append(Line("  complete: a weight step of two encoders", "good"))
+        yield Line("  complete: a weight step of two encoders", "good")
     elif not has_blocking_findings(answer):
         # The measurement set of a file with unloaded poses only serves to identify by the robot's own weight.
         purpose = "" if answer.geometry is None else " for the robot's own weight"
-        parts.append(Line(f"  complete: a measurement set{purpose}", "good"))
-    return [*parts, *_make_finding_lines(answer)]
+        yield Line(f"  complete: a measurement set{purpose}", "good")
 
 
 def _make_finding_lines(answer: ImportAnswer) -> Iterator[Line]:

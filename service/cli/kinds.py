@@ -46,8 +46,8 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             Path | None,
             cli.file_argument(
                 "[SECOND]",
-                "File of a second campaign, compared with the first: with secondary encoders, after a "
-                "change, or of a robot of the same model.",
+                "File of a second campaign to compare with the first. The second campaign has secondary "
+                "encoders, follows a change, or is of a robot of the same model.",
             ),
         ],
     },
@@ -82,8 +82,8 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             list[Path],
             cli.file_argument(
                 "PROGRAM",
-                "Robot program, or CSV table of poses; for KUKA, the .src and its .dat, for ABB, the "
-                "modules of the task, for FANUC, the .LS and those that it calls.",
+                "Robot program, or CSV table of poses. KUKA: the .src and .dat files. ABB: the modules "
+                "of the task. FANUC: the .LS file and the .LS files that it calls.",
             ),
         ]
     },
@@ -482,16 +482,25 @@ def _convert_to_units_of_file(
         file_unit = units.get(quantity)
         if file_unit not in unit_sizes:
             continue
-        has_linear_axes = isinstance(value, list | tuple) and len(value) > _JOINTS_OF_ARM
-        if quantity == "angle" and file_unit != "deg" and has_linear_axes:
-            raise typer.BadParameter(
-                f"the unit of angles in the file of options is {file_unit}, so values of linear axes in "
-                f"deg cannot be converted; remedy: state `{name}` in the file of options, in the units "
-                "of this file",
-                param_hint=option_flag(message_class, name),
-            )
+        if quantity == "angle" and file_unit != "deg":
+            _refuse_linear_axes(value, name, str(file_unit), message_class)
         converted[name] = scale_numbers(unit_sizes[unit_of_option] / unit_sizes[file_unit], value)
     return converted
+
+
+def _refuse_linear_axes(value: object, name: str, file_unit: str, message_class: type[Message]) -> None:
+    """Refuse a posture with more joints than an arm has, because a factor of angles would scale linear axes.
+
+    Raises:
+        typer.BadParameter: names the option of the field `name`.
+    """
+    if isinstance(value, list | tuple) and len(value) > _JOINTS_OF_ARM:
+        raise typer.BadParameter(
+            f"the unit of angles in the file of options is {file_unit}, so values of linear axes in "
+            f"deg cannot be converted; remedy: state `{name}` in the file of options, in the units "
+            "of this file",
+            param_hint=option_flag(message_class, name),
+        )
 
 
 def scale_numbers(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON

@@ -15,8 +15,12 @@ from jointstiff.service.cli import options as cli
 from jointstiff.service.cli.fields import field_options, gather_stated_fields, naming_options
 
 if TYPE_CHECKING:
+    from jointstiff.schemas.fields import Message
+    from jointstiff.schemas.live import LiveState
     from jointstiff.schemas.rehearsal import RehearsedJoint
+    from jointstiff.service.cli.at_terminal import AtTerminal
     from jointstiff.service.library.measure import LiveMeasurement
+    from jointstiff.service.live.sources import SourceError
 
 _FIELDS_WITHOUT_OPTION: Final = {
     "elastic_links",
@@ -27,11 +31,11 @@ _FIELDS_WITHOUT_OPTION: Final = {
 }
 """Fields of `LiveOptions` for which the command has no option of the same form."""
 _HELP_TEXTS: Final = {
-    "load": "Load to apply, such as dead_weight:1500, dead_weight:150kg or any_direction:1500; default: "
-    "the strongest force of the campaign, as a weight if all forces of the campaign pull down.",
+    "load": "Load to apply, such as dead_weight:1500, dead_weight:150kg or any_direction:1500. Default: "
+    "the strongest force of the campaign, as a weight if all forces pull down.",
     "targets": "Target in the flange frame, in mm; default: the targets of the campaign. Repeatable.",
-    "work_area": "Work area of a goal about deflections: two corners of a box, in R0, in mm; default: the "
-    "box around the load points of the campaign.",
+    "work_area": "Work area of a goal about deflections, as two corners of a box in R0, in mm. Default: "
+    "the box around the campaign's load points.",
 }
 
 
@@ -46,9 +50,9 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
             str | None,
             typer.Option(
                 metavar="GOAL",
-                help='Goal of the measurement: an uncertainty of "15 %" of every stiffness that the load '
-                'tests, or "6 um" of the deflection in the work area; or "below 0.5 mm" to decide whether '
-                "the deflection stays below this limit. Required without --bridge.",
+                help='Goal of the measurement. "15 %": uncertainty of every stiffness that the load tests. '
+                '"6 um": uncertainty of the deflection in the work area. "below 0.5 mm": decide whether '
+                "the deflection stays below 0.5 mm. Required without --bridge.",
             ),
         ],
         None,
@@ -202,8 +206,9 @@ def build_measure_command() -> Callable[..., None]:
         str | None,
         typer.Argument(
             metavar="CAMPAIGN_OR_ROBOT",
-            help="File of a campaign whose robot, loads, targets and noise are used; its readings are not "
-            "used. Or a robot (file, or name of an arm of the catalogue) with --load and --target.",
+            help="File of a campaign that gives robot, loads, targets and noise. The readings of the "
+            "campaign are not used. Instead of a campaign, name a robot (file, or arm of the "
+            "catalogue) with --load and --target.",
         ),
     ]
     fields = {name: (annotation, None) for name, annotation in annotations.items()}
@@ -221,20 +226,9 @@ def _run_measure(source: str, stated: dict[str, Any], values: dict[str, Any]) ->
         values: values of all options of the command.
     """
     from jointstiff.service.library.measure import measure
-    from jointstiff.service.resources.documents import read_object
 
-    if values["options"] is not None:
-        stated = read_object(values["options"]) | stated
     asks = not values["yes"] and not values["as_json"] and sys.stdin.isatty()
-    arguments: dict[str, Any] = {
-        "goal": values["goal"],
-        "source": values["source"],
-        "force": _parse_force(values["force"]),
-        "timeout": values["timeout"],
-        "source_options": _line_options(values["source"], values, sample=not values["yes"]),
-        "units": "m, rad, N, N.m",
-        **stated,
-    }
+    arguments = _gather_arguments(stated, values)
     if values["server"] is None:
         with measure(source, **arguments) as campaign:
             _measure_and_print(campaign, values, asks=asks)
@@ -246,6 +240,26 @@ def _run_measure(source: str, stated: dict[str, Any], values: dict[str, Any]) ->
         client.ping()
         with measure(source, client=client, **arguments) as campaign:
             _measure_and_print(campaign, values, asks=asks)
+
+
+def _gather_arguments(stated: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
+    """Return the arguments of `jointstiff.measure` by name; arguments as of `_run_measure`.
+
+    Options of the command take precedence over the file of --options.
+    """
+    from jointstiff.service.resources.documents import read_object
+
+    if values["options"] is not None:
+        stated = read_object(values["options"]) | stated
+    return {
+        "goal": values["goal"],
+        "source": values["source"],
+        "force": _parse_force(values["force"]),
+        "timeout": values["timeout"],
+        "source_options": _line_options(values["source"], values, sample=not values["yes"]),
+        "units": "m, rad, N, N.m",
+        **stated,
+    }
 
 
 def _line_options(source: str, values: dict[str, Any], *, sample: bool) -> dict[str, Any]:
@@ -265,6 +279,23 @@ def _run_bridge(source_file: str | None, values: dict[str, Any]) -> None:
     from jointstiff.service.library.bridge import TrackerBridge
     from jointstiff.service.library.client import Client
 
+    _refuse_unsuitable_options(source_file, values)
+    with Client(values["server"].rstrip("/"), warn=cli.warn) as client:
+        options = _line_options(values["bridge"], values, sample=False)
+        bridge = TrackerBridge(
+            client, values["code"], values["bridge"], source_options=options, warn=cli.warn
+        )
+        cli.warn(f"joined the page of '{bridge.name}'; Ctrl-C ends")
+        bridge.run()
+    cli.warn("the page has ended the bridge")
+
+
+def _refuse_unsuitable_options(source_file: str | None, values: dict[str, Any]) -> None:
+    """Refuse options of a bridge that are missing, or that the page has chosen already.
+
+    Raises:
+        typer.Exit: names the options.
+    """
     if source_file is not None or values["goal"] is not None or values["source"] is not None:
         raise cli.print_failure(
             "--bridge cannot be combined with a campaign, --goal or --source, because the page has opened "
@@ -276,14 +307,6 @@ def _run_bridge(source_file: str | None, values: dict[str, Any]) -> None:
             "--bridge needs --server and --code",
             "copy the command from the page: open the campaign there, then *Tracker*",
         )
-    with Client(values["server"].rstrip("/"), warn=cli.warn) as client:
-        options = _line_options(values["bridge"], values, sample=False)
-        bridge = TrackerBridge(
-            client, values["code"], values["bridge"], source_options=options, warn=cli.warn
-        )
-        cli.warn(f"joined the page of '{bridge.name}'; Ctrl-C ends")
-        bridge.run()
-    cli.warn("the page has ended the bridge")
 
 
 def _parse_force(text: str | None) -> tuple[float, ...] | None:
@@ -306,27 +329,11 @@ def _measure_and_print(campaign: LiveMeasurement, values: dict[str, Any], *, ask
         typer.Exit: the source has stopped, nothing was read, or the run has failed.
     """
     from jointstiff.service.cli.at_terminal import AtTerminal
-    from jointstiff.service.kinds.run.kind import RUN
-    from jointstiff.service.live.rehearsal import make_planted_table
-    from jointstiff.service.live.sources import SourceError
-    from jointstiff.service.reports.job import lay_out_job
-    from jointstiff.service.tables.stiffness import UNITS
-    from jointstiff.service.tables.terminal import console, lay_out_parts
 
     person = AtTerminal(campaign, asks=asks, confirmed=values["yes"])
     cli.warn(f"goal: {campaign.state.goal}")
-    source_error: SourceError | None = None
-    try:
-        campaign.run_source(person, values["most"])
-    except SourceError as error:
-        source_error = error
-        if not campaign.count:
-            raise
-        # The readings so far are identified, although the source has stopped.
-        cli.warn(f"{error.reason}\n  remedy: {error.remedy}")
-    state = campaign.state
-    names_state = state.state in {"reached", "closed"}  # the message of these states begins with their name
-    cli.warn(state.message if names_state else f"{state.state}: {state.message}")
+    source_error = _read_until_end(campaign, person, values["most"])
+    _print_end_state(campaign.state)
     if not campaign.count:
         raise cli.print_failure("no reading was taken", "measure again")
     run = campaign.close()
@@ -336,13 +343,52 @@ def _measure_and_print(campaign: LiveMeasurement, values: dict[str, Any], *, ask
     if values["as_json"]:
         typer.echo(json.dumps(_make_json_document(campaign, source_error), indent=2, ensure_ascii=False))
     else:
-        console().print(lay_out_job(RUN, run, details=values["details"], unit=values["unit"]))
-        if planted := _compare_with_planted(campaign):
-            confidence = run.request.confidence
-            table = make_planted_table(planted, confidence, "the simulated source", UNITS[values["unit"]])
-            console().print(lay_out_parts([table]))
+        _print_run(campaign, details=values["details"], unit=values["unit"])
     if source_error is not None or run.state != "succeeded":
         raise typer.Exit(1)
+
+
+def _read_until_end(campaign: LiveMeasurement, person: AtTerminal, most: int) -> SourceError | None:
+    """Read until the campaign ends, or `most` times; return the error with which the source stopped, if any.
+
+    After an error the readings so far are identified.
+
+    Raises:
+        SourceError: the source stopped before the first reading.
+    """
+    from jointstiff.service.live import sources
+
+    try:
+        campaign.run_source(person, most)
+    except sources.SourceError as error:
+        if not campaign.count:
+            raise
+        cli.warn(f"{error.reason}\n  remedy: {error.remedy}")
+        return error
+    return None
+
+
+def _print_end_state(state: LiveState) -> None:
+    """Print the last state of a live campaign with its message."""
+    names_state = state.state in {"reached", "closed"}  # the message of these states begins with their name
+    cli.warn(state.message if names_state else f"{state.state}: {state.message}")
+
+
+def _print_run(campaign: LiveMeasurement, *, details: bool, unit: str) -> None:
+    """Print the run of a closed campaign and, if its readings were simulated, the stiffnesses behind them."""
+    from jointstiff.service.kinds.run.kind import RUN
+    from jointstiff.service.live.rehearsal import make_planted_table
+    from jointstiff.service.reports.job import lay_out_job
+    from jointstiff.service.tables.stiffness import UNITS
+    from jointstiff.service.tables.terminal import console, lay_out_parts
+
+    run = campaign.close()
+    console().print(lay_out_job(RUN, run, details=details, unit=unit))
+    planted = _compare_with_planted(campaign)
+    if planted:
+        confidence = run.request.confidence
+        table = make_planted_table(planted, confidence, "the simulated source", UNITS[unit])
+        console().print(lay_out_parts([table]))
 
 
 def _compare_with_planted(campaign: LiveMeasurement) -> list[RehearsedJoint]:
@@ -368,18 +414,22 @@ def _make_json_document(campaign: LiveMeasurement, source_error: Any) -> dict[st
         mode="json", exclude={"revision", "still_needed", "next", "following", "residuals", "warnings"}
     )
     readings = fields.pop("readings")
+    # Only held-out readings have a ratio; that of the last one is stated.
+    ratios = [each["ball_ratio"] for each in readings if each["ball_ratio"] is not None]
     return {
         "readings": campaign.count,
         **fields,
         "withdrawn": sum(each["state"] == "withdrawn" for each in readings),
-        # Only held-out readings have a ratio; that of the last one is stated.
-        "ball_ratio": next(
-            (each["ball_ratio"] for each in readings[::-1] if each["ball_ratio"] is not None), None
-        ),
+        "ball_ratio": ratios[-1] if ratios else None,
         "record": readings,
         "planted": [joint.model_dump(mode="json") for joint in _compare_with_planted(campaign)],
         "stopped": None if source_error is None else source_error.reason,
         "run_id": run.id,
-        "error": None if run.error is None else run.error.model_dump(mode="json"),
-        "result": None if run.result is None else run.result.model_dump(mode="json"),
+        "error": _dump_or_none(run.error),
+        "result": _dump_or_none(run.result),
     }
+
+
+def _dump_or_none(message: Message | None) -> dict[str, Any] | None:
+    """Return a message as a JSON object; None for no message."""
+    return None if message is None else message.model_dump(mode="json")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -13,9 +12,9 @@ from jointstiff.service.cli import options as cli
 from jointstiff.service.settings import LaboratoryFile
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.robot import Arm, Catalogue
+    from jointstiff.schemas.robot import Arm, Catalogue, DhRow
     from jointstiff.service.library.results import TabledRun
-    from jointstiff.service.tables.table import Part
+    from jointstiff.service.tables.table import Part, Table
 
 _FORMATS: Final = (".csv", ".xlsx", ".mjcf")
 _REPORTS: Final = (".pdf", ".html", ".xml")
@@ -44,8 +43,7 @@ def report(
         Path,
         cli.file_argument(
             "FILE",
-            "File of a campaign; or of a comparison, plan, map or program, as the command prints it with "
-            "--json.",
+            "File of a campaign, or output of --json for a comparison, plan, map or program.",
         ),
     ],
     *,
@@ -152,38 +150,40 @@ def _make_arm_list(catalogue: Catalogue) -> list[Part]:
 
 def _describe_arm(arm: Arm) -> list[Part]:
     """Return the description of an arm: title, Denavit-Hartenberg table, joint map, reach and sources."""
-    from jointstiff.service.tables.table import Column, Line, Table
+    from jointstiff.service.tables.table import Line
+
+    lines = [f"R0: {arm.base}", f"reach: {arm.reach * 1e3:g} mm {_REACH_POINTS[arm.reach_of]}"]
+    if arm.payload is not None:
+        lines.append(f"payload: {arm.payload:g} kg")
+    if arm.joint_map is not None:
+        for number, row in enumerate(arm.joint_map.matrix, 1):
+            factors = " ".join(f"{factor:g}" for factor in row)
+            lines.append(f"joint map, row {number}: {factors}")
+    lines += [f"source: {source}" for source in arm.sources]
+    return [Line(f"{arm.name} (nominal)", "title"), _make_arm_table(arm), *map(Line, lines)]
+
+
+def _make_arm_table(arm: Arm) -> Table:
+    """Return the table of an arm's Denavit-Hartenberg parameters and limits, a row for each joint."""
+    from jointstiff.service.tables import table
 
     rows = arm.model.rows
-    limits = [
-        "not known"
-        if row.lower is None or row.upper is None
-        else f"{_format_angle(row.lower)} to {_format_angle(row.upper)}"
-        for row in rows
+    columns = [
+        table.Column("joint", [str(i + 1) for i in range(len(rows))], text=True),
+        table.Column("a", [_format_length(row.a) for row in rows], unit="mm", text=True),
+        table.Column("alpha", [_format_angle(row.alpha) for row in rows], unit="°", text=True),
+        table.Column("d", [_format_length(row.d) for row in rows], unit="mm", text=True),
+        table.Column("theta", [_format_angle(row.theta) for row in rows], unit="°", text=True),
+        table.Column("limits", [_format_limits(row) for row in rows], unit="°", text=True),
     ]
-    table = Table(
-        [
-            Column("joint", [str(i + 1) for i in range(len(rows))], text=True),
-            Column("a", [_format_length(row.a) for row in rows], unit="mm", text=True),
-            Column("alpha", [_format_angle(row.alpha) for row in rows], unit="°", text=True),
-            Column("d", [_format_length(row.d) for row in rows], unit="mm", text=True),
-            Column("theta", [_format_angle(row.theta) for row in rows], unit="°", text=True),
-            Column("limits", limits, unit="°", text=True),
-        ],
-        title=f"Denavit-Hartenberg, {arm.model.convention}",
-    )
-    matrix: Sequence[Sequence[float]] = [] if arm.joint_map is None else arm.joint_map.matrix
-    lines = [
-        f"R0: {arm.base}",
-        f"reach: {arm.reach * 1e3:g} mm {_REACH_POINTS[arm.reach_of]}",
-        *([] if arm.payload is None else [f"payload: {arm.payload:g} kg"]),
-        *(
-            f"joint map, row {i}: {' '.join(f'{value:g}' for value in row)}"
-            for i, row in enumerate(matrix, 1)
-        ),
-        *(f"source: {source}" for source in arm.sources),
-    ]
-    return [Line(f"{arm.name} (nominal)", "title"), table, *map(Line, lines)]
+    return table.Table(columns, title=f"Denavit-Hartenberg, {arm.model.convention}")
+
+
+def _format_limits(row: DhRow) -> str:
+    """Return the range of a joint's angle [°]: "-185 to 185"."""
+    if row.lower is None or row.upper is None:
+        return "not known"
+    return f"{_format_angle(row.lower)} to {_format_angle(row.upper)}"
 
 
 def _format_length(value: float) -> str:

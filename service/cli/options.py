@@ -125,8 +125,8 @@ NamedRobot = Annotated[
     str | None,
     typer.Option(
         metavar="ROBOT",
-        help='File of a robot or of a campaign, or name of an arm of the catalogue, such as "KUKA KR 210 '
-        'R2700" (`jointstiff robots` lists the arms).',
+        help='File of a robot or campaign, or name of an arm in the catalogue, such as "KUKA KR 210 R2700". '
+        "`jointstiff robots` lists the arms.",
     ),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")]

@@ -36,8 +36,6 @@ _DOCUMENTS: Final = frozenset({"robot", "joint_map"})
 def complete_units(stated: AnyUnits | Message) -> dict[str, str]:
     """Return the unit of each quantity by name; a quantity that a mapping does not name has the default unit.
 
-    The unit of moments is missing where the unit of forces is stated without the unit of moments.
-
     Raises:
         MeasurementError: a unit is not known; or a text names a quantity twice, or not all quantities.
     """
@@ -46,14 +44,25 @@ def complete_units(stated: AnyUnits | Message) -> dict[str, str]:
         return default
     # Readings of geometry have units of their own type, without forces.
     units = stated.model_dump(exclude_none=True) if isinstance(stated, Message) else parse_units(stated)
-    force = units.get("force", "N")
-    if force != "N" or not isinstance(stated, Mapping):
+    is_partial = isinstance(stated, Mapping)
+    if units.get("force", "N") != "N" or not is_partial:
         del default["moment"]
-        by_metre = f"{force}.m".replace("kg.", "kgf.")  # as in a measurement set
-        if units.get("length") == "m" and by_metre in MOMENT:
-            default["moment"] = by_metre
+        default |= _derive_unit_of_moments(units)
     units = default | {name: unit for name, unit in units.items() if unit is not None}
     _refuse_unknown_quantity(units)
+    _refuse_unknown_unit(units)
+    return units
+
+
+def _derive_unit_of_moments(units: Mapping[str, str]) -> dict[str, str]:
+    """Return {"moment": unit of force times m} if lengths are in m, as in a measurement set; otherwise {}."""
+    by_metre = f"{units.get('force', 'N')}.m".replace("kg.", "kgf.")
+    is_known = units.get("length") == "m" and by_metre in MOMENT
+    return {"moment": by_metre} if is_known else {}
+
+
+def _refuse_unknown_unit(units: Mapping[str, str]) -> None:
+    """Raise a `MeasurementError` if `units`, quantity → unit, has a unit that is not one of its quantity."""
     for quantity, unit in units.items():
         if unit not in _SIZES.get(quantity, {}):
             known = "; ".join(f"{name} {', '.join(sizes)}" for name, sizes in _SIZES.items())
@@ -62,7 +71,6 @@ def complete_units(stated: AnyUnits | Message) -> dict[str, str]:
                 where="units",
                 remedy=f"use one unit for each quantity: {known}",
             )
-    return units
 
 
 def _refuse_unknown_quantity(units: Mapping[str, str]) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from jointstiff.schemas.measurement import Units
 from jointstiff.service.conversion.robots import refuse_far_point
@@ -15,7 +16,7 @@ from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RobotError
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.mechanics.urdf import check_root, parse_xml, write_urdf
+from jointstiff.solver.mechanics.urdf import XmlElement, check_root, parse_xml, write_urdf
 
 FAR_POSITION: Final = 100.0
 """Distance of a target from the origin beyond which the unit of positions is in doubt [m]."""
@@ -60,13 +61,9 @@ def parse_units(text: Units | Mapping[str, str] | str) -> dict[str, str]:
     units: dict[str, str] = {}
     for word in re.split(r"[,;\s]+", text.strip()):
         name = _SPELLINGS.get(word, word)
-        quantity = next((quantity for quantity, sizes in _SIZES.items() if name in sizes), None)
+        quantity = _find_quantity(name)
         if quantity is None or quantity in units:
-            known = "; ".join(f"{quantity} {', '.join(sizes)}" for quantity, sizes in _SIZES.items())
-            fault = f"a second unit of {quantity}" if quantity else "not a known unit"
-            raise MeasurementError(
-                f"'{word}' is {fault}", where="units", remedy=f"use one unit for each quantity: {known}"
-            )
+            raise _build_unit_error(word, quantity)
         units[quantity] = name
     for quantity in ("length", "angle", "force"):
         if quantity not in units:
@@ -76,6 +73,19 @@ def parse_units(text: Units | Mapping[str, str] | str) -> dict[str, str]:
                 remedy="write the units as in 'mm, deg, N'",
             )
     return units
+
+
+def _find_quantity(unit: str) -> str | None:
+    """Return the quantity of a unit, such as `length` for `mm`; None for an unknown unit."""
+    return next((quantity for quantity, sizes in _SIZES.items() if unit in sizes), None)
+
+
+def _build_unit_error(word: str, quantity: str | None) -> MeasurementError:
+    """Return the error that a word is a second unit of a quantity, or no unit if `quantity` is None."""
+    known = "; ".join(f"{name} {', '.join(sizes)}" for name, sizes in _SIZES.items())
+    fault = f"a second unit of {quantity}" if quantity else "not a known unit"
+    remedy = f"use one unit for each quantity: {known}"
+    return MeasurementError(f"'{word}' is {fault}", where="units", remedy=remedy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,34 +119,48 @@ class ArrayReadings:
         """
         joints = self._read_joints()
         count, length = len(joints), LENGTH[units["length"]]
-        point = self._read_load_points(count, length)
-        is_common_point = point is not None and bool((point == point[0]).all())
+        points = self._read_load_points(count, length)
         flange_places = self._read_flange_places(length)
         names, readings = self._arrange_readings(count, length)
         rows = [i for i in range(count) if readings[i]]
         self._refuse_no_rows(rows)
-        if not np.isfinite(joints[rows]).all():
-            raise _make_shape_error("joints", joints, _JOINT_ROWS)
-        if point is not None and not np.isfinite(point[rows]).all():
-            raise _make_shape_error("load_point", point, "finite numbers for each observation")
-        moments = None if self.moments is None else to_vectors(self.moments, count, "moments", rows)
-        forces = self._read_forces(count, rows)
+        vectors = self._arrange_vectors(joints, points, rows)
         labels = self._list_labels(count)
-        vectors = {"joints": joints, "force": forces}  # (N, …) by field of an observation
-        if moments is not None:
-            vectors["moment"] = moments
         document: dict[str, Any] = {"units": dict(units)}
         if flange_places:
             document["flange_targets"] = {name: flange_places[name] for name in names}
-        if point is not None and is_common_point:
-            document["load_point"] = point[0].tolist()
-        elif point is not None:
-            vectors["load_point"] = point
-        observations = list[dict[str, Any]]()
-        for i in rows:
-            numbers = {field: rows_of_field[i].tolist() for field, rows_of_field in vectors.items()}
-            observations.append({"label": labels[i], **numbers, "readings": readings[i]})
-        return document | {"observations": observations}
+        if points is not None and (points == points[0]).all():
+            document["load_point"] = points[0].tolist()
+        elif points is not None:
+            vectors["load_point"] = points
+        document["observations"] = [
+            {"label": labels[i], **_select_row(vectors, i), "readings": readings[i]} for i in rows
+        ]
+        return document
+
+    def _arrange_vectors(
+        self, joints: FloatArray, points: FloatArray | None, rows: Sequence[int]
+    ) -> dict[str, FloatArray]:
+        """Return field of an observation → (N, …) numbers: joints, force, and moment if moments are given.
+
+        Args:
+            joints: (N, n) joint values.
+            points: (N, 3) load points; None if not given.
+            rows: observations with readings, whose numbers must be finite.
+
+        Raises:
+            MeasurementError: a number of these observations is missing, or a shape is wrong.
+        """
+        if not np.isfinite(joints[rows]).all():
+            raise _make_shape_error("joints", joints, _JOINT_ROWS)
+        if points is not None and not np.isfinite(points[rows]).all():
+            raise _make_shape_error("load_point", points, "finite numbers for each observation")
+        count = len(joints)
+        moments = None if self.moments is None else to_vectors(self.moments, count, "moments", rows)
+        vectors = {"joints": joints, "force": self._read_forces(count, rows)}
+        if moments is not None:
+            vectors["moment"] = moments
+        return vectors
 
     def _read_joints(self) -> FloatArray:
         """Return the joint values (N, n) as the controller shows them; NaN where they are missing.
@@ -240,23 +264,21 @@ class ArrayReadings:
 
         `count` is the number of observations, `length` the unit of lengths in m.
         """
-        is_along_direction = self.directions is not None  # each reading is then one number, not a vector
+        components = 3 if self.directions is None else 1  # along a direction, a reading is one number
         fields = self._collect_reading_fields()
         names = self._get_target_names(next(iter(fields.values()))) or []
         values: dict[str, FloatArray] = {}
         for name, value in fields.items():
-            values[name], names = _arrange_by_target(
-                value, name, count, names, components=1 if is_along_direction else 3
-            )
+            values[name], names = _arrange_by_target(value, name, count, names, components)
             _refuse_implausible_lengths(values[name], name, length)
         self._refuse_other_targets(fields, names)
-        directions = self._broadcast_directions(count, len(names)) if is_along_direction else None
+        directions = None
+        if self.directions is not None:
+            directions = self._broadcast_directions(count, len(names))
         readings = list[list[dict[str, Any]]]()
         for i in range(count):
-            readings_of_targets = (
-                _make_reading(target, values, directions, (i, t)) for t, target in enumerate(names)
-            )
-            readings.append([reading for reading in readings_of_targets if reading is not None])
+            own = [_make_reading(target, values, directions, (i, t)) for t, target in enumerate(names)]
+            readings.append([reading for reading in own if reading is not None])
         return names, readings
 
     def _collect_reading_fields(self) -> dict[str, Any]:
@@ -265,11 +287,10 @@ class ArrayReadings:
         Raises:
             MeasurementError: these fields together cannot be used as readings.
         """
-        fields = {
-            name: getattr(self, name)
-            for name in ("unloaded", "loaded", "unloaded_after", "deflections")
-            if getattr(self, name) is not None
-        }
+        fields: dict[str, Any] = {}
+        for name in ("unloaded", "loaded", "unloaded_after", "deflections"):
+            if getattr(self, name) is not None:
+                fields[name] = getattr(self, name)
         allowed_fields = [{"unloaded", "loaded"}, {"unloaded", "loaded", "unloaded_after"}, {"deflections"}]
         if self.forces is None:
             allowed_fields.append({"unloaded"})
@@ -320,6 +341,11 @@ class ArrayReadings:
         return [str(name) for name in value] if isinstance(value, Mapping) else []
 
 
+def _select_row(vectors: Mapping[str, FloatArray], i: int) -> dict[str, list[float]]:
+    """Return field → numbers of the observation i, from field → numbers (N, …) of all observations."""
+    return {field: numbers[i].tolist() for field, numbers in vectors.items()}
+
+
 def _make_reading(
     target: str, values: Mapping[str, FloatArray], directions: FloatArray | None, cell: tuple[int, int]
 ) -> dict[str, Any] | None:
@@ -331,14 +357,15 @@ def _make_reading(
         directions: (N, T, 3) directions of the readings; None for vectors.
         cell: index of the observation, and index of the target.
     """
+    is_vector = directions is None
     reading: dict[str, Any] = {"target": target}
     for name, value in values.items():
         components = value[cell]
         if np.isfinite(components[0]):
             # The document names one deflection `deflection`, or `displacement` if it is one number.
-            one_deflection = "deflection" if directions is None else "displacement"
+            one_deflection = "deflection" if is_vector else "displacement"
             field = one_deflection if name == "deflections" else name
-            reading[field] = components.tolist() if directions is None else components[0].item()
+            reading[field] = components.tolist() if is_vector else components[0].item()
         elif name != "unloaded_after":  # only the reading after unloading may be missing
             return None
     if directions is not None:
@@ -366,15 +393,7 @@ def _arrange_by_target(
         (N, T, components) readings, NaN where a target was not read; T names.
     """
     if isinstance(value, Mapping):
-        missing = [each for each in names or value if each not in value]
-        if missing:
-            raise MeasurementError(
-                f"target '{missing[0]}' has no readings",
-                where=name,
-                remedy=f"use one of {', '.join(map(str, value))}",
-            )
-        columns = [to_number_array(value[each], f"{name}['{each}']") for each in names or value]
-        array = np.stack([column.reshape(len(column), -1) for column in columns], axis=1)
+        array = _stack_targets(value, name, names)
     else:
         array = to_number_array(value, name)
         has_flat_rows = array.ndim in (1, 2) and array.size > 0
@@ -384,16 +403,47 @@ def _arrange_by_target(
     if array.shape != (count, len(names), components):
         wanted = f"{components} numbers for each of {count} observations and {len(names)} targets"
         raise _make_shape_error(name, array, wanted)
-    finite = np.isfinite(array)
-    partly = np.argwhere(finite.any(axis=2) & ~finite.all(axis=2))
-    if len(partly):
-        i, t = partly[0].tolist()
+    _refuse_partly_read(array, name, names)
+    return array, names
+
+
+def _stack_targets(value: Mapping[Any, Any], name: str, names: Sequence[str]) -> FloatArray:
+    """Return readings that are given by target, each (N, components), as an array (N, T, components).
+
+    Args:
+        value: target → its readings in N observations.
+        name: field of `ArrayReadings`, for messages.
+        names: names of the targets; if empty, all keys of `value`.
+
+    Raises:
+        MeasurementError: a target has no readings.
+    """
+    targets = names or list(value)
+    for target in targets:
+        if target not in value:
+            raise MeasurementError(
+                f"target '{target}' has no readings",
+                where=name,
+                remedy=f"use one of {', '.join(map(str, value))}",
+            )
+    columns = [to_number_array(value[target], f"{name}['{target}']") for target in targets]
+    return np.stack([column.reshape(len(column), -1) for column in columns], axis=1)
+
+
+def _refuse_partly_read(readings: FloatArray, name: str, targets: Sequence[str]) -> None:
+    """Raise a `MeasurementError` if a reading has some of its coordinates, and NaN for others.
+
+    `readings` are (N, T, components) numbers of the field `name`.
+    """
+    finite = np.isfinite(readings)
+    partly_read = np.argwhere(finite.any(axis=2) & ~finite.all(axis=2))
+    if len(partly_read):
+        i, t = partly_read[0].tolist()
         raise MeasurementError(
-            f"the reading of target '{names[t]}' lacks a coordinate",
+            f"the reading of target '{targets[t]}' lacks a coordinate",
             where=f"{name}[{i}]",
             remedy="give all three coordinates, or three NaN if the target was not read",
         )
-    return array, names
 
 
 def _refuse_implausible_lengths(values: FloatArray, name: str, length: float) -> None:
@@ -510,24 +560,28 @@ def _to_numbers(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything
         TypeError: a value is no number.
         ValueError: a text is no number, or lists have different lengths.
     """
-    array = value.to_numpy() if hasattr(value, "to_numpy") else value
-    masked = np.ma.getmaskarray(array) if isinstance(array, np.ma.MaskedArray) else None
-    array = np.asarray(array)
-    kind: str = "half" if array.dtype == np.float16 else array.dtype.kind
+    source = value.to_numpy() if hasattr(value, "to_numpy") else value
+    array = np.asarray(source)
     if array.dtype.kind == "O":
-        kind = _find_kind_of_objects(array)
-        array = np.array([_replace_missing(each) for each in array.ravel()], dtype=object).reshape(
-            array.shape
-        )
+        objects = [_replace_missing(each) for each in array.ravel()]
+        array = np.array(objects, dtype=object).reshape(array.shape)
+    kind = _find_kind(array)
     if kind in _WRONG_KINDS:
         fault, remedy = _WRONG_KINDS[kind]
         raise MeasurementError(f"`{name}` has {fault}", where=name, remedy=remedy)
     if kind == "U":  # as objects, so that a message shows a text as Python does
         array = array.astype(object)
     numbers = np.array(array, dtype=np.float64)
-    if masked is not None:
-        numbers[masked] = np.nan
+    if isinstance(source, np.ma.MaskedArray):
+        numbers[np.ma.getmaskarray(source)] = np.nan
     return numbers
+
+
+def _find_kind(array: npt.NDArray[Any]) -> str:
+    """Return the kind of an array's values as numpy names it, such as `f`; `half` for half precision."""
+    if array.dtype == np.float16:
+        return "half"
+    return _find_kind_of_objects(array) if array.dtype.kind == "O" else array.dtype.kind
 
 
 def _find_kind_of_objects(array: Any) -> str:  # noqa: ANN401 - an array of objects
@@ -565,23 +619,37 @@ def convert_urdf(text: str, base: str | None, flange: str | None) -> dict[str, A
     """
     document = parse_xml(text)
     check_root(document)
-    joints = document.find_children("joint")
+    roots = _list_links_outside_joints(document, "child")
+    root = _get_only_link(roots, "base") if base is None else base
+    tips = _list_links_outside_joints(document, "parent")
+    tip = _get_only_link(tips, "flange") if flange is None else flange
+    return {"format": "urdf", "urdf": text, "base": root, "flange": tip}
+
+
+def _list_links_outside_joints(document: XmlElement, role: str) -> list[str]:
+    """Return the links of a URDF that have a `role`, `child` or `parent`, in no joint.
+
+    A link that is the child of no joint may be the base; a link that is the parent of no joint, the flange.
+    """
+    elements = [joint.find_only_child(role, "joint") for joint in document.find_children("joint")]
+    joined = {element.attributes.get("link") for element in elements if element}
     links = [link.attributes.get("name", "") for link in document.find_children("link")]
-    frames: dict[str, str] = {}
-    # A link that is the child of no joint may be the base; a link that is the parent of no joint, the flange.
-    for name, stated, tag in (("base", base, "child"), ("flange", flange, "parent")):
-        elements = (joint.find_only_child(tag, "joint") for joint in joints)
-        joined = {element.attributes.get("link") for element in elements if element}
-        ends = [link for link in links if link not in joined]
-        if stated is None and len(ends) != 1:
-            shown_links = ", ".join(ends[:8])
-            raise RobotError(
-                f"the URDF has {len(ends)} links that may be the {name}: {shown_links}",
-                where=name,
-                remedy="leave only one of these links in the URDF, with the joints that lead to the link",
-            )
-        frames[name] = ends[0] if stated is None else stated
-    return {"format": "urdf", "urdf": text, **frames}
+    return [link for link in links if link not in joined]
+
+
+def _get_only_link(links: Sequence[str], name: str) -> str:
+    """Return the one link that may be the `name`, base or flange, of a URDF.
+
+    Raises:
+        RobotError: there are no such links, or several.
+    """
+    if len(links) != 1:
+        raise RobotError(
+            f"the URDF has {len(links)} links that may be the {name}: {', '.join(links[:8])}",
+            where=name,
+            remedy="leave only one of these links in the URDF, with the joints that lead to the link",
+        )
+    return links[0]
 
 
 def convert_pinocchio_model(model: Any, flange: str | None) -> tuple[dict[str, Any], list[dict[str, Any]]]:  # noqa: ANN401

@@ -69,19 +69,25 @@ def find_arm(name: str, where: str) -> Arm:
     whole = [arm for arm in arms if _has_whole_words(wanted, arm) and not _lacks_digits(wanted, arm)]
     if len(whole) == 1:
         return whole[0]
+    if not arms:
+        _refuse_unknown_name(name, where)
     if len(arms) == 1:
         _refuse_lacking_parts(name, wanted, arms[0], where)
-    if arms:
-        shown = ", ".join(arm.name for arm in arms[:_SHOWN])
-        raise RequestError(
-            f"'{name}' matches several arms of the catalogue: {shown}{', …' if arms[_SHOWN:] else ''}",
-            where=where,
-            remedy="give the whole name",
-        )
-    names = {_normalise_name(arm.name): arm.name for arm in catalogue().arms}
-    near = [names[each] for each in get_close_matches(wanted, names, n=3, cutoff=0.5)]
+    shown = ", ".join(arm.name for arm in arms[:_SHOWN])
     raise RequestError(
-        f"the catalogue has no arm '{name}'" + (f"; similar names: {', '.join(near)}" if near else ""),
+        f"'{name}' matches several arms of the catalogue: {shown}{', …' if arms[_SHOWN:] else ''}",
+        where=where,
+        remedy="give the whole name",
+    )
+
+
+def _refuse_unknown_name(name: str, where: str) -> NoReturn:
+    """Raise a `RequestError` with the names of the catalogue that are most similar to a name."""
+    names = {_normalise_name(arm.name): arm.name for arm in catalogue().arms}
+    near = get_close_matches(_normalise_name(name), names, n=3, cutoff=0.5)
+    similar = f"; similar names: {', '.join(names[each] for each in near)}" if near else ""
+    raise RequestError(
+        f"the catalogue has no arm '{name}'{similar}",
         where=where,
         remedy=(
             "`jointstiff robots` and GET /v1/catalogue list its arms; or describe the arm by a DH table or "

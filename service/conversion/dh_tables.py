@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -99,29 +99,55 @@ def convert_dh_rows(
     are_messages = isinstance(rows, Sequence) and rows and all(isinstance(row, Message) for row in rows)
     if are_messages and columns is None:
         return model | {"rows": [row.model_dump() for row in rows]}
-    table = _read_named_rows(rows, convention)
-    has_names = bool(table)
-    if not table:
-        table = _read_plain_rows(rows, columns, convention)
-    elif columns is not None:
+    table = _read_table(rows, columns, convention)
+    names_state_units = any(row.units for row in table.rows)
+    if (table.has_names or names_state_units) and not units_are_stated:
+        _refuse_names_without_units(table.rows)
+    _refuse_names_of_joint_before(table.rows, convention)
+    converted = [_convert_row(row, units, number) for number, row in enumerate(table.rows)]
+    if not (table.has_names or names_state_units or units_are_stated):
+        _refuse_doubtful_units(converted, units)
+    return model | {"rows": converted}
+
+
+class _Table(NamedTuple):
+    """Rows of a Denavit-Hartenberg table."""
+
+    rows: list[_Row]
+    has_names: bool  # whether the table names its columns itself
+
+
+def _read_table(
+    rows: Any,  # noqa: ANN401 - rows of a table
+    columns: str | Sequence[str] | None,
+    convention: str,
+) -> _Table:
+    """Return the rows of a table with the names of their columns, which the table or `columns` has.
+
+    Raises:
+        RobotError: names are given twice or not at all, or a row is not understood.
+    """
+    named = _read_named_rows(rows, convention)
+    if not named:
+        return _Table(_read_plain_rows(rows, columns, convention), has_names=False)
+    if columns is not None:
         raise RobotError(
             "names of the columns are given twice: by `columns` and by the table",
             where="columns",
             remedy="omit `columns`, or give the rows without names",
         )
-    if (has_names or any(row.units for row in table)) and not units_are_stated:
-        _refuse_names_without_units(table)
-    if convention == "standard" and any(row.names_joint_before for row in table):
+    return _Table(named, has_names=True)
+
+
+def _refuse_names_of_joint_before(rows: Sequence[_Row], convention: str) -> None:
+    """Raise a `RobotError` if a table of the standard convention has names as `a_{i-1}`."""
+    if convention == "standard" and any(row.names_joint_before for row in rows):
         raise RobotError(
             "the names a_{i-1} or alpha_{i-1} of columns belong to the modified convention, but the stated "
             "convention is standard",
             where="convention",
             remedy="state convention='modified', or rename the columns to a and alpha",
         )
-    converted = [_convert_row(row, units, number) for number, row in enumerate(table)]
-    if not (has_names or units_are_stated or any(row.units for row in table)):
-        _refuse_doubtful_units(converted, units)
-    return model | {"rows": converted}
 
 
 def _read_plain_rows(
@@ -135,12 +161,7 @@ def _read_plain_rows(
         RobotError: `columns` is missing, a name is unknown, occurs twice or is missing, or a row has another
             number of cells.
     """
-    plain = rows.tolist() if hasattr(rows, "tolist") else rows
-    plain = plain.to_numpy().tolist() if hasattr(plain, "to_numpy") else plain
-    try:
-        cells = [list(row) for row in plain]
-    except TypeError:
-        cells = []
+    cells = _list_cells(rows)
     widths = {len(row) for row in cells}
     if len(widths) == 1 and columns is None:
         raise RobotError(
@@ -162,6 +183,16 @@ def _read_plain_rows(
     return [_name_cells(list(zip(names, row, strict=True)), convention) for row in cells]
 
 
+def _list_cells(rows: Any) -> list[list[Any]]:  # noqa: ANN401 - rows of a table
+    """Return the rows of an array, a data frame or nested lists as lists of cells; [] for anything else."""
+    plain = rows.tolist() if hasattr(rows, "tolist") else rows
+    plain = plain.to_numpy().tolist() if hasattr(plain, "to_numpy") else plain
+    try:
+        return [list(row) for row in plain]
+    except TypeError:
+        return []
+
+
 def _split_columns(columns: str | Sequence[str]) -> list[str]:
     """Return the names of columns in a text, separated by commas or else by blanks, or in a list."""
     if not isinstance(columns, str):
@@ -175,22 +206,30 @@ def _read_named_rows(rows: Any, convention: str) -> list[_Row] | None:  # noqa: 
     Raises:
         RobotError: a name is unknown, occurs twice or is missing.
     """
-    if hasattr(rows, "columns") and hasattr(rows, "itertuples"):  # a data frame of pandas
+    cells = _list_named_cells(rows)
+    return None if cells is None else [_name_cells(row, convention) for row in cells]
+
+
+def _list_named_cells(rows: Any) -> list[list[tuple[Any, Any]]] | None:  # noqa: ANN401 - rows of a table
+    """Return (name of the column, cell) for each cell of each row; None if the columns have no names.
+
+    A data frame of pandas has whole numbers as names if the caller gave none, one of polars `column_0` and
+    so on.
+    """
+    is_frame = hasattr(rows, "columns")
+    if is_frame and hasattr(rows, "itertuples"):  # of pandas
         names = list(rows.columns)
         if not all(isinstance(name, str) for name in names):
             return None
-        cells = [list(zip(names, row, strict=True)) for row in rows.itertuples(index=False, name=None)]
-    elif hasattr(rows, "columns") and hasattr(rows, "to_dicts"):  # a data frame of polars
-        if list(rows.columns) == [f"column_{place}" for place in range(len(rows.columns))]:
-            return None  # without names
-        cells = [list(row.items()) for row in rows.to_dicts()]
-    elif getattr(getattr(rows, "dtype", None), "names", None):
-        cells = [list(zip(rows.dtype.names, row, strict=True)) for row in rows.tolist()]
-    elif isinstance(rows, Sequence) and rows and all(isinstance(row, Mapping | Message) for row in rows):
-        cells = [list(dict(row).items()) for row in rows]
-    else:
-        return None
-    return [_name_cells(row, convention) for row in cells]
+        return [list(zip(names, row, strict=True)) for row in rows.itertuples(index=False, name=None)]
+    if is_frame and hasattr(rows, "to_dicts"):  # of polars
+        automatic = [f"column_{place}" for place in range(len(rows.columns))]
+        return None if list(rows.columns) == automatic else [list(row.items()) for row in rows.to_dicts()]
+    if getattr(getattr(rows, "dtype", None), "names", None):  # an array with names
+        return [list(zip(rows.dtype.names, row, strict=True)) for row in rows.tolist()]
+    if isinstance(rows, Sequence) and rows and all(isinstance(row, Mapping | Message) for row in rows):
+        return [list(dict(row).items()) for row in rows]
+    return None
 
 
 def _name_cells(row: Sequence[tuple[Any, Any]], convention: str) -> _Row:
@@ -203,23 +242,20 @@ def _name_cells(row: Sequence[tuple[Any, Any]], convention: str) -> _Row:
     units: dict[str, str] = {}
     names_joint_before = False
     for header, cell in row:
-        text = " ".join(str(header).casefold().split())
-        match = _HEADER.fullmatch(text) if len(text) <= _MOST_CHARACTERS else None
-        name = match and _NAMES.get(match[1])
-        if match and name is None and match[1] in _NUMBERS:
+        column = _read_column(str(header))
+        if column is not None and column.is_number_of_row:
             continue
-        if match is None or name is None or name in cells:
-            fault = "occurs twice" if name in cells else "is unknown"
+        if column is None or column.name in cells:
+            fault = "is unknown" if column is None else "occurs twice"
             raise RobotError(
                 f"the column '{header}' of the table {fault}",
                 where="robot",
                 remedy="name the columns a, alpha, d, theta, and lower, upper, speed, kind if they are known",
             )
-        cells[name] = cell
-        names_joint_before |= bool(match[2])
-        if match[3]:
-            unit = match[3].strip().removesuffix("/s") if name == "speed" else match[3].strip()
-            units[name] = "deg" if unit in {"°", "degrees", "degree"} else unit
+        cells[column.name] = cell
+        names_joint_before |= column.is_of_joint_before
+        if column.unit is not None:
+            units[column.name] = column.unit
     _translate_length_along_z(cells, units, convention)
     if missing := {"a", "alpha", "d", "theta"} - cells.keys():
         raise RobotError(
@@ -228,6 +264,32 @@ def _name_cells(row: Sequence[tuple[Any, Any]], convention: str) -> _Row:
             remedy="give a, alpha, d and theta in every row; theta and d of the joint itself are constants",
         )
     return _Row(cells, units, names_joint_before)
+
+
+class _Column(NamedTuple):
+    """Name of a column: `alpha_{i-1} [deg]` is `alpha` of the joint before, in `deg`."""
+
+    name: str
+    unit: str | None  # None without a unit
+    is_of_joint_before: bool = False  # whether it is named as in the modified convention
+    is_number_of_row: bool = False  # whether the column numbers or names the rows
+
+
+def _read_column(header: str) -> _Column | None:
+    """Return the name of a column without its index, and its unit; None if it is unknown."""
+    text = " ".join(header.casefold().split())
+    match = _HEADER.fullmatch(text) if len(text) <= _MOST_CHARACTERS else None
+    if match is None:
+        return None
+    name = _NAMES.get(match[1])
+    if name is None:
+        return _Column(match[1], None, is_number_of_row=True) if match[1] in _NUMBERS else None
+    unit: str | None = None
+    if match[3]:
+        unit = match[3].strip()
+        unit = unit.removesuffix("/s") if name == "speed" else unit
+        unit = "deg" if unit in {"°", "degrees", "degree"} else unit
+    return _Column(name, unit, is_of_joint_before=bool(match[2]))
 
 
 def _translate_length_along_z(cells: dict[str, Any], units: dict[str, str], convention: str) -> None:
@@ -266,16 +328,14 @@ def _convert_row(row: _Row, units: Mapping[str, str], number: int) -> dict[str, 
     for name in _COLUMNS:
         cell = row.cells.get(name)
         is_limit = name in {"lower", "upper", "speed"}
-        if cell is None or (
-            isinstance(cell, float) and (math.isnan(cell) or (is_limit and math.isinf(cell)))
-        ):
+        if _is_missing(cell, is_limit=is_limit):
             continue
         is_length = name in _LENGTHS or (kind == "prismatic" and is_limit)
-        sizes: Mapping[str, float] = LENGTH if is_length else ANGLE
         unit = row.units.get(name, units["length" if is_length else "angle"])
-        value = None if unit not in sizes else _parse_cell(cell, sizes[unit], is_length=is_length)
+        size = (LENGTH if is_length else ANGLE).get(unit)
+        value = None if size is None else _parse_cell(cell, size, is_length=is_length)
         if value is None:
-            fault = f"'{cell}' is not a number" if unit in sizes else f"'{unit}' is not a known unit"
+            fault = f"'{unit}' is not a known unit" if size is None else f"'{cell}' is not a number"
             raise RobotError(
                 f"{name} of row {number + 1}: {fault}",
                 where=f"rows[{number}].{name}",
@@ -283,6 +343,13 @@ def _convert_row(row: _Row, units: Mapping[str, str], number: int) -> dict[str, 
             )
         converted[name] = value
     return converted
+
+
+def _is_missing(cell: object, *, is_limit: bool) -> bool:
+    """Return whether a cell is None or NaN, or is an infinite limit of a joint: the joint has no limit."""
+    if not isinstance(cell, float):
+        return cell is None
+    return math.isnan(cell) or (is_limit and math.isinf(cell))
 
 
 def _parse_cell(cell: object, size: float, *, is_length: bool) -> float | None:
@@ -303,13 +370,24 @@ def _parse_cell(cell: object, size: float, *, is_length: bool) -> float | None:
     text = cell.strip().casefold().replace("\u2212", "-").replace("π", "pi")
     joint = None if is_length else _JOINT_ANGLE.match(text)
     rest = text[joint.end() :].strip() if joint else text
-    if not rest:
-        return 0.0 if joint else None
-    match = _CELL.fullmatch(rest)
-    if match is None or not (match[2] or match[3]) or (is_length and (match[3] or match[4] or match[5])):
+    if joint and not rest:
+        return 0.0
+    return _parse_term(rest, size, is_length=is_length)
+
+
+def _parse_term(text: str, size: float, *, is_length: bool) -> float | None:
+    """Return a number such as `-90`, `1.5e2`, `90°`, `-pi/2` or `3 pi / 4` in m or rad; None for other texts.
+
+    A term with pi is in rad, one with a sign of degrees in degrees, any other in the unit of size `size`
+    [m or rad]. A length has neither pi, nor divisor, nor degrees.
+    """
+    match = _CELL.fullmatch(text)
+    if match is None:
         return None
     sign, digits, pi, divisor, degrees = match.groups()
-    if divisor and float(divisor) == 0.0:
+    has_number = bool(digits or pi)
+    is_angle = bool(pi or divisor or degrees)
+    if not has_number or (is_length and is_angle) or (divisor and float(divisor) == 0.0):
         return None
     value = float(digits or 1.0) * (math.pi if pi else 1.0) / float(divisor or 1.0)
     value = -value if sign == "-" else value
@@ -340,18 +418,28 @@ def _refuse_doubtful_units(rows: Sequence[Mapping[str, Any]], units: Mapping[str
         RobotError: the links are shorter together than any robot's, or angles are π/2 in the unit of degrees.
     """
     length = sum(abs(row.get(name, 0.0)) for row in rows for name in _LENGTHS)
-    angles = [row.get(name, 0.0) for row in rows for name in ("alpha", "theta")]
-    in_unit = np.abs(np.array(angles)) / ANGLE[units["angle"]]
-    quarters = in_unit / (0.5 * np.pi)
-    are_right = (in_unit > 1.0) & (np.abs(quarters - np.round(quarters)) < _RIGHT_ANGLE_DIGITS)
     believed = []
     if 0.0 < length < _SHORTEST:
         believed.append(f"the links are {1e3 * length:.3g} mm long together")
-    if units["angle"] == "deg" and are_right.any() and not (in_unit > 2.1 * np.pi).any():
-        believed.append(f"an angle is {in_unit[are_right][0]:.5g}°, as π/2 or π in rad")
+    right_angle = _find_right_angle_in_rad(rows) if units["angle"] == "deg" else None
+    if right_angle is not None:
+        believed.append(f"an angle is {right_angle:.5g}°, as π/2 or π in rad")
     if believed:
         raise RobotError(
             f"the units of the table are in doubt: {', and '.join(believed)}",
             where="units",
             remedy="state the units: js.robot(rows, convention=…, units='m, rad, N') or units='mm, deg, N'",
         )
+
+
+def _find_right_angle_in_rad(rows: Sequence[Mapping[str, Any]]) -> float | None:
+    """Return the first angle of 1.5708° or a multiple, which is π/2 or π if it was meant in rad.
+
+    None without such an angle, and if an angle is more than a turn, 2.1 π, in rad: then degrees were meant.
+    """
+    angles = [row.get(name, 0.0) for row in rows for name in ("alpha", "theta")]
+    degrees = np.abs(np.array(angles)) / ANGLE["deg"]
+    quarters = degrees / (0.5 * np.pi)
+    are_right = (degrees > 1.0) & (np.abs(quarters - np.round(quarters)) < _RIGHT_ANGLE_DIGITS)
+    exceed_turn = degrees > 2.1 * np.pi
+    return None if exceed_turn.any() or not are_right.any() else float(degrees[are_right][0])

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.gearbox import GearboxRequest, HungLoad
+from jointstiff.schemas.gearbox import GearboxRequest, HungLoad, TwistReading
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError
@@ -72,19 +72,19 @@ def _read_encoders(request: GearboxRequest, robot: Robot, angle: float) -> Encod
     Raises:
         RequestError: the robot has no joint of a name, or the joint slides.
     """
-    postures, joints, approaches = list[int](), list[int](), list[int]()
-    motor, link = list[tuple[float, float]](), list[tuple[float, float]]()  # without and under the load
+    postures, joints = list[int](), list[int]()
+    readings = list[TwistReading]()
     for i, posture in enumerate(request.observations):
         for k, reading in enumerate(posture.encoder_readings):
             postures.append(i)
             joints.append(find_joint(robot, reading.joint, f"observations[{i}].encoder_readings[{k}].joint"))
-            approaches.append(_SENSE[reading.approach])
-            motor.append((reading.unloaded.motor, reading.loaded.motor))
-            link.append((reading.unloaded.link, reading.loaded.link))
+            readings.append(reading)
+    motor = [(each.unloaded.motor, each.loaded.motor) for each in readings]
+    link = [(each.unloaded.link, each.loaded.link) for each in readings]
     return EncoderReadings(
         posture=np.array(postures),
         joint=np.array(joints),
-        approach=np.array(approaches),
+        approach=np.array([_SENSE[each.approach] for each in readings]),
         motor=angle * np.array(motor, dtype=np.float64),
         link=angle * np.array(link, dtype=np.float64),
     )
@@ -121,9 +121,7 @@ def find_joint(robot: Robot, name: str, where: str) -> int:
         raise RequestError(
             f"{name} slides: a twist is an angle", where=where, remedy="omit the readings of this joint"
         )
-    matrix = robot.joint_map.matrix
-    others = np.arange(robot.n) != joint
-    if matrix[joint, others].any() or matrix[others, joint].any():
+    if _is_coupled(robot.joint_map.matrix, joint):
         raise RequestError(
             f"the joint map couples {name} with other joints, so that the motor of {name} also carries the "
             "torques of other joints",
@@ -131,3 +129,12 @@ def find_joint(robot: Robot, name: str, where: str) -> int:
             remedy="omit the readings of this joint",
         )
     return joint
+
+
+def _is_coupled(joint_map: FloatArray, joint: int) -> bool:
+    """Return whether a joint map (n, n) from controller to model angles mixes a joint with other joints.
+
+    It then has numbers beside the diagonal in the joint's row or column, as of an arm with a parallelogram.
+    """
+    others = np.arange(len(joint_map)) != joint
+    return bool(joint_map[joint, others].any() or joint_map[others, joint].any())

@@ -13,7 +13,7 @@ from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.gearboxes import motion as si
-from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.robot import Body, Robot
 
 ASSUMED_PLACE: Final = 0.01
 """Radius of the ball that contains the load's centre where nothing is stated [m]."""
@@ -31,27 +31,36 @@ def to_motion_campaign(request: GearboxRequest, motion: Motion, robot: Robot) ->
         RequestError: the robot has no joint of a name, the joint slides, or no masses are known.
     """
     angle, length = ANGLE[request.units.angle], LENGTH[request.units.length]
-    units = np.where(robot.prismatic, length, angle)
-    start = _read_start(motion, robot, units)
-    logs = [
-        _read_log(log, robot, units, start, f"motion.logs[{number}]")
-        for number, log in enumerate(motion.logs)
+    unit_of_joints = np.where(robot.prismatic, length, angle)  # (n,) in rad or m
+    return si.MotionCampaign(
+        robot=robot,
+        logs=tuple(_read_logs(motion, robot, unit_of_joints)),
+        links=tuple(_list_bodies(motion, robot)),
+        payload=_carry(motion.payload, robot, length),
+        springs=tuple(_read_spring(spring, robot, angle) for spring in motion.gas_springs),
+        gravity=np.array(request.gravity, dtype=np.float64),
+        periods=_read_gear_periods(motion, robot),
+    )
+
+
+def _read_logs(motion: Motion, robot: Robot, unit_of_joints: FloatArray) -> list[si.MotionLog]:
+    """Return the logs in SI units; `unit_of_joints` (n,) is the unit of each joint in rad or m."""
+    start = _read_start(motion, robot, unit_of_joints)
+    return [
+        _read_log(log, robot, unit_of_joints, start, f"motion.logs[{i}]") for i, log in enumerate(motion.logs)
     ]
-    bodies = tuple(_list_bodies(motion, robot))
-    payload = _carry(motion.payload, robot, length)
-    springs = [_read_spring(spring, robot, angle) for spring in motion.gas_springs]
+
+
+def _read_gear_periods(motion: Motion, robot: Robot) -> dict[int, tuple[float, ...]]:
+    """Return index of a joint → periods of the error of its gearbox per turn, for the joints that state them.
+
+    Raises:
+        RequestError: the robot has no joint of a name, or the joint slides.
+    """
     periods_by_joint = dict[int, tuple[float, ...]]()
     for name, periods in motion.gear_periods.items():
         periods_by_joint[find_joint(robot, name, "motion.gear_periods")] = tuple(periods)
-    return si.MotionCampaign(
-        robot=robot,
-        logs=tuple(logs),
-        links=bodies,
-        payload=payload,
-        springs=tuple(springs),
-        gravity=np.array(request.gravity, dtype=np.float64),
-        periods=periods_by_joint,
-    )
+    return periods_by_joint
 
 
 def _read_start(motion: Motion, robot: Robot, units: FloatArray) -> FloatArray:
@@ -71,31 +80,59 @@ def _read_start(motion: Motion, robot: Robot, units: FloatArray) -> FloatArray:
     return np.asarray(units * np.array(motion.start))
 
 
-def _read_log(log: MotionLog, robot: Robot, units: FloatArray, start: FloatArray, where: str) -> si.MotionLog:
-    """Return a log in SI units.
+def _read_log(
+    log: MotionLog, robot: Robot, unit_of_joints: FloatArray, start: FloatArray, where: str
+) -> si.MotionLog:
+    """Return a log of K samples in SI units.
+
+    Args:
+        log: angles of the motors of all joints, and of encoders behind the gearboxes of some joints.
+        robot: robot with n joints.
+        unit_of_joints: (n,) size of the unit of each joint [rad or m].
+        start: (n,) joints [rad or m], as the controller shows them, where all angles of the log are zero.
+        where: field of the request that has the log, for errors.
 
     Raises:
         MeasurementError: the angles of a motor are missing.
         RequestError: the robot has no joint of a name, or the joint slides.
     """
+    _refuse_other_motors(log, robot, f"{where}.motor")
+    motors = unit_of_joints * np.column_stack([log.motor[name] for name in robot.joint_names])  # (K, n)
+    without_jumps = np.where(robot.prismatic, motors, np.unwrap(motors, axis=0))
+    shown = without_jumps + start
+    link = {}  # index of a joint → (K,) angles of the encoder behind its gearbox
+    for name, samples in log.link.items():
+        joint = find_joint(robot, name, f"{where}.link")
+        shown_link = np.unwrap(unit_of_joints[joint] * np.array(samples)) + start[joint]
+        link[joint] = _to_model_angles(robot, joint, shown_link)
+    return si.MotionLog(log.label, log.period, robot.joint_map.model_angles(shown), link)
+
+
+def _refuse_other_motors(log: MotionLog, robot: Robot, where: str) -> None:
+    """Refuse a log whose motors are not those of all joints of the robot.
+
+    Raises:
+        MeasurementError: the angles of a motor are missing.
+        RequestError: the robot has no joint of a name.
+    """
     missing = [name for name in robot.joint_names if name not in log.motor]
     if missing:
         raise MeasurementError(
             f"the log '{log.label}' has no angles of the motors of {', '.join(missing)}",
-            where=f"{where}.motor",
+            where=where,
             remedy="give the motors of all joints: each moves the masses; constant for a joint that rests",
         )
     for name in log.motor:
-        robot.joint_index(name, f"{where}.motor")
-    motors = units * np.column_stack([log.motor[name] for name in robot.joint_names])
-    shown = np.where(robot.prismatic, motors, np.unwrap(motors, axis=0)) + start
-    link = {}
-    for name, samples in log.link.items():
-        joint = find_joint(robot, name, f"{where}.link")
-        own = np.unwrap(units[joint] * np.array(samples)) + start[joint]
-        # The map of a joint that is not coupled has one factor and one offset.
-        link[joint] = robot.joint_map.matrix[joint, joint] * own + robot.joint_map.offset[joint]
-    return si.MotionLog(log.label, log.period, robot.joint_map.model_angles(shown), link)
+        robot.joint_index(name, where)
+
+
+def _to_model_angles(robot: Robot, joint: int, shown: FloatArray) -> FloatArray:
+    """Return the angles (K,) [rad] of a joint in the robot's model from those that the controller shows.
+
+    The joint is not coupled with others: its map has one factor and one offset, q = factor · shown + offset.
+    """
+    factor, offset = robot.joint_map.matrix[joint, joint], robot.joint_map.offset[joint]
+    return np.asarray(factor * shown + offset)
 
 
 def _list_bodies(motion: Motion, robot: Robot) -> list[si.MovingBody]:
@@ -112,46 +149,62 @@ def _list_bodies(motion: Motion, robot: Robot) -> list[si.MovingBody]:
             where="motion.bodies",
             remedy="give `bodies` with mass and centre of each link, or a URDF with inertials",
         )
-    return [
-        si.MovingBody(
-            body.name,
-            body.joint,
-            body.mass,
-            body.most / body.mass - 1.0,
-            np.array(body.centre),
-            body.radius,
-            np.zeros((3, 3)),
-        )
-        for body in robot.bodies
-    ]
+    return [_convert_body_of_robot(body) for body in robot.bodies]
+
+
+def _convert_body_of_robot(body: Body) -> si.MovingBody:
+    """Return a body of the robot, whose inertia about its centre is unknown, as a moving body.
+
+    Its mass is within `body.mass` and `body.most` [kg].
+    """
+    return si.MovingBody(
+        name=body.name,
+        joint=body.joint,
+        mass=body.mass,
+        mass_tolerance=body.most / body.mass - 1.0,
+        centre=np.array(body.centre),
+        centre_tolerance=body.radius,
+        inertia=np.zeros((3, 3)),
+    )
 
 
 def _read_body(body: MovingBody, robot: Robot, where: str) -> si.MovingBody:
-    """Return a stated body.
+    """Return a stated body; `where` is its field, for errors.
 
     Raises:
         RequestError: the robot has no such joint, or no body has such an inertia.
     """
-    joint = robot.joint_index(body.joint, f"{where}.joint")
+    return si.MovingBody(
+        name=body.name,
+        joint=robot.joint_index(body.joint, f"{where}.joint"),
+        mass=body.mass,
+        mass_tolerance=body.mass_uncertainty,
+        centre=np.array(body.centre),
+        centre_tolerance=body.centre_uncertainty,
+        inertia=_read_inertia(body, where),
+    )
+
+
+def _read_inertia(body: MovingBody, where: str) -> FloatArray:
+    """Return the inertia (3, 3) of a stated body about its centre of mass [kg·m²].
+
+    Of a body's three principal moments none is negative, and none is greater than the sum of the two others,
+    because Ixx = ∫ (y² + z²) dm ≤ Iyy + Izz.
+
+    Raises:
+        RequestError: no body has such an inertia.
+    """
     xx, xy, xz, yy, yz, zz = body.inertia
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    principal = np.linalg.eigvalsh(inertia)
-    if principal[0] < 0.0 or principal[2] > (principal[0] + principal[1]) * (1.0 + _ROUNDING):
+    least, middle, greatest = np.linalg.eigvalsh(inertia)
+    if least < 0.0 or greatest > (least + middle) * (1.0 + _ROUNDING):
         raise RequestError(
             f"no body has the inertia of '{body.name}': one principal moment is negative, or greater "
             "than the sum of the others",
             where=f"{where}.inertia",
             remedy="give Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass, in kg·m²",
         )
-    return si.MovingBody(
-        body.name,
-        joint,
-        body.mass,
-        body.mass_uncertainty,
-        np.array(body.centre),
-        body.centre_uncertainty,
-        inertia,
-    )
+    return inertia
 
 
 _ROUNDING: Final = 0.01
@@ -159,27 +212,51 @@ _ROUNDING: Final = 0.01
 
 
 def _carry(load: CarriedLoad, robot: Robot, length: float) -> si.MovingBody:
-    """Return the load as a body of the last joint."""
-    stated = load.point_uncertainty
+    """Return the load as a body of the last joint; `length` is the request's unit of length in m."""
     in_flange = length * np.array(load.point, dtype=np.float64)
+    centre_tolerance = ASSUMED_PLACE
+    if load.point_uncertainty is not None:
+        centre_tolerance = length * load.point_uncertainty
     return si.MovingBody(
-        PAYLOAD,
-        robot.n - 1,
-        load.mass,
-        load.mass_uncertainty,
-        np.asarray(robot.flange_placement.act(in_flange)),
-        ASSUMED_PLACE if stated is None else length * stated,
-        np.zeros((3, 3)),
+        name=PAYLOAD,
+        joint=robot.n - 1,
+        mass=load.mass,
+        mass_tolerance=load.mass_uncertainty,
+        centre=np.asarray(robot.flange_placement.act(in_flange)),
+        centre_tolerance=centre_tolerance,
+        inertia=np.zeros((3, 3)),
     )
 
 
 def _read_spring(spring: GasSpring, robot: Robot, angle: float) -> si.GasSpring:
-    """Return a gas spring in SI units.
+    """Return a gas spring in SI units; `angle` is the request's unit of angles in rad.
 
     Raises:
         RequestError: the robot has no such joint, or the gas has no volume left at the greatest length.
     """
     joint = find_joint(robot, spring.joint, "motion.gas_springs.joint")
+    _refuse_impossible_spring(spring)
+    return si.GasSpring(
+        joint=joint,
+        radius_before=spring.radius_before,
+        radius_behind=spring.radius_behind,
+        angle=angle * spring.angle,
+        area=spring.area,
+        pressure=spring.pressure,
+        volume=spring.volume,
+        tolerance=spring.pressure_uncertainty,
+    )
+
+
+def _refuse_impossible_spring(spring: GasSpring) -> None:
+    """Refuse a gas spring whose ends would meet, or whose piston would fill its cylinder.
+
+    Both ends turn about the axis of a joint, at the radii r1 and r2. Their distance is |r1 − r2| to r1 + r2,
+    so that the piston's stroke is 2 min(r1, r2).
+
+    Raises:
+        RequestError: names the field to be checked.
+    """
     if abs(spring.radius_before - spring.radius_behind) < _LEAST_LENGTH:
         raise RequestError(
             f"both ends of the gas spring of {spring.joint} have the same distance from the axis, so the "
@@ -195,13 +272,3 @@ def _read_spring(spring: GasSpring, robot: Robot, angle: float) -> si.GasSpring:
             where="motion.gas_springs.volume",
             remedy="check radii [m], area [m²] and greatest volume [m³]",
         )
-    return si.GasSpring(
-        joint,
-        spring.radius_before,
-        spring.radius_behind,
-        angle * spring.angle,
-        spring.area,
-        spring.pressure,
-        spring.volume,
-        spring.pressure_uncertainty,
-    )

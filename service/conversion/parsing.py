@@ -53,13 +53,19 @@ def parse(message: type[Parsed], content: bytes, section: str | None = None) -> 
     try:
         return message.model_validate(document)
     except ValidationError as error:
-        faults = [
-            {**fault, "fields": list_fields_at(message, fault["loc"][:-1])}
-            if fault["type"] == "extra_forbidden"
-            else dict(fault)
-            for fault in error.errors(include_url=False, include_context=False, include_input=False)
-        ]
-        raise MalformedError(faults, set(document) if isinstance(document, dict) else set()) from None
+        keys = set(document) if isinstance(document, dict) else set()
+        raise MalformedError(_list_faults(message, error), keys) from None
+
+
+def _list_faults(message: type[BaseModel], error: ValidationError) -> list[dict[str, Any]]:
+    """Return the faults of a message; an unknown field's also has the `fields` that exist at its place."""
+    faults = []
+    for stated in error.errors(include_url=False, include_context=False, include_input=False):
+        fault: dict[str, Any] = dict(stated)
+        if fault["type"] == "extra_forbidden":
+            fault["fields"] = list_fields_at(message, fault["loc"][:-1])
+        faults.append(fault)
+    return faults
 
 
 def list_fields_at(message: type[BaseModel], place: Sequence[int | str]) -> list[str]:

@@ -65,9 +65,16 @@ def _refuse_bad_matrices(matrices: FloatArray, name: str) -> None:
     """Refuse matrices (N, 4, 4) that are not those of a rotation and a shift.
 
     Raises:
-        RequestError: names the first row with a fault.
+        RequestError: names the first row with a fault; `name` is the argument with the matrices.
     """
-    rotations, last_rows = matrices[:, :3, :3], matrices[:, 3]
+    rotations = matrices[:, :3, :3]
+    _refuse_missing_numbers(rotations, name)
+    _refuse_other_last_rows(matrices, name)
+    _refuse_other_than_rotations(rotations, name)
+
+
+def _refuse_missing_numbers(rotations: FloatArray, name: str) -> None:
+    """Raise a `RequestError` if one of the rotations (N, 3, 3) has a missing or infinite number."""
     is_known = np.isfinite(rotations).all(axis=(1, 2))
     if not is_known.all():
         raise RequestError(
@@ -75,17 +82,25 @@ def _refuse_bad_matrices(matrices: FloatArray, name: str) -> None:
             where=name,
             remedy="give a number in each row, or leave the row out",
         )
-    is_pose = (last_rows == _LAST_ROW).all(axis=1)
-    if not is_pose.all():
-        row = int(np.argmin(is_pose))
-        is_transposed = (matrices[row, :, 3] == _LAST_ROW).all()
-        remedy = "transpose the matrices" if is_transposed else "give matrices whose last row is 0, 0, 0, 1"
-        numbers = ", ".join(f"{number:.6g}" for number in last_rows[row].tolist())
-        raise RequestError(
-            f"the last row of the matrix in row {row + 1} must be 0, 0, 0, 1, but is {numbers}",
-            where=name,
-            remedy=remedy,
-        )
+
+
+def _refuse_other_last_rows(matrices: FloatArray, name: str) -> None:
+    """Raise a `RequestError` if one of the matrices (N, 4, 4) has another last row than 0, 0, 0, 1."""
+    is_pose = (matrices[:, 3] == _LAST_ROW).all(axis=1)
+    if is_pose.all():
+        return
+    row = int(np.argmin(is_pose))
+    is_transposed = (matrices[row, :, 3] == _LAST_ROW).all()
+    numbers = ", ".join(f"{number:.6g}" for number in matrices[row, 3].tolist())
+    raise RequestError(
+        f"the last row of the matrix in row {row + 1} must be 0, 0, 0, 1, but is {numbers}",
+        where=name,
+        remedy="transpose the matrices" if is_transposed else "give matrices whose last row is 0, 0, 0, 1",
+    )
+
+
+def _refuse_other_than_rotations(rotations: FloatArray, name: str) -> None:
+    """Raise a `RequestError` if one of the matrices R (N, 3, 3) is no rotation: RᵀR = I and det R = 1."""
     error = np.abs(rotations.transpose(0, 2, 1) @ rotations - np.eye(3)).max(axis=(1, 2))
     is_rotation = error <= _ROTATION_TOLERANCE
     if not is_rotation.all():

@@ -23,7 +23,7 @@ from jointstiff.schemas.measurement import (
     ResolvedFrame,
     Rigid,
 )
-from jointstiff.schemas.robot import CatalogueModel, DhModel, GeometryModel, RobotDocument, UrdfModel
+from jointstiff.schemas.robot import CatalogueModel, DhModel, DhRow, GeometryModel, RobotDocument, UrdfModel
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion.catalogue import find_arm
 from jointstiff.service.conversion.readings import (
@@ -103,40 +103,60 @@ def transform_to_base(
     if resolved is None or header.frame is None:
         return header, readings
     length = LENGTH[header.units.length]
-    R = np.array(resolved.rotation)
-    t = np.array(resolved.translation) / length
-    as_deflection, present = readings.as_deflection[..., None], readings.present[..., None]
-    moved_unloaded = readings.unloaded @ R.T + t
-    turned = readings.loaded @ R.T
-    moved_loaded = np.where(as_deflection, turned, turned + t)
-    force_rotation = R if header.frame.forces == "tracker" else np.eye(3)
-    noise = None if readings.noise is None else _turn_covariances(readings.noise, R)
-    directions = None if readings.directions is None else readings.directions.rotate(R)
-    transformed = replace(
-        readings,
-        unloaded=np.where(present & ~as_deflection, moved_unloaded, readings.unloaded),
-        loaded=np.where(present, moved_loaded, readings.loaded),
-        force=readings.force @ force_rotation.T,
-        moment=readings.moment @ force_rotation.T,
-        noise=noise,
-        directions=directions,
-        after=_transform_positions(readings.after, R, t),
-    )
+    to_base = _Motion(np.array(resolved.rotation), np.array(resolved.translation) / length)
+    force_rotation = to_base.R if header.frame.forces == "tracker" else np.eye(3)
+    transformed = _turn_forces(_transform_readings(readings, to_base), force_rotation)
     # Targets that the header states replace those of the identified geometry.
     identified = {name: _scale_vector(place, 1.0 / length) for name, place in resolved.flange_targets.items()}
-    update = {
-        "flange_targets": identified | header.flange_targets,
-        "noise": _move_station(header.noise, R, t),
-    }
-    return header.model_copy(update=update), transformed
+    flange_targets = identified | header.flange_targets
+    noise = _move_station(header.noise, to_base)
+    return header.model_copy(update={"flange_targets": flange_targets, "noise": noise}), transformed
 
 
-def _transform_positions(after: PositionsAfter | None, R: FloatArray, t: FloatArray) -> PositionsAfter | None:
-    """Return positions after unloading, rotated by R (3, 3) and moved by t (3,) [unit of length]."""
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """Rigid motion from the tracker's frame to R0, in the unit of length of a set."""
+
+    R: FloatArray  # (3, 3) rotation
+    t: FloatArray  # (3,) translation
+
+    def turn(self, vectors: FloatArray) -> FloatArray:
+        """Return vectors (..., 3), such as deflections, in R0: R v."""
+        return np.asarray(vectors @ self.R.T)
+
+    def move(self, positions: FloatArray) -> FloatArray:
+        """Return positions (..., 3) in R0: R p + t."""
+        return self.turn(positions) + self.t
+
+
+def _transform_readings(readings: ReadingArrays, to_base: _Motion) -> ReadingArrays:
+    """Return readings in R0: positions are moved; deflections, directions and covariances only turn."""
+    was_read = readings.present[..., None]
+    is_deflection = readings.as_deflection[..., None]
+    unloaded = np.where(was_read & ~is_deflection, to_base.move(readings.unloaded), readings.unloaded)
+    in_base = np.where(is_deflection, to_base.turn(readings.loaded), to_base.move(readings.loaded))
+    noise = None if readings.noise is None else _turn_covariances(readings.noise, to_base.R)
+    directions = None if readings.directions is None else readings.directions.rotate(to_base.R)
+    return replace(
+        readings,
+        unloaded=unloaded,
+        loaded=np.where(was_read, in_base, readings.loaded),
+        noise=noise,
+        directions=directions,
+        after=_transform_positions(readings.after, to_base),
+    )
+
+
+def _turn_forces(readings: ReadingArrays, R: FloatArray) -> ReadingArrays:
+    """Return readings whose forces and moments are rotated by R (3, 3)."""
+    return replace(readings, force=readings.force @ R.T, moment=readings.moment @ R.T)
+
+
+def _transform_positions(after: PositionsAfter | None, to_base: _Motion) -> PositionsAfter | None:
+    """Return positions after unloading in R0; zero where a target was not read again."""
     if after is None:
         return None
-    moved = after.position @ R.T + t
-    return replace(after, position=np.where(after.present[..., None], moved, 0.0))
+    return replace(after, position=np.where(after.present[..., None], to_base.move(after.position), 0.0))
 
 
 def _turn_covariances(noise: PointNoise, R: FloatArray) -> PointNoise:
@@ -147,11 +167,11 @@ def _turn_covariances(noise: PointNoise, R: FloatArray) -> PointNoise:
     return replace(noise, unloaded=symmetric[0], loaded=symmetric[1])
 
 
-def _move_station(noise: Noise | None, R: FloatArray, t: FloatArray) -> Noise | None:
-    """Return the noise with the instrument's station moved to R0 by a rotation R and a translation t."""
+def _move_station(noise: Noise | None, to_base: _Motion) -> Noise | None:
+    """Return the noise with the place of the instrument's station in R0."""
     if noise is None or noise.instrument is None:
         return noise
-    station = _scale_vector(R @ np.array(noise.instrument.station) + t, 1.0)
+    station = _scale_vector(to_base.R @ np.array(noise.instrument.station) + to_base.t, 1.0)
     return noise.model_copy(update={"instrument": noise.instrument.model_copy(update={"station": station})})
 
 
@@ -183,13 +203,7 @@ def to_base_targets(
     later = request.base_targets_after if after is None else after
     if before is None or later is None:
         return None
-    common = [name for name in before if name in later]
-    if len(common) < 3:
-        raise MeasurementError(
-            f"only {len(common)} base targets were read both before and after; at least three are needed",
-            where=where,
-            remedy="read at least three base targets before and after, with the same names",
-        )
+    common = _list_common_targets(before, later, where)
     length = LENGTH[request.units.length]
     first = length * np.array([before[name] for name in common])
     second = length * np.array([later[name] for name in common])
@@ -197,6 +211,22 @@ def to_base_targets(
     if sigma is not None and request.noise is not None and request.noise.instrument is not None:
         covariance = to_instrument(request.noise.instrument, length).covariance(first) / sigma**2
     return BaseTargets(first, second, covariance, tuple(common), where)
+
+
+def _list_common_targets(before: Collection[str], later: Collection[str], where: str) -> list[str]:
+    """Return the targets that were read both before and later; `where` is the field of the later readings.
+
+    Raises:
+        MeasurementError: these are fewer than three, too few to show how the tracker moved.
+    """
+    common = [name for name in before if name in later]
+    if len(common) < 3:
+        raise MeasurementError(
+            f"only {len(common)} base targets were read both before and after; at least three are needed",
+            where=where,
+            remedy="read at least three base targets before and after, with the same names",
+        )
+    return common
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,34 +292,56 @@ def prepare_robot(document: RobotDocument) -> PreparedRobot:
             remedy="store the robot in a service, and give its `robot_id`",
         )
     if isinstance(model, CatalogueModel):
-        try:
-            arm = find_arm(model.arm, "model.arm")
-        except RequestError as error:
-            raise RobotError(error.reason, remedy=error.remedy, where=error.where) from error
-        model = arm.model
-        joint_map = document.joint_map or arm.joint_map
-        payload = arm.payload if document.payload is None else document.payload
-        document = document.model_copy(update={"model": model, "joint_map": joint_map, "payload": payload})
-    if isinstance(model, DhModel):
-        document = document.model_copy(update={"model": _to_si_table(model)})
-    if isinstance(model, UrdfModel):
-        chain = _read_uploaded_urdf(model)
-        bodies = document.bodies or to_bodies(read_inertials(model.urdf, chain), chain)
-        model = model.model_copy(update={"urdf": write_urdf(chain)})
-        document = document.model_copy(update={"model": model, "bodies": bodies})
+        document = _replace_arm_by_table(document, model.arm)
+    if isinstance(document.model, UrdfModel):
+        return _prepare_urdf_robot(document, document.model)
+    if isinstance(document.model, DhModel):
+        document = document.model_copy(update={"model": _to_si_table(document.model)})
     robot = build_robot(document)
-    # Robots were hashed before joints had kinds: without prismatic joints, the hash has to stay what it was.
-    # The units of a table are m and rad here. Speeds of joints change no identification: the hash has none.
+    return PreparedRobot(document, robot, _hash_robot(document, robot))
+
+
+def _replace_arm_by_table(document: RobotDocument, name: str) -> RobotDocument:
+    """Return the document with the model of a catalogue arm; joint map and payload as stated, else the arm's.
+
+    Raises:
+        RobotError: the catalogue has no arm of this name.
+    """
+    try:
+        arm = find_arm(name, "model.arm")
+    except RequestError as error:
+        raise RobotError(error.reason, remedy=error.remedy, where=error.where) from error
+    joint_map = document.joint_map or arm.joint_map
+    payload = arm.payload if document.payload is None else document.payload
+    return document.model_copy(update={"model": arm.model, "joint_map": joint_map, "payload": payload})
+
+
+def _prepare_urdf_robot(document: RobotDocument, model: UrdfModel) -> PreparedRobot:
+    """Return the robot of a URDF, with its chain from base to flange and, if none are stated, its bodies.
+
+    Raises:
+        RobotError: the URDF cannot be used.
+    """
+    chain = _read_uploaded_urdf(model)
+    bodies = document.bodies or to_bodies(read_inertials(model.urdf, chain), chain)
+    with_chain = model.model_copy(update={"urdf": write_urdf(chain)})
+    document = document.model_copy(update={"model": with_chain, "bodies": bodies})
+    robot = build_robot(document)
+    without_speeds = model.model_copy(update={"urdf": write_urdf(chain.without_speeds())})
+    hashed = document.model_copy(update={"model": without_speeds})
+    return PreparedRobot(document, robot, _hash_robot(hashed, robot))
+
+
+def _hash_robot(document: RobotDocument, robot: Robot) -> str:
+    """Return the SHA-256 of kinematics and joint map, by the document of a robot in m and rad.
+
+    Speeds of joints change no identification: the hash has none. Robots were hashed before joints had kinds:
+    without prismatic joints, the hash has to stay what it was.
+    """
     of_rows = {"speed"} if robot.prismatic.any() else {"kind", "speed"}
-    omitted: dict[str, Any] = {"length_unit": True, "angle_unit": True, "rows": {"__all__": of_rows}}
-    hashed = document
-    if isinstance(model, UrdfModel):
-        without_speeds = model.model_copy(update={"urdf": write_urdf(chain.without_speeds())})
-        hashed = document.model_copy(update={"model": without_speeds})
-    content = hashed.model_dump_json(
-        exclude={"name": True, "bodies": True, "payload": True, "model": omitted}
-    )
-    return PreparedRobot(document, robot, hash_texts(content))
+    of_model: dict[str, Any] = {"length_unit": True, "angle_unit": True, "rows": {"__all__": of_rows}}
+    excluded: dict[str, Any] = {"name": True, "bodies": True, "payload": True, "model": of_model}
+    return hash_texts(document.model_dump_json(exclude=excluded))
 
 
 def _to_si_table(model: DhModel) -> DhModel:
@@ -297,21 +349,26 @@ def _to_si_table(model: DhModel) -> DhModel:
     length, angle = LENGTH[model.length_unit], ANGLE[model.angle_unit]
     if length == angle == 1.0:
         return model
-    rows = []
-    for row in model.rows:
-        position = length if row.kind == "prismatic" else angle
-        factors = {
-            "a": length,
-            "d": length,
-            "alpha": angle,
-            "theta": angle,
-            "lower": position,
-            "upper": position,
-            "speed": position,
-        }
-        stated = {name: getattr(row, name) for name in factors if getattr(row, name) is not None}
-        rows.append(row.model_copy(update={name: factors[name] * number for name, number in stated.items()}))
+    rows = [_scale_row(row, length, angle) for row in model.rows]
     return model.model_copy(update={"rows": rows, "length_unit": "m", "angle_unit": "rad"})
+
+
+def _scale_row(row: DhRow, length: float, angle: float) -> DhRow:
+    """Return a row of a Denavit-Hartenberg table in m and rad; numbers that are not stated stay absent.
+
+    `length` and `angle` are the sizes of the table's units [m, rad]. Limits and speed of a joint are lengths
+    if the joint slides, otherwise angles.
+    """
+    position = length if row.kind == "prismatic" else angle
+    lengths = dict.fromkeys(("a", "d"), length)
+    angles = dict.fromkeys(("alpha", "theta"), angle)
+    positions = dict.fromkeys(("lower", "upper", "speed"), position)
+    scaled = {}
+    for name, factor in {**lengths, **angles, **positions}.items():
+        number = getattr(row, name)
+        if number is not None:
+            scaled[name] = factor * number
+    return row.model_copy(update=scaled)
 
 
 def build_robot(document: RobotDocument) -> Robot:

@@ -7,15 +7,15 @@ import io
 import math
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Final, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from jointstiff.schemas.joints import JOINT_UNITS
+from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.measurement import (
     MAX_TARGETS,
     EncoderReading,
@@ -84,6 +84,27 @@ class ArrayGroup:
 
 
 @dataclass(frozen=True, eq=False)
+class ReadingCells:
+    """All K readings of a set, with their cells in tables of N observations of T targets."""
+
+    shape: tuple[int, int]  # (N, T)
+    observations: list[int]  # (K,) index of the observation of each reading
+    targets: list[int]  # (K,) index of the target of each reading
+    readings: list[Reading]  # (K,)
+
+    def tabulate(
+        self, values: Sequence[Any], *value_shape: int, number_type: type[np.generic] = np.float64
+    ) -> npt.NDArray[Any]:
+        """Return the values of the K readings as a table (N, T, …) that is zero where there is no reading.
+
+        `value_shape` is the shape of a value: vectors have 3, and their table is (N, T, 3).
+        """
+        table = np.zeros((*self.shape, *value_shape), dtype=number_type)
+        table[self.observations, self.targets] = values
+        return table
+
+
+@dataclass(frozen=True, eq=False)
 class Directions(ArrayGroup):
     """Readings along a direction of N observations of T targets; zero where a reading is of another kind."""
 
@@ -94,25 +115,19 @@ class Directions(ArrayGroup):
     in_flange: BoolArray  # (N, T) whether the direction was posted in the flange frame
 
     @classmethod
-    def from_readings(
-        cls, shape: tuple[int, int], indices: tuple[list[int], list[int]], readings: list[Reading]
-    ) -> Directions | None:
-        """Arrange readings along a direction as arrays; None if no reading is along a direction.
-
-        Args:
-            shape: numbers N of observations and T of targets.
-            indices: index of the observation, then of the target, of each reading.
-            readings: all readings of the set.
-        """
+    def from_readings(cls, cells: ReadingCells) -> Directions | None:
+        """Arrange readings along a direction as arrays; None if no reading is along a direction."""
+        readings = cells.readings
         if all(reading.displacement is None for reading in readings):
             return None
-        displacement = np.zeros(shape)
-        vector = np.zeros((*shape, 3))
-        in_flange = np.zeros(shape, np.bool_)
-        displacement[indices] = [each.displacement or 0.0 for each in readings]
-        vector[indices] = [each.direction or each.flange_direction or (0, 0, 0) for each in readings]
-        in_flange[indices] = [each.flange_direction is not None for each in readings]
-        return cls(displacement, vector, in_flange)
+        displacements = [each.displacement or 0.0 for each in readings]
+        vectors = [each.direction or each.flange_direction or _NOTHING for each in readings]
+        is_in_flange = [each.flange_direction is not None for each in readings]
+        return cls(
+            displacement=cells.tabulate(displacements),
+            vector=cells.tabulate(vectors, 3),
+            in_flange=cells.tabulate(is_in_flange, number_type=np.bool_),
+        )
 
     @property
     def has_direction(self) -> BoolArray:
@@ -170,33 +185,19 @@ class EncoderArrays(ArrayGroup):
         Raises:
             MeasurementError: an observation has a joint twice, or there are too many joints.
         """
-        names = dict.fromkeys(
-            reading.joint for observation in observations for reading in observation.encoder_readings or ()
-        )
-        if not names:
+        joints = _list_encoder_joints(observations)
+        if not joints:
             return None
-        if len(names) > MAX_JOINTS:
-            raise MeasurementError(
-                f"the readings name encoders of {len(names)} different joints, more than {MAX_JOINTS}",
-                where="observations",
-                remedy="use the robot's joint names, the same in every observation",
-            )
-        column = {name: index for index, name in enumerate(names)}
-        present = np.zeros((len(observations), len(names)), dtype=np.bool_)
-        unloaded, loaded = np.zeros((2, *present.shape))
+        present = np.zeros((len(observations), len(joints)), dtype=np.bool_)
+        unloaded, loaded = np.zeros(present.shape), np.zeros(present.shape)
         for row, observation in enumerate(observations):
-            for reading_index, reading in enumerate(observation.encoder_readings or ()):
-                cell = row, column[reading.joint]
-                if present[cell]:
-                    raise NamedObservationError(
-                        f"the encoder of '{reading.joint}' has two readings in observation "
-                        f"'{observation.label}'",
-                        where=f"observations[{row}].encoder_readings[{reading_index}].joint",
-                        remedy="give each joint at most once per observation",
-                    )
-                present[cell] = True
-                unloaded[cell], loaded[cell] = reading.unloaded, reading.loaded
-        return cls(np.array(list(names)), present, unloaded, loaded)
+            _refuse_two_readings_of_encoder(row, observation)
+            for reading in observation.encoder_readings or ():
+                column = joints.index(reading.joint)
+                present[row, column] = True
+                unloaded[row, column] = reading.unloaded
+                loaded[row, column] = reading.loaded
+        return cls(np.array(joints), present, unloaded, loaded)
 
     def build_encoder_readings(self, i: int) -> list[EncoderReading] | None:
         """Return the encoder readings of an observation as they were posted; None if no encoder was read.
@@ -240,23 +241,15 @@ class PositionsAfter(ArrayGroup):
     present: BoolArray  # (N, T) which targets were read again
 
     @classmethod
-    def from_readings(
-        cls, shape: tuple[int, int], indices: tuple[list[int], list[int]], readings: list[Reading]
-    ) -> PositionsAfter | None:
-        """Arrange the positions that were read again without load as arrays; None without such positions.
-
-        Args:
-            shape: numbers N of observations and T of targets.
-            indices: index of the observation, then of the target, of each reading.
-            readings: all readings of the set.
-        """
-        if all(reading.unloaded_after is None for reading in readings):
+    def from_readings(cls, cells: ReadingCells) -> PositionsAfter | None:
+        """Arrange the positions that were read again without load as arrays; None without such positions."""
+        positions = [each.unloaded_after for each in cells.readings]
+        if not any(positions):
             return None
-        positions = [each.unloaded_after or (0.0, 0.0, 0.0) for each in readings]
-        was_read = [each.unloaded_after is not None for each in readings]
+        was_read = [position is not None for position in positions]
         return cls(
-            _scatter((*shape, 3), indices, positions, np.float64),
-            _scatter(shape, indices, was_read, np.bool_),
+            position=cells.tabulate([position or _NOTHING for position in positions], 3),
+            present=cells.tabulate(was_read, number_type=np.bool_),
         )
 
     def get_reading_fields(self, i: int, t: int) -> dict[str, Any]:
@@ -278,40 +271,25 @@ class PointNoise(ArrayGroup):
     loaded: FloatArray  # (N, T, 3, 3) covariance of the loaded position
 
     @classmethod
-    def from_readings(
-        cls, shape: tuple[int, int], indices: tuple[list[int], list[int]], readings: list[Reading]
-    ) -> PointNoise | None:
+    def from_readings(cls, cells: ReadingCells) -> PointNoise | None:
         """Arrange the noise that readings state as arrays; None if no reading states its noise.
-
-        Args:
-            shape: numbers N of observations and T of targets.
-            indices: index of the observation, then of the target, of each reading.
-            readings: all readings of the set.
 
         Raises:
             MeasurementError: some readings of the tracker state their noise, and others do not.
         """
-        states_noise = [each.sigma is not None or each.unloaded_covariance is not None for each in readings]
-        if not any(states_noise):
+        readings = cells.readings
+        if not any(_states_noise(reading) for reading in readings):
             return None
-        # Readings along a direction come from another instrument: their noise is checked elsewhere.
-        tracker_readings = [k for k, each in enumerate(readings) if each.displacement is None]
-        observations, _ = indices
-        _refuse_partly_stated_noise(
-            [states_noise[k] for k in tracker_readings], [observations[k] for k in tracker_readings]
+        _refuse_partly_stated_noise(cells)
+        # A reading states either sigma or covariances: the schema refuses readings with both.
+        sigmas = [each.sigma or 0.0 for each in readings]
+        unloaded_covariances = [each.unloaded_covariance or _NO_COVARIANCE for each in readings]
+        loaded_covariances = [each.loaded_covariance or _NO_COVARIANCE for each in readings]
+        return cls(
+            sigma=cells.tabulate(sigmas),
+            unloaded=cells.tabulate(unloaded_covariances, 3, 3),
+            loaded=cells.tabulate(loaded_covariances, 3, 3),
         )
-        sigma = np.zeros(shape)
-        unloaded_covariances = np.zeros((*shape, 3, 3))
-        loaded_covariances = np.zeros((*shape, 3, 3))
-        for row, target, reading in zip(*indices, readings, strict=True):
-            if reading.sigma is not None:
-                sigma[row, target] = reading.sigma
-            elif reading.unloaded_covariance is not None:
-                unloaded_covariances[row, target], loaded_covariances[row, target] = (
-                    reading.unloaded_covariance,
-                    reading.loaded_covariance,
-                )
-        return cls(sigma, unloaded_covariances, loaded_covariances)
 
     def get_reading_fields(self, i: int, t: int) -> dict[str, Any]:
         """Return field → value for the noise that a reading states itself; {} if it states none.
@@ -347,19 +325,54 @@ def _to_matrix_rows(matrix: FloatArray) -> Matrix3:
     return x, y, z
 
 
-def _refuse_partly_stated_noise(stated: list[bool], observations: list[int]) -> None:
-    """Refuse readings if some of them state their noise, and others do not.
-
-    Args:
-        stated: for each reading, whether its noise is stated.
-        observations: index of the observation of each reading.
+def _list_encoder_joints(observations: list[Observation]) -> list[str]:
+    """Return the names of the joints whose encoders were read, in order of first appearance.
 
     Raises:
-        MeasurementError: a reading states no noise, but another does.
+        MeasurementError: there are more joints than a robot can have.
     """
-    if len(set(stated)) < 2:
+    readings = (reading for observation in observations for reading in observation.encoder_readings or ())
+    names = list(dict.fromkeys(reading.joint for reading in readings))
+    if len(names) > MAX_JOINTS:
+        raise MeasurementError(
+            f"the readings name encoders of {len(names)} different joints, more than {MAX_JOINTS}",
+            where="observations",
+            remedy="use the robot's joint names, the same in every observation",
+        )
+    return names
+
+
+def _refuse_two_readings_of_encoder(row: int, observation: Observation) -> None:
+    """Raise a `MeasurementError` if the observation with the index `row` has two readings of an encoder."""
+    joints = set[str]()
+    for k, reading in enumerate(observation.encoder_readings or ()):
+        if reading.joint in joints:
+            raise NamedObservationError(
+                f"the encoder of '{reading.joint}' has two readings in observation '{observation.label}'",
+                where=f"observations[{row}].encoder_readings[{k}].joint",
+                remedy="give each joint at most once per observation",
+            )
+        joints.add(reading.joint)
+
+
+def _states_noise(reading: Reading) -> bool:
+    """Return whether a reading states its own noise: sigma, or covariances of its positions."""
+    return reading.sigma is not None or reading.unloaded_covariance is not None
+
+
+def _refuse_partly_stated_noise(cells: ReadingCells) -> None:
+    """Refuse readings if some of them state their noise, and others do not.
+
+    Readings along a direction come from another instrument: their noise is checked elsewhere.
+
+    Raises:
+        MeasurementError: a reading of the tracker states no noise, but another does.
+    """
+    by_tracker = [k for k, reading in enumerate(cells.readings) if reading.displacement is None]
+    without_noise = [k for k in by_tracker if not _states_noise(cells.readings[k])]
+    if not without_noise or len(without_noise) == len(by_tracker):
         return
-    i = observations[stated.index(False)]
+    i = cells.observations[without_noise[0]]
     raise MeasurementError(
         "some readings state their own noise, but a reading of this observation states no noise",
         where=f"observations[{i}].readings",
@@ -367,21 +380,24 @@ def _refuse_partly_stated_noise(stated: list[bool], observations: list[int]) -> 
     )
 
 
-def to_noise(
-    noise: Noise | None,
-    reading_noise: PointNoise | None,
-    robot: Robot,
-    measurements: Measurements,
-    *,
-    length: float,
-) -> tuple[float | None, FloatArray]:
-    """Return the noise of the deflections: sigma [m] of a coordinate, and covariances in units of sigma².
+class _StatedNoise(NamedTuple):
+    """Noise of the deflections of N observations of T targets, as the set and its readings state it."""
 
-    Sigma is None if no noise is stated.
+    sigma: float | None  # standard uncertainty of a coordinate of a position [m]; None if not stated
+    covariance: FloatArray  # of the deflections, in units of sigma²: (N, T, 3, 3), or (3, 3) for all
+    refuted_sigma: float | None = None  # stated sigma that a check refuted, so that it is not used [m]
+
+
+def _to_noise(
+    noise: Noise | None, own_noise: PointNoise | None, robot: Robot, measurements: Measurements, length: float
+) -> _StatedNoise:
+    """Return the noise of the deflections.
+
+    A stated sigma that was refuted is only reported; the residuals of the fit then give the noise.
 
     Args:
         noise: noise that is stated for the set; None if it is not stated.
-        reading_noise: noise that readings state themselves; None if no reading states it.
+        own_noise: noise that readings state themselves; None if no reading states it.
         robot: the robot that was measured.
         measurements: measurements in SI units, still without noise.
         length: the set's unit of length in m.
@@ -389,33 +405,87 @@ def to_noise(
     Raises:
         MeasurementError: noise is stated twice or for some readings only, or a matrix is not a covariance.
     """
-    present = measurements.present
-    states_noise = np.zeros_like(present) if reading_noise is None else reading_noise.stated
+    states_noise = np.zeros_like(measurements.present) if own_noise is None else own_noise.stated
     _refuse_ambiguous_noise(noise, states_noise, measurements)
-    instrument = (
-        None if noise is None or noise.instrument is None else to_instrument(noise.instrument, length)
-    )
-    sigma = None if noise is None or noise.sigma is None else length * noise.sigma
-    read_again = None if measurements.returned is None else measurements.returned.present[..., None, None]
-    if reading_noise is None and instrument is None:
-        if read_again is None:
-            return sigma, ISOTROPIC_DIFFERENCE
-        # The mean of two readings has half the variance of one.
-        return sigma, np.where(read_again, 0.75, 1.0) * ISOTROPIC_DIFFERENCE
-    unloaded = loaded = (sigma or 0.0) ** 2 * np.eye(3)
-    if instrument is not None:
-        unloaded, loaded = position_covariances(instrument, robot, measurements)
-    if reading_noise is not None:
-        own_unloaded, own_loaded = reading_noise.compute_covariances()
-        refuse_invalid_covariance(own_unloaded, states_noise, "unloaded_covariance")
-        refuse_invalid_covariance(own_loaded, states_noise, "loaded_covariance")
-        # The noise that a reading states itself replaces the noise of the set.
-        unloaded = np.where(states_noise[..., None, None], length**2 * own_unloaded, unloaded)
-        loaded = np.where(states_noise[..., None, None], length**2 * own_loaded, loaded)
-    if read_again is not None:
-        unloaded = np.where(read_again, 0.5, 1.0) * unloaded
-    difference_noise = DifferenceNoise.from_positions(unloaded, loaded, measurements.coordinates)
-    return difference_noise.sigma, difference_noise.covariance
+    isotropic = _compute_isotropic_covariance(measurements)
+    if own_noise is None and _find_noise_field(noise) != "instrument":
+        sigma = None if noise is None or noise.sigma is None else length * noise.sigma
+        stated = _StatedNoise(sigma, isotropic)
+    else:
+        covariances = _PositionCovariances.from_set(noise, robot, measurements, length)
+        if own_noise is not None:
+            covariances = covariances.replaced_by(own_noise, length)
+        stated = covariances.to_noise(measurements)
+    if noise is None or not noise.refuted:
+        return stated
+    return _StatedNoise(sigma=None, covariance=isotropic, refuted_sigma=stated.sigma)
+
+
+def _compute_isotropic_covariance(measurements: Measurements) -> FloatArray:
+    """Return the covariance of deflections, in units of sigma², if sigma is the same in all coordinates.
+
+    A deflection is the difference of two positions: its covariance is `ISOTROPIC_DIFFERENCE`, 2 I (3, 3).
+    Where the position without load is the mean of two readings, which has half the variance of one, the
+    covariance is 0.75 of that: (N, T, 3, 3).
+    """
+    if measurements.returned is None:
+        return ISOTROPIC_DIFFERENCE
+    read_again = measurements.returned.present[..., None, None]
+    return np.where(read_again, 0.75, 1.0) * ISOTROPIC_DIFFERENCE
+
+
+@dataclass(frozen=True, eq=False)
+class _PositionCovariances:
+    """Covariances [m²] of positions of T targets in N observations: (N, T, 3, 3), or (3, 3) for all."""
+
+    unloaded: FloatArray
+    loaded: FloatArray
+
+    @classmethod
+    def from_set(
+        cls, noise: Noise | None, robot: Robot, measurements: Measurements, length: float
+    ) -> _PositionCovariances:
+        """Return the covariances by the noise of the set: of its instrument, else sigma² I, else zero.
+
+        `length` is the set's unit of length in m.
+        """
+        if noise is None:
+            return cls(0.0 * np.eye(3), 0.0 * np.eye(3))
+        if noise.instrument is not None:
+            instrument = to_instrument(noise.instrument, length)
+            unloaded, loaded = position_covariances(instrument, robot, measurements)
+            return cls(unloaded, loaded)
+        sigma = 0.0 if noise.sigma is None else length * noise.sigma
+        return cls(sigma**2 * np.eye(3), sigma**2 * np.eye(3))
+
+    def replaced_by(self, own_noise: PointNoise, length: float) -> _PositionCovariances:
+        """Return the covariances with those of the readings that state their noise themselves.
+
+        `length` is the set's unit of length in m.
+
+        Raises:
+            MeasurementError: a stated matrix is not a covariance.
+        """
+        own_unloaded, own_loaded = own_noise.compute_covariances()
+        refuse_invalid_covariance(own_unloaded, own_noise.stated, "unloaded_covariance")
+        refuse_invalid_covariance(own_loaded, own_noise.stated, "loaded_covariance")
+        is_stated = own_noise.stated[..., None, None]
+        return _PositionCovariances(
+            unloaded=np.where(is_stated, length**2 * own_unloaded, self.unloaded),
+            loaded=np.where(is_stated, length**2 * own_loaded, self.loaded),
+        )
+
+    def to_noise(self, measurements: Measurements) -> _StatedNoise:
+        """Return the noise of the deflections, Σ_deflection = Σ_unloaded + Σ_loaded, in units of sigma².
+
+        Where a position without load was read twice, the mean of the two has half the variance of one.
+        """
+        unloaded = self.unloaded
+        if measurements.returned is not None:
+            read_again = measurements.returned.present[..., None, None]
+            unloaded = np.where(read_again, 0.5, 1.0) * unloaded
+        noise = DifferenceNoise.from_positions(unloaded, self.loaded, measurements.coordinates)
+        return _StatedNoise(noise.sigma, noise.covariance)
 
 
 def _refuse_ambiguous_noise(noise: Noise | None, states_noise: BoolArray, measurements: Measurements) -> None:
@@ -429,18 +499,31 @@ def _refuse_ambiguous_noise(noise: Noise | None, states_noise: BoolArray, measur
     Raises:
         MeasurementError: noise is stated twice, or not at all for a reading.
     """
-    without_own_noise = measurements.present & ~states_noise
-    stated_field = next((k for k in ("sigma", "instrument") if getattr(noise, k, None) is not None), None)
-    if stated_field is not None and not without_own_noise.any():
+    relies_on_set = measurements.present & ~states_noise
+    stated_field = _find_noise_field(noise)
+    if stated_field is not None and not relies_on_set.any():
         raise MeasurementError(
             f"both the readings and noise.{stated_field} state the noise",
             where=f"noise.{stated_field}",
             remedy=f"state the noise once: omit noise.{stated_field}, or omit the noise in every reading",
         )
     if stated_field == "instrument":  # a tracker's data sheet does not apply to readings along a direction
-        without_noise = without_own_noise & (measurements.coordinates == 1)
-    else:
-        without_noise = without_own_noise & (stated_field is None and states_noise.any())
+        _refuse_readings_without_noise(relies_on_set & (measurements.coordinates == 1))
+    elif stated_field is None and states_noise.any():
+        _refuse_readings_without_noise(relies_on_set)
+
+
+def _find_noise_field(noise: Noise | None) -> str | None:
+    """Return the field that states the noise of all readings of a set: `sigma`, `instrument` or None."""
+    if noise is None:
+        return None
+    if noise.sigma is not None:
+        return "sigma"
+    return None if noise.instrument is None else "instrument"
+
+
+def _refuse_readings_without_noise(without_noise: BoolArray) -> None:
+    """Raise a `MeasurementError` at the first reading in the mask (N, T), if the mask has any reading."""
     if without_noise.any():
         i = int(np.argwhere(without_noise)[0, 0])
         raise MeasurementError(
@@ -480,28 +563,39 @@ def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertain
 def _state_force(common: CommonUncertainty, noise: Noise) -> CommonUncertainty:
     """Return uncertainties with those of the force, which are at least those of its ground.
 
+    A ground is how the force is known: by a load `cell` at the hook, by a cell beyond a `pulley`, or by the
+    `catalogue` mass of a weight.
+
     Args:
         common: uncertainties, in which the scale of the force is assumed.
         noise: noise that is stated for the set.
     """
     if noise.force is not None:
         common = replace(common, direction=noise.force.direction)
-    stated = None if noise.force is None else noise.force.scale
-    if stated is not None:
-        common = replace(common, scale=stated, assumed=common.assumed - {"force_scale"})
-    grounds = noise.grounds
-    if grounds is None or grounds.force is None:
-        return common
-    if grounds.force == "cell":
-        zero = ROPE_ZERO_IF_TARED if grounds.tared else ROPE_ZERO_OF_CELL
-        return replace(common, rope_zero=zero)
-    if grounds.force == "pulley":
-        scale = math.hypot(stated or 0.0, PULLEY_SCALE)
-    elif grounds.force == "catalogue":
-        scale = max(stated or 0.0, CATALOGUE_SCALE)
-    else:
+    if noise.grounds is not None and noise.grounds.force == "cell":
+        zero = ROPE_ZERO_IF_TARED if noise.grounds.tared else ROPE_ZERO_OF_CELL
+        common = replace(common, rope_zero=zero)
+    scale = _choose_force_scale(noise)
+    if scale is None:
         return common
     return replace(common, scale=scale, assumed=common.assumed - {"force_scale"})
+
+
+def _choose_force_scale(noise: Noise) -> float | None:
+    """Return the relative uncertainty of all forces; None if neither a number nor a ground gives it.
+
+    The friction of a pulley, which nobody states, adds to the stated uncertainty. A mass from a catalogue is
+    known no better than `CATALOGUE_SCALE`.
+    """
+    stated = None if noise.force is None else noise.force.scale
+    ground = None if noise.grounds is None else noise.grounds.force
+    match ground:
+        case "pulley":
+            return math.hypot(stated or 0.0, PULLEY_SCALE)
+        case "catalogue":
+            return max(stated or 0.0, CATALOGUE_SCALE)
+        case _:
+            return stated
 
 
 def _find_force_at_hook(noise: Noise | None) -> float:
@@ -550,6 +644,8 @@ wrong reading, or wrong joint angles."""
 _UNREAD = (np.nan, np.nan, np.nan)
 _NOTHING: Final = (0.0, 0.0, 0.0)
 """Vector in place of one that an observation or a reading does not state."""
+_NO_COVARIANCE: Final = (_NOTHING, _NOTHING, _NOTHING)
+"""Covariance in place of one that a reading does not state."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -584,41 +680,17 @@ class ReadingArrays:
                 there are too many targets or encoders; noise is stated for some readings only.
         """
         _refuse_unlike_observations(observations)
-        names = dict.fromkeys(
-            reading.target for observation in observations for reading in observation.readings
-        )
-        _refuse_too_many_targets(names)
-        target_index = {name: i for i, name in enumerate(names)}
-        rows, columns, readings = _list_readings(observations, target_index)
-        shape = (len(observations), len(names))
-        indices = rows, columns
-        labels = [observation.label for observation in observations]
-        joints = [observation.joints for observation in observations]
-        forces = [observation.force for observation in observations]
-        has_moment = [observation.moment is not None for observation in observations]
-        has_load_point = [observation.load_point is not None for observation in observations]
-        moments = [observation.moment or _NOTHING for observation in observations]
-        load_points = [observation.load_point or _NOTHING for observation in observations]
-        is_deflection = [reading.unloaded is None for reading in readings]
-        unloaded = [reading.unloaded or _NOTHING for reading in readings]
-        loaded = [_choose_loaded(reading) for reading in readings]
+        names = _list_target_names(observations)
+        cells = _list_readings(observations, names)
         return cls(
-            labels=np.array(labels),
-            targets=np.array(list(names)),
-            joints=np.array(joints, dtype=np.float64),
-            force=np.array(forces, dtype=np.float64),
-            moment=np.array(moments, dtype=np.float64),
-            moment_given=np.array(has_moment),
-            load_point=np.array(load_points, dtype=np.float64),
-            load_point_given=np.array(has_load_point),
-            present=_scatter(shape, indices, [True] * len(readings), np.bool_),
-            as_deflection=_scatter(shape, indices, is_deflection, np.bool_),
-            unloaded=_scatter((*shape, 3), indices, unloaded, np.float64),
-            loaded=_scatter((*shape, 3), indices, loaded, np.float64),
+            labels=np.array([observation.label for observation in observations]),
+            targets=np.array(names),
+            **_arrange_loads(observations),
+            **_arrange_positions(cells),
             encoders=EncoderArrays.from_observations(observations),
-            noise=PointNoise.from_readings(shape, indices, readings),
-            directions=Directions.from_readings(shape, indices, readings),
-            after=PositionsAfter.from_readings(shape, indices, readings),
+            noise=PointNoise.from_readings(cells),
+            directions=Directions.from_readings(cells),
+            after=PositionsAfter.from_readings(cells),
         )
 
     @property
@@ -663,20 +735,24 @@ class ReadingArrays:
 
     def _build_reading(self, i: int, t: int) -> Reading:
         """Return a reading as it was posted; `i` and `t` are the indices of observation and target."""
-        loaded = tuple(self.loaded[i, t].tolist())
-        noise = self.noise.get_reading_fields(i, t) if self.noise else {}
+        noise = {} if self.noise is None else self.noise.get_reading_fields(i, t)
+        return Reading.model_construct(target=str(self.targets[t]), **self._get_values(i, t), **noise)
+
+    def _get_values(self, i: int, t: int) -> dict[str, Any]:
+        """Return field → value of what a reading measured: a displacement, a deflection, or positions.
+
+        `i` and `t` are the indices of observation and target.
+        """
         if self.directions is not None and self.directions.has_direction[i, t]:
-            values = self.directions.get_reading_fields(i, t)
-            return Reading.model_construct(target=str(self.targets[t]), **noise, **values)
+            return self.directions.get_reading_fields(i, t)
+        loaded = tuple(self.loaded[i, t].tolist())
         if self.as_deflection[i, t]:
-            return Reading.model_construct(target=str(self.targets[t]), deflection=loaded, **noise)
+            return {"deflection": loaded}
         unloaded = tuple(self.unloaded[i, t].tolist())
         if self.unloaded_only[i, t]:
-            return Reading.model_construct(target=str(self.targets[t]), unloaded=unloaded, **noise)
-        values = {} if self.after is None else self.after.get_reading_fields(i, t)
-        return Reading.model_construct(
-            target=str(self.targets[t]), unloaded=unloaded, loaded=loaded, **values, **noise
-        )
+            return {"unloaded": unloaded}
+        read_again = {} if self.after is None else self.after.get_reading_fields(i, t)
+        return {"unloaded": unloaded, "loaded": loaded, **read_again}
 
     def pack(self) -> bytes:
         """Return the arrays as bytes of an npz archive, without pickles."""
@@ -716,17 +792,9 @@ def compute_content_hash(
     header: MeasurementSetHeader, readings: ReadingArrays, resolved: ResolvedFrame | None = None
 ) -> str:
     """Return the SHA-256 of a set's content: header, readings and resolved frame, but not its name."""
-    # Sets were hashed before these fields existed: where nothing is stated, the hash has to stay what it was.
-    newer_fields = {"refuted", "grounds"}
-    unstated_fields = {name for name in newer_fields if not getattr(header.noise, name, None)}
-    excluded: dict[str, Any] = dict.fromkeys(unstated_fields, True)
-    grounds = None if header.noise is None else header.noise.grounds
-    if grounds is not None:
-        newer_grounds = ("between", "force", "tared")
-        excluded["grounds"] = {name for name in newer_grounds if getattr(grounds, name) is None}
     text = header.model_dump_json(
         include={"units", "encoders", "noise", "flange_targets", "load_point"},
-        exclude={"noise": excluded},
+        exclude={"noise": _list_unhashed_fields(header.noise)},
     )
     if header.load_point_target is not None:
         text += f"load_point_target {header.load_point_target}"
@@ -735,37 +803,86 @@ def compute_content_hash(
     return hashlib.sha256(text.encode() + readings.digest()).hexdigest()
 
 
-def _list_readings(
-    observations: list[Observation], column: dict[str, int]
-) -> tuple[list[int], list[int], list[Reading]]:
-    """Return the readings of all observations in one list, with the indices of observation and target.
+def _list_unhashed_fields(noise: Noise | None) -> dict[str, Any]:
+    """Return the fields of the noise that its hash leaves out, in the form of Pydantic's `exclude`.
 
-    Args:
-        observations: observations of a set.
-        column: index of each target by its name.
+    Sets were hashed before these fields existed: where nothing is stated, the hash has to stay what it was.
+    """
+    excluded: dict[str, Any] = {}
+    for name in ("refuted", "grounds"):
+        if not getattr(noise, name, None):
+            excluded[name] = True
+    if noise is not None and noise.grounds is not None:
+        newer_grounds = ("between", "force", "tared")
+        excluded["grounds"] = {name for name in newer_grounds if getattr(noise.grounds, name) is None}
+    return excluded
 
-    Returns:
-        (rows, columns, readings): index of the observation and of the target of each reading; the readings.
+
+def _arrange_loads(observations: list[Observation]) -> dict[str, npt.NDArray[Any]]:
+    """Return name → array with a row for each of N observations: joint angles, forces, moments, load points.
+
+    Moments and load points that an observation does not state are zero, and False in `…_given`.
+    """
+    joints = [observation.joints for observation in observations]
+    forces = [observation.force for observation in observations]
+    moments = [observation.moment for observation in observations]
+    load_points = [observation.load_point for observation in observations]
+    return {
+        "joints": np.array(joints, dtype=np.float64),
+        "force": np.array(forces, dtype=np.float64),
+        "moment": np.array([moment or _NOTHING for moment in moments], dtype=np.float64),
+        "moment_given": np.array([moment is not None for moment in moments]),
+        "load_point": np.array([point or _NOTHING for point in load_points], dtype=np.float64),
+        "load_point_given": np.array([point is not None for point in load_points]),
+    }
+
+
+def _arrange_positions(cells: ReadingCells) -> dict[str, npt.NDArray[Any]]:
+    """Return name → array of positions (N, T, 3) without and under load, and masks (N, T) of the readings.
+
+    A reading that has no position without load is a deflection, or lies along a direction.
+    """
+    readings = cells.readings
+    was_read = [True for _ in readings]
+    is_deflection = [reading.unloaded is None for reading in readings]
+    unloaded = [reading.unloaded or _NOTHING for reading in readings]
+    loaded = [_choose_loaded(reading) for reading in readings]
+    return {
+        "present": cells.tabulate(was_read, number_type=np.bool_),
+        "as_deflection": cells.tabulate(is_deflection, number_type=np.bool_),
+        "unloaded": cells.tabulate(unloaded, 3),
+        "loaded": cells.tabulate(loaded, 3),
+    }
+
+
+def _list_readings(observations: list[Observation], targets: list[str]) -> ReadingCells:
+    """Return the readings of all observations with their cells; `targets` are the names of the T targets.
 
     Raises:
         MeasurementError: an observation has two readings of a target.
     """
-    rows, columns, readings = [], [], []
-    used = set[tuple[int, int]]()  # observations and targets that have a reading already
+    column = {name: t for t, name in enumerate(targets)}
+    cells = ReadingCells((len(observations), len(targets)), [], [], [])
     for i, observation in enumerate(observations):
-        for k, reading in enumerate(observation.readings):
-            cell = i, column[reading.target]
-            if cell in used:
-                raise NamedObservationError(
-                    f"target '{reading.target}' has two readings in observation '{observation.label}'",
-                    where=f"observations[{i}].readings[{k}].target",
-                    remedy="give each target at most once per observation, or rename the target",
-                )
-            used.add(cell)
-            rows.append(cell[0])
-            columns.append(cell[1])
-            readings.append(reading)
-    return rows, columns, readings
+        _refuse_two_readings_of_target(i, observation)
+        for reading in observation.readings:
+            cells.observations.append(i)
+            cells.targets.append(column[reading.target])
+            cells.readings.append(reading)
+    return cells
+
+
+def _refuse_two_readings_of_target(i: int, observation: Observation) -> None:
+    """Raise a `MeasurementError` if the observation with the index `i` has two readings of a target."""
+    targets = set[str]()
+    for k, reading in enumerate(observation.readings):
+        if reading.target in targets:
+            raise NamedObservationError(
+                f"target '{reading.target}' has two readings in observation '{observation.label}'",
+                where=f"observations[{i}].readings[{k}].target",
+                remedy="give each target at most once per observation, or rename the target",
+            )
+        targets.add(reading.target)
 
 
 def _choose_loaded(reading: Reading) -> Sequence[float]:
@@ -776,36 +893,23 @@ def _choose_loaded(reading: Reading) -> Sequence[float]:
     return _UNREAD if reading.unloaded else _NOTHING
 
 
-def _scatter(
-    shape: tuple[int, ...],
-    indices: tuple[list[int], list[int]],
-    values: list[Any],
-    number_type: type[np.generic],
-) -> npt.NDArray[Any]:
-    """Return an array of zeros with given values at some cells.
+def _list_target_names(observations: list[Observation]) -> list[str]:
+    """Return the names of all targets, in order of first appearance.
 
-    Args:
-        shape: shape of the array; its first two axes are observations and targets.
-        indices: index of the observation, then of the target, of each value.
-        values: values of the cells.
-        number_type: type of the array's numbers.
+    The arrays have all targets of all observations: a new name for every reading would fill the memory.
+
+    Raises:
+        MeasurementError: there are more than `MAX_TARGETS` different targets.
     """
-    table = np.zeros(shape, dtype=number_type)
-    table[indices] = values
-    return table
-
-
-def _refuse_too_many_targets(names: Collection[str]) -> None:
-    """Refuse more than `MAX_TARGETS` different targets.
-
-    The arrays hold all targets of all observations: a new name for every reading would fill the memory.
-    """
+    readings = (reading for observation in observations for reading in observation.readings)
+    names = list(dict.fromkeys(reading.target for reading in readings))
     if len(names) > MAX_TARGETS:
         raise MeasurementError(
             f"the set has {len(names)} different targets, more than {MAX_TARGETS}",
             where="observations",
             remedy="use the same name for the same target in every observation",
         )
+    return names
 
 
 def _refuse_unlike_observations(observations: list[Observation]) -> None:
@@ -893,17 +997,64 @@ def _convert(
         MeasurementError: the set lacks a quantity or a unit, or its noise is unclear.
     """
     length = LENGTH[header.units.length]
-    unloaded_only = readings.unloaded_only
-    unloaded, returned = _average_unloaded_readings(readings, length)
-    deflection = np.where(readings.as_deflection[..., None], readings.loaded, readings.loaded - unloaded)
-    deflection = np.where(unloaded_only[..., None], 0.0, deflection)
+    measurements = _convert_readings(header, readings, robot)
+    noise = _to_noise(header.noise, readings.noise, robot, measurements, length)
+    encoders = _to_encoder_readings(header, readings.encoders, robot)
+    repeatability = _get_repeatability(header, encoders)
+    measured = replace(
+        measurements,
+        sigma=noise.sigma,
+        covariance=noise.covariance,
+        refuted_sigma=noise.refuted_sigma,
+        repeatability=repeatability,
+        scatter=_start_scatter(repeatability, noise.sigma),
+        encoders=encoders,
+        common_uncertainty=to_common_uncertainty(header.noise, length),
+        present=readings.present & ~readings.unloaded_only,
+    )
+    return measured if shots is None else _add_hook(measured, shots)
+
+
+def _start_scatter(repeatability: float | None, sigma: float | None) -> Scatter:
+    """Return the scatter with which the first fit begins: of joints [rad] relative to sigma [m].
+
+    Without sigma it is zero: the first fit shows how the scatter compares to the noise of the readings.
+    """
+    if not repeatability or not sigma:
+        return Scatter(joints=0.0)
+    return Scatter(joints=repeatability / sigma)
+
+
+def _add_hook(measurements: Measurements, shots: _LocatedLoadPoint) -> Measurements:
+    """Return measurements whose load point is known by the readings of a target at the hook, `shots`.
+
+    These readings give the uncertainty of the load point, in place of an assumed one.
+    """
+    hook = shots.to_hook_reading(measurements.sigma or 0.0, measurements.repeatability or 0.0)
+    common_uncertainty = replace(
+        measurements.common_uncertainty,
+        load_point=hook.uncertainty,
+        assumed=measurements.common_uncertainty.assumed - {"load_point"},
+        doubtful_load_point=None,
+    )
+    return replace(measurements, hook=hook, common_uncertainty=common_uncertainty)
+
+
+def _convert_readings(header: MeasurementSetHeader, readings: ReadingArrays, robot: Robot) -> Measurements:
+    """Return N observations of T targets in SI units, still without noise.
+
+    Raises:
+        MeasurementError: the load point, a position or the unit of moments is missing.
+    """
+    length = LENGTH[header.units.length]
     joints = joint_factors(robot, header.units) * readings.joints
-    at_hook = _find_force_at_hook(header.noise)
     direction = None
     if readings.directions is not None:
         direction = readings.directions.compute_unit_vectors(robot, joints)
-        deflection = deflection + readings.directions.displacement[..., None] * direction
-    measurements = Measurements(
+    deflection = _compute_deflections(readings, direction)
+    at_hook = _find_force_at_hook(header.noise)
+    unloaded_only = readings.unloaded_only
+    return Measurements(
         joints=joints,
         force=at_hook * FORCE[header.units.force] * readings.force,
         moment=at_hook * _get_moment_factor(header.units, readings) * readings.moment,
@@ -915,42 +1066,31 @@ def _convert(
         direction=direction,
         force_unit=header.units.force,
         unloaded_only=unloaded_only if unloaded_only.any() else None,
-        returned=returned,
+        returned=_to_return_readings(readings, length),
         labels=tuple(readings.labels.tolist()),
         targets=tuple(readings.targets.tolist()),
-    )
-    sigma, covariance = to_noise(header.noise, readings.noise, robot, measurements, length=length)
-    # A stated sigma that was refuted is only reported; the residuals then give the noise.
-    refuted_sigma = None
-    if header.noise is not None and header.noise.refuted:
-        refuted_sigma, sigma = sigma, None
-        covariance = to_noise(None, None, robot, measurements, length=length)[1]
-    encoders = _to_encoder_readings(header, readings.encoders, robot)
-    common_uncertainty = to_common_uncertainty(header.noise, length)
-    repeatability = _get_repeatability(header, encoders)
-    hook = None
-    if shots is not None:
-        hook = shots.to_hook_reading(sigma or 0.0, repeatability or 0.0)
-        common_uncertainty = replace(
-            common_uncertainty,
-            load_point=hook.uncertainty,
-            assumed=common_uncertainty.assumed - {"load_point"},
-            doubtful_load_point=None,
-        )
-    return replace(
-        measurements,
-        sigma=sigma,
-        covariance=covariance,
-        refuted_sigma=refuted_sigma,
-        repeatability=repeatability,
-        # Without sigma, the first fit tells how the scatter compares to the noise of the readings.
-        scatter=Scatter(joints=repeatability / sigma if repeatability and sigma else 0.0),
-        encoders=encoders,
-        hook=hook,
         closed_on_links=header.encoders == "secondary",
-        common_uncertainty=common_uncertainty,
-        present=readings.present & ~unloaded_only,
     )
+
+
+def _compute_deflections(readings: ReadingArrays, direction: FloatArray | None) -> FloatArray:
+    """Return the deflections (N, T, 3) of the targets, in the set's unit of length.
+
+    A deflection is given as such, or is the loaded minus the unloaded position, or is a displacement along a
+    direction. It is zero where a target was read without load only.
+
+    Args:
+        readings: readings of a set in R0.
+        direction: (N, T, 3) unit vectors of the readings along a direction in R0, zero for other readings;
+            None if no reading is along a direction.
+    """
+    as_given = readings.as_deflection[..., None]
+    difference = readings.loaded - _average_unloaded_positions(readings)
+    deflection = np.where(as_given, readings.loaded, difference)
+    deflection = np.where(readings.unloaded_only[..., None], 0.0, deflection)
+    if readings.directions is None or direction is None:
+        return deflection
+    return np.asarray(deflection + readings.directions.displacement[..., None] * direction)
 
 
 _KNOWLEDGE_OF_CONTROLLER = {
@@ -993,43 +1133,64 @@ def _refuse_other_joints(header: MeasurementSetHeader, readings: ReadingArrays, 
     Raises:
         MeasurementError: names the first such joint.
     """
-    if readings.joints.shape[1] != robot.n:
+    count = readings.joints.shape[1]
+    if count != robot.n:
         raise MeasurementError(
-            f"there are {readings.joints.shape[1]} joint angles, but the robot has {robot.n} joints",
+            f"there are {count} joint angles, but the robot has {robot.n} joints",
             where="observations[0].joints",
             remedy=f"give the {robot.n} controller angles of {list_joint_names(robot)}",
         )
-    if header.joint_kinds is not None and tuple(header.joint_kinds) != robot.joint_kinds:
-        kinds = zip(robot.joint_kinds, header.joint_kinds, strict=False)
-        first_other = next((j for j, (kind, read_as) in enumerate(kinds) if kind != read_as), 0)
-        joint_name, joint_kind = robot.joint_names[first_other], robot.joint_kinds[first_other]
-        units = JOINT_UNITS[joint_kind]
-        read_as_text = "an angle" if units.dimension == "length" else "a length"
-        raise MeasurementError(
-            f"joint {joint_name} is read as {read_as_text}, but in the robot this joint is {joint_kind}",
-            where="joint_kinds",
-            remedy=f"give {units.dimension}s of this joint, in `units.{units.dimension}`, or check the "
-            "robot and the order of the joints",
-        )
+    if header.joint_kinds is not None:
+        _refuse_other_joint_kinds(header.joint_kinds, robot)
 
 
-def _average_unloaded_readings(
-    readings: ReadingArrays, length: float
-) -> tuple[FloatArray, ReturnReadings | None]:
-    """Return the mean (N, T, 3) of the positions before and after the load, and their differences [m].
-
-    The positions keep the set's unit of length. The differences are None without readings after the load.
+def _refuse_other_joint_kinds(read_kinds: Sequence[JointKind], robot: Robot) -> None:
+    """Refuse joints that were read as lengths but turn, or that were read as angles but slide.
 
     Args:
-        readings: readings of a set.
-        length: the set's unit of length in m.
+        read_kinds: `revolute` or `prismatic` for each joint, by the unit in which it was read.
+        robot: robot that was measured.
+
+    Raises:
+        MeasurementError: names the first such joint.
+    """
+    if tuple(read_kinds) == robot.joint_kinds:
+        return
+    is_other = [read_as != kind for read_as, kind in zip(read_kinds, robot.joint_kinds, strict=False)]
+    joint = is_other.index(True) if any(is_other) else 0
+    name, kind = robot.joint_names[joint], robot.joint_kinds[joint]
+    dimension = JOINT_UNITS[kind].dimension
+    read_as_text = "an angle" if dimension == "length" else "a length"
+    raise MeasurementError(
+        f"joint {name} is read as {read_as_text}, but in the robot this joint is {kind}",
+        where="joint_kinds",
+        remedy=f"give {dimension}s of this joint, in `units.{dimension}`, or check the "
+        "robot and the order of the joints",
+    )
+
+
+def _average_unloaded_positions(readings: ReadingArrays) -> FloatArray:
+    """Return the mean (N, T, 3) of the positions before and after the load, in the set's unit of length.
+
+    It is the position before the load where the target was not read again.
     """
     if readings.after is None:
-        return readings.unloaded, None
-    was_read, after = readings.after.present, readings.after.position
-    mean = np.where(was_read[..., None], 0.5 * (readings.unloaded + after), readings.unloaded)
-    return_difference = np.where(was_read[..., None], after - readings.unloaded, 0.0)
-    return mean, ReturnReadings(length * return_difference, was_read)
+        return readings.unloaded
+    mean = 0.5 * (readings.unloaded + readings.after.position)
+    return np.where(readings.after.present[..., None], mean, readings.unloaded)
+
+
+def _to_return_readings(readings: ReadingArrays, length: float) -> ReturnReadings | None:
+    """Return how far the targets are from their first positions after the load was removed [m].
+
+    None if no target was read again. `length` is the set's unit of length in m.
+    """
+    if readings.after is None:
+        return None
+    was_read_again = readings.after.present
+    difference = readings.after.position - readings.unloaded
+    difference = np.where(was_read_again[..., None], difference, 0.0)
+    return ReturnReadings(length * difference, was_read_again)
 
 
 def _get_repeatability(header: MeasurementSetHeader, encoders: EncoderReadings | None) -> float | None:
@@ -1061,33 +1222,58 @@ def _to_encoder_readings(
     """
     if encoders is None:
         return None
-    if header.encoders == "secondary":
-        first = int(np.flatnonzero(encoders.present.any(axis=1))[0])
-        raise MeasurementError(
-            "the position loop closes on the secondary encoders, so these encoders show no deflection",
-            where=f"observations[{first}].encoder_readings",
-            remedy="omit `encoder_readings`, or measure with the loop closed on the motors' encoders",
-        )
-    if header.noise is None or header.noise.encoder_sigma is None:
+    _refuse_encoders_in_the_loop(header, encoders)
+    angle = ANGLE[header.units.angle]
+    sigma = angle * _get_encoder_sigma(header.noise)
+    columns = encoders.find_joint_indices(robot.joint_names)
+    _refuse_encoders_of_slides(robot, columns)
+    deflection = np.zeros((len(encoders.present), robot.n))
+    present = np.zeros(deflection.shape, dtype=np.bool_)
+    deflection[:, columns] = angle * (encoders.loaded - encoders.unloaded)
+    present[:, columns] = encoders.present
+    return EncoderReadings(deflection, present, sigma)
+
+
+def _refuse_encoders_in_the_loop(header: MeasurementSetHeader, encoders: EncoderArrays) -> None:
+    """Refuse readings of secondary encoders on which the controller closes its position loop.
+
+    The controller then turns the motors until these encoders show no deflection.
+    """
+    if header.encoders != "secondary":
+        return
+    first = int(np.flatnonzero(encoders.present.any(axis=1))[0])
+    raise MeasurementError(
+        "the position loop closes on the secondary encoders, so these encoders show no deflection",
+        where=f"observations[{first}].encoder_readings",
+        remedy="omit `encoder_readings`, or measure with the loop closed on the motors' encoders",
+    )
+
+
+def _get_encoder_sigma(noise: Noise | None) -> float:
+    """Return the standard uncertainty of a reading of an encoder, in the set's unit of angles.
+
+    Raises:
+        MeasurementError: it is not stated.
+    """
+    if noise is None or noise.encoder_sigma is None:
         raise MeasurementError(
             "there are encoder readings, but the uncertainty of these readings is not stated",
-            where="noise" if header.noise is None else "noise.encoder_sigma",
+            where="noise" if noise is None else "noise.encoder_sigma",
             remedy="give both `noise.sigma` and `noise.encoder_sigma`: the two weight angles against lengths",
         )
-    angle = ANGLE[header.units.angle]
-    columns = encoders.find_joint_indices(robot.joint_names)
-    if robot.prismatic[columns].any():
-        name = robot.joint_names[columns[int(np.argmax(robot.prismatic[columns]))]]
+    return noise.encoder_sigma
+
+
+def _refuse_encoders_of_slides(robot: Robot, joints: IndexArray) -> None:
+    """Raise a `MeasurementError` if one of the joints with the indices `joints` (E,) is prismatic."""
+    is_prismatic = robot.prismatic[joints]
+    if is_prismatic.any():
+        name = robot.joint_names[joints[int(np.argmax(is_prismatic))]]
         raise MeasurementError(
             f"there are encoder readings of {name}, but {name} is a prismatic joint",
             where="observations",
             remedy="omit these readings: encoder readings are used for revolute joints only",
         )
-    deflection = np.zeros((len(encoders.present), robot.n))
-    present = np.zeros(deflection.shape, dtype=np.bool_)
-    deflection[:, columns] = angle * (encoders.loaded - encoders.unloaded)
-    present[:, columns] = encoders.present
-    return EncoderReadings(deflection, present, angle * header.noise.encoder_sigma)
 
 
 def _get_moment_factor(units: Units, readings: ReadingArrays) -> float:
@@ -1156,13 +1342,52 @@ class _LocatedLoadPoint:
         return HookReading(self.target, self.place, uncertainty, self.stated, self.stated_uncertainty)
 
 
+@dataclass(frozen=True, eq=False)
+class _HookPositions:
+    """Positions in R0 [m] that N observations read without load: of the hook, and of the T other targets."""
+
+    hook: FloatArray  # (N, 3) position of the target at the hook
+    is_shot: BoolArray  # (N,) whether the target at the hook was read
+    targets: FloatArray  # (N, T, 3) positions of the other targets
+    was_read: BoolArray  # (N, T) whether these were read
+
+    @classmethod
+    def from_readings(cls, name: str, readings: ReadingArrays, length: float) -> _HookPositions:
+        """Select the positions that were read without load.
+
+        Args:
+            name: name of the target at the hook.
+            readings: readings of the set in R0.
+            length: the set's unit of length in m.
+
+        Raises:
+            MeasurementError: the target at the hook was not read without load.
+        """
+        is_hook = readings.targets == name
+        was_placed = readings.present & ~readings.as_deflection
+        _refuse_unread_hook(name, readings, was_placed & is_hook)
+        return cls(
+            hook=length * readings.unloaded[:, int(np.argmax(is_hook))],
+            is_shot=(was_placed & is_hook).any(axis=1),
+            targets=length * readings.unloaded[:, ~is_hook],
+            was_read=was_placed[:, ~is_hook],
+        )
+
+    def compute_lever(self) -> float:
+        """Return the distance [m] of the hook from the mean of the other targets, in the first shot.
+
+        Without other targets it is the distance from the origin of R0.
+        """
+        first = int(np.argmax(self.is_shot))
+        others = self.targets[first, self.was_read[first]]
+        origin = others.mean(axis=0) if len(others) else np.zeros(3)
+        return float(np.linalg.norm(self.hook[first] - origin))
+
+
 def _locate_load_point(
     header: MeasurementSetHeader, name: str, readings: ReadingArrays, robot: Robot
 ) -> _LocatedLoadPoint:
     """Locate the load point by the readings of a target at the hook.
-
-    An observation that has only positions without load belongs to the reading of the hook: it is no
-    observation under load.
 
     Args:
         header: header of a set in R0.
@@ -1176,30 +1401,72 @@ def _locate_load_point(
             observations state different load points.
     """
     length = LENGTH[header.units.length]
-    is_hook = readings.targets == name
     stated = _find_single_load_point(header, readings)
-    was_placed = readings.present & ~readings.as_deflection
-    _refuse_unread_hook(name, readings, was_placed & is_hook)
-    is_shot = (was_placed & is_hook).any(axis=1)
-    hook = length * readings.unloaded[:, int(np.argmax(is_hook))]
-    targets = length * readings.unloaded[:, ~is_hook]
-    others = was_placed[:, ~is_hook]
-    postures = Postures(
-        robot, robot.joint_map.model_angles(joint_factors(robot, header.units) * readings.joints)
-    )
-    shots = locate_hook(postures, targets, others, hook, is_shot)
+    positions = _HookPositions.from_readings(name, readings, length)
+    joints = joint_factors(robot, header.units) * readings.joints
+    postures = Postures(robot, robot.joint_map.model_angles(joints))
+    is_shot = positions.is_shot
+    shots = locate_hook(postures, positions.targets, positions.was_read, positions.hook, is_shot)
     _refuse_moved_targets(name, readings, is_shot, shots)
     places = np.array([shot.place for shot in shots])
-    place = places.mean(axis=0)
     _refuse_disagreeing_shots(name, readings, is_shot, places)
-    first = int(np.argmax(is_shot))
-    origin = targets[first, others[first]].mean(axis=0) if others[first].any() else np.zeros(3)
-    is_loaded = (readings.present & ~readings.unloaded_only & ~is_hook).any(axis=1)
+    rows = _find_kept_observations(name, readings, is_shot)
+    place = places.mean(axis=0)
+    x, y, z = (place / length).tolist()
+    return _LocatedLoadPoint(
+        target=name,
+        place=place,
+        lever=positions.compute_lever(),
+        error=_find_greatest_error(places, shots),
+        least=_find_least_uncertainty(shots),
+        stated=None if stated is None else length * stated,
+        stated_uncertainty=_find_stated_uncertainty(header.noise, length),
+        header=header.model_copy(update={"load_point": (x, y, z)}),
+        other_readings=_omit_hook(name, readings, rows),
+        rows=rows,
+    )
+
+
+def _find_greatest_error(places: FloatArray, shots: Sequence[HookShot]) -> float:
+    """Return the greatest error [m] of S readings of the hook: half their scatter, or a misfit of targets.
+
+    Args:
+        places: (S, 3) places of the hook by each reading, flange frame [m].
+        shots: the readings; `misfit` is the distance of another target from its mean place on the flange [m].
+    """
+    half_scatter = float(_find_distances(places).max()) / 2.0
+    return max(half_scatter, max(shot.misfit for shot in shots))
+
+
+def _find_least_uncertainty(shots: Sequence[HookShot]) -> float:
+    """Return the least uncertainty [m] of the hook's place: of a tracker, if each reading rests on targets.
+
+    A reading without other targets rests on the kinematics of the robot, known as well as from a drawing.
+    """
+    rest_on_targets = all(shot.targets for shot in shots)
+    return LEAST_OF_GROUND["tracker" if rest_on_targets else "drawing"]
+
+
+def _find_kept_observations(name: str, readings: ReadingArrays, is_shot: BoolArray) -> IndexArray:
+    """Return the indices (K,) of the observations that remain without the readings of the hook.
+
+    An observation that has only positions without load belongs to the reading of the hook, and is omitted: it
+    is no observation under load.
+
+    Args:
+        name: name of the target at the hook.
+        readings: readings of N observations.
+        is_shot: (N,) mask of the observations with a reading of this target.
+
+    Raises:
+        MeasurementError: no observation remains.
+    """
+    encoders_were_read = np.zeros(len(readings.labels), dtype=np.bool_)
     if readings.encoders is not None:
-        is_loaded |= readings.encoders.present.any(axis=1)
-    is_kept = (readings.present & ~is_hook).any(axis=1)
-    if readings.encoders is not None:
-        is_kept |= readings.encoders.present.any(axis=1)
+        encoders_were_read |= readings.encoders.present.any(axis=1)
+    of_others = readings.present & (readings.targets != name)
+    is_loaded = (of_others & ~readings.unloaded_only).any(axis=1) | encoders_were_read
+    is_kept = of_others.any(axis=1) | encoders_were_read
     if is_loaded.any():
         is_kept &= is_loaded | ~is_shot
     if not is_kept.any():
@@ -1208,22 +1475,16 @@ def _locate_load_point(
             where="load_point_target",
             remedy="omit `load_point_target` and give `load_point`, or add the readings of the other targets",
         )
-    kept = readings.select(np.flatnonzero(is_kept), np.flatnonzero(~is_hook))
-    rest_on_targets = all(shot.targets for shot in shots)
-    x, y, z = (place / length).tolist()
-    without_points = replace(kept, load_point_given=np.zeros_like(kept.load_point_given))
-    return _LocatedLoadPoint(
-        target=name,
-        place=place,
-        lever=float(np.linalg.norm(hook[first] - origin)),
-        error=max(float(_find_distances(places).max()) / 2.0, max(shot.misfit for shot in shots)),
-        least=LEAST_OF_GROUND["tracker" if rest_on_targets else "drawing"],
-        stated=None if stated is None else length * stated,
-        stated_uncertainty=_find_stated_uncertainty(header.noise, length),
-        header=header.model_copy(update={"load_point": (x, y, z)}),
-        other_readings=without_points,
-        rows=np.flatnonzero(is_kept),
-    )
+    return np.flatnonzero(is_kept)
+
+
+def _omit_hook(name: str, readings: ReadingArrays, rows: IndexArray) -> ReadingArrays:
+    """Return the readings of the other targets in the observations `rows`, without stated load points.
+
+    The set's load point, which the target `name` at the hook shows, then holds for all observations.
+    """
+    others = readings.select(rows, np.flatnonzero(readings.targets != name))
+    return replace(others, load_point_given=np.zeros_like(others.load_point_given))
 
 
 def _find_stated_uncertainty(noise: Noise | None, length: float) -> float:
@@ -1346,15 +1607,14 @@ def _choose_positions(header: MeasurementSetHeader, readings: ReadingArrays) -> 
     Raises:
         MeasurementError: a target with a deflection has no position in the flange frame.
     """
-    names = [str(name) for name in readings.targets]
-    needs_flange_position = readings.as_deflection.any(axis=0)
-    for target in np.flatnonzero(needs_flange_position):
-        if names[target] not in header.flange_targets:
-            first_observation = int(np.flatnonzero(readings.as_deflection[:, target])[0])
+    names = readings.targets.tolist()
+    for t in np.flatnonzero(readings.as_deflection.any(axis=0)):
+        if names[t] not in header.flange_targets:
+            first = int(np.flatnonzero(readings.as_deflection[:, t])[0])
             raise MeasurementError(
-                f"target '{names[target]}' has a deflection but no position in the flange frame",
-                where=f"observations[{first_observation}].readings",
-                remedy=f"add '{names[target]}' to `flange_targets`, in the flange frame",
+                f"target '{names[t]}' has a deflection but no position in the flange frame",
+                where=f"observations[{first}].readings",
+                remedy=f"add '{names[t]}' to `flange_targets`, in the flange frame",
             )
-    in_flange = np.array([header.flange_targets.get(name, (0.0, 0.0, 0.0)) for name in names])
+    in_flange = np.array([header.flange_targets.get(name, _NOTHING) for name in names])
     return np.where(readings.as_deflection[..., None], in_flange, readings.unloaded)

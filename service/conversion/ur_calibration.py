@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
-from jointstiff.schemas.robot import RobotDocument
+from jointstiff.schemas.robot import Arm, RobotDocument
 from jointstiff.service.conversion.catalogue import find_arm
 from jointstiff.solver.errors import RequestError, RobotError
 
@@ -57,12 +57,20 @@ def convert_calibration(stem: str, text: str) -> dict[str, Any]:
         reason = f"a calibration has at most {_MOST_CHARACTERS:,} characters"
         raise RobotError(reason, where="robot", remedy=_NO_CALIBRATION)
     if any(line.startswith("kinematics:") for line in text.splitlines()):
-        origins = _read_origins(text)
-        return {"name": stem, "model": _make_model(origins, None)}
+        return {"name": stem, "model": _make_model(_read_origins(text), None)}
     if "delta_theta" not in text:
         raise RobotError("the file has no calibration", where="robot", remedy=_NO_CALIBRATION)
+    return _convert_deltas(_find_calibrated_arm(stem), _read_deltas(text))
+
+
+def _find_calibrated_arm(stem: str) -> Arm:
+    """Return the arm of the catalogue that the name of a file, without its ending, begins with.
+
+    Raises:
+        RobotError: there is no such arm.
+    """
     try:
-        arm = find_arm(re.split(r"[\s_-]*calibration", stem)[0], "robot")
+        return find_arm(re.split(r"[\s_-]*calibration", stem)[0], "robot")
     except RequestError as error:
         raise RobotError(
             "neither the calibration of the controller nor the name of its file names the arm: "
@@ -70,9 +78,19 @@ def convert_calibration(stem: str, text: str) -> dict[str, Any]:
             where="robot",
             remedy="rename the file, such as `ur10e_calibration.conf`",
         ) from None
-    deltas = _read_deltas(text)
-    origins, end = _place_frames_on_axes(arm.model.rows, deltas)
-    fields = {"name": f"{arm.name} (calibrated)", "model": _make_model(origins, end)}
+
+
+def _convert_deltas(arm: Arm, deltas: Mapping[str, Sequence[float]]) -> dict[str, Any]:
+    """Return the fields of the robot of an arm with deviations of its Denavit-Hartenberg parameters.
+
+    `deltas` is name of a parameter → its six deviations [m or rad].
+
+    Raises:
+        RobotError: the deviations are of another arm.
+    """
+    origins = _place_frames_on_axes(arm.model.rows, deltas)
+    *joints, flange = origins
+    fields = {"name": f"{arm.name} (calibrated)", "model": _make_model(joints, flange)}
     nominal = RobotDocument(name=arm.name, model=arm.model)
     _refuse_other_arm(nominal, RobotDocument.model_validate(fields))
     return fields if arm.payload is None else fields | {"payload": arm.payload}
@@ -164,31 +182,37 @@ def _refuse_other_arm(nominal: RobotDocument, calibrated: RobotDocument) -> None
         )
 
 
-def _place_frames_on_axes(
-    rows: Sequence[Any], deltas: Mapping[str, Sequence[float]]
-) -> tuple[list[list[float]], list[float]]:
-    """Return origins of the six joints, and of the flange behind them, each in the frame before.
+def _place_frames_on_axes(rows: Sequence[Any], deltas: Mapping[str, Sequence[float]]) -> list[list[float]]:
+    """Return the origins (7, 6) of the six joints, and of the flange behind them, each in the frame before.
 
     The frame of a joint has its axis as z axis, and its origin where the nominal one is nearest to the axis.
+
+    Args:
+        rows: nominal Denavit-Hartenberg parameters of each joint [m, rad].
+        deltas: name of a parameter → its six deviations from the nominal ones [m or rad].
     """
     import numpy as np
 
-    nominal = true = np.eye(4)
+    nominal = true = np.eye(4)  # transforms to the base: the nominal one, and with the deviations
     frames = [np.eye(4)]
     for i, row in enumerate(rows):
-        frame = true.copy()
-        axis = frame[:3, 2]
-        frame[:3, 3] += axis * (axis @ (nominal[:3, 3] - frame[:3, 3]))
-        frames.append(frame)
+        frames.append(_move_along_axis(true, nominal[:3, 3]))
         nominal = nominal @ _make_step(row.theta, row.a, row.d, row.alpha)
         parameters = [getattr(row, name) + deltas[name][i] for name in _DELTAS]
         true = true @ _make_step(*parameters)
     frames.append(true)
-    steps: list[FloatArray] = [
+    steps = [
         np.asarray(np.linalg.solve(first, second), dtype=np.float64) for first, second in pairwise(frames)
     ]
-    origins = [_list_parts(step) for step in steps]
-    return origins[:-1], origins[-1]
+    return [_list_parts(step) for step in steps]
+
+
+def _move_along_axis(frame: FloatArray, point: FloatArray) -> FloatArray:
+    """Return a frame (4, 4) whose origin was moved along its z axis to where a point (3,) [m] is nearest."""
+    moved = frame.copy()
+    axis = frame[:3, 2]
+    moved[:3, 3] += axis * (axis @ (point - frame[:3, 3]))
+    return moved
 
 
 def _make_step(theta: float, a: float, d: float, alpha: float) -> FloatArray:

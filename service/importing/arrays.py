@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from importlib.util import find_spec
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from jointstiff.schemas.imports import FilePreview, TableFormat
 from jointstiff.service.importing import grammar, grid, limits
@@ -156,40 +156,52 @@ def _build_grid(file: str, kind: TableFormat, table: str, arrays: Sequence[Any])
     Raises:
         ImportFileError: there are no such arrays, or too many; or two states of a unit contradict.
     """
-    columns: dict[str, list[str | None]] = {}
-    kinds: list[CellKind] = []
-    skipped = list[str]()
-    for array in arrays:
-        if array["columns"] is None:
-            skipped.append(array["name"])
-            continue
-        named = _name_columns(Place(file), array["name"], array["unit"], array["columns"])
-        kinds += [array["kind"]] * len(named)
-        if set(named) & set(columns):
-            reason = f"two arrays give the same column {quote(next(iter(set(named) & set(columns))))}"
-            raise ImportFileError(Place(file), reason, "rename one of the two arrays")
-        columns |= named
-    count = len(next(iter(columns.values()), ()))
-    if not columns or count < 1:
+    skipped = [array["name"] for array in arrays if array["columns"] is None]
+    columns = _arrange_columns(file, [array for array in arrays if array["columns"] is not None])
+    count = len(columns[0].cells) if columns else 0
+    if count < 1:
         raise ImportFileError(Place(file), "the file has no arrays of numbers with rows", _REMEDY)
-    if (
-        len(columns) > limits.MAX_COLUMNS
-        or len(columns) * count > limits.MAX_CELLS
-        or count > limits.MAX_ROWS
-    ):
+    is_too_wide = len(columns) > limits.MAX_COLUMNS or len(columns) * count > limits.MAX_CELLS
+    if is_too_wide or count > limits.MAX_ROWS:
         raise grid.too_large_error(file, 1)
     text: CellKind = "text"
-    header = Row(1, tuple(columns), (text,) * len(columns))
-    rows = [
-        Row(line, tuple(grid.write_ascii_minus(cell or "") for cell in cells), tuple(kinds))
-        for line, cells in enumerate(zip(*columns.values(), strict=True), 2)
-    ]
-    notes = [f"variables that are no tables were skipped: {quote(', '.join(skipped))}"] if skipped else []
-    filled = tuple(row for row in rows if any(row.cells))
-    if not filled:
+    header = Row(1, tuple(column.header for column in columns), (text,) * len(columns))
+    kinds = tuple(column.kind for column in columns)
+    rows = []
+    for line, cells in enumerate(zip(*(column.cells for column in columns), strict=True), 2):
+        texts = tuple(grid.write_ascii_minus(cell or "") for cell in cells)
+        if any(texts):
+            rows.append(Row(line, texts, kinds))
+    if not rows:
         raise grid.no_rows_error(file)
+    notes = [f"variables that are no tables were skipped: {quote(', '.join(skipped))}"] if skipped else []
     preview = FilePreview(file=file, format=kind, sheet=table or None, assumptions=notes)
-    return Grid(preview, (header, *filled))
+    return Grid(preview, (header, *rows))
+
+
+class _Column(NamedTuple):
+    """Column of a table."""
+
+    header: str
+    kind: CellKind
+    cells: list[str | None]  # None for an empty cell
+
+
+def _arrange_columns(file: str, arrays: Sequence[Any]) -> list[_Column]:
+    """Return the columns of arrays with their headers.
+
+    Raises:
+        ImportFileError: two arrays give the same column, or two states of a unit contradict.
+    """
+    columns: dict[str, _Column] = {}
+    for array in arrays:
+        named = _name_columns(Place(file), array["name"], array["unit"], array["columns"])
+        repeated = set(named) & set(columns)
+        if repeated:
+            reason = f"two arrays give the same column {quote(next(iter(repeated)))}"
+            raise ImportFileError(Place(file), reason, "rename one of the two arrays")
+        columns |= {header: _Column(header, array["kind"], cells) for header, cells in named.items()}
+    return list(columns.values())
 
 
 def _name_columns(

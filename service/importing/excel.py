@@ -104,9 +104,18 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
         reason = f"the workbook has no sheet {quote(name)}"
         remedy = f"give one of {quote(', '.join(sheets))} as `sheet`"
         raise ImportFileError(Place(file), reason, remedy, "sheet", tuple(sheets))
+    return _build_grid(file, name, sheets[name])
+
+
+def _build_grid(file: str, name: str, sheet: _Sheet) -> Grid:
+    """Return a sheet with the name `name` as a grid of rows of equal length, with comments set aside.
+
+    Raises:
+        ImportFileError: the sheet has no rows, or too many cells.
+    """
     rows: list[Row] = []
     comments: list[Remark] = []
-    for row in sheets[name].rows():
+    for row in sheet.rows():
         filled = [cell for cell in row.cells if cell]
         if filled[0].startswith(grid.COMMENT_MARKS):
             comments.append(Remark(row.line, grid.strip_comment_mark("\t".join(filled))))
@@ -117,7 +126,7 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
     width = max(len(row.cells) for row in rows)
     if width * len(rows) > limits.MAX_CELLS:
         raise grid.too_large_error(file, rows[0].line)
-    notes = sheets[name].notes
+    notes = sheet.notes
     if comments:
         count = f"{len(comments)} row{'s' * (len(comments) > 1)}"
         notes.append(f"comments were skipped ({count}), the first in row {comments[0].line}")

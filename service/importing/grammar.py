@@ -414,19 +414,12 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
     Raises:
         ImportFileError: the header is not understood.
     """
-    base = _join_phrases(_STATE_PHRASE, base)
-    axes, states, kinds, name_matches = _classify_words(base, state_words)
-    target = base[name_matches[0].start() : name_matches[-1].end()] if name_matches else None
-    name_words = _TOKEN.findall(target or "")
-    gauge_words = set(_WORD_LISTS["gauges"]).intersection(map(fold_word, name_words))
-    is_gauge = bool(gauge_words) and not kinds and states <= {"deflection"}
-    kind: Kind = min(kinds, default="position")  # a header with two kinds is refused below
-    if is_gauge:
-        kind = "along"
-    if kind == "uncertainty" and not axes:
-        kind = "point uncertainty"
-    is_unclear = len(kinds) > 1 or len(axes) != (kind != "point uncertainty") or len(states) > 1
-    if is_unclear or len(name_words) != len(name_matches) or any(map(_is_no_target_word, name_words)):
+    words = _classify_words(_join_phrases(_STATE_PHRASE, base), state_words)
+    is_gauge = words.names_gauge
+    kind: Kind = "along" if is_gauge else words.kind
+    axis_count = 0 if kind == "point uncertainty" else 1
+    is_ambiguous = len(words.kinds) > 1 or len(words.states) > 1 or len(words.axes) != axis_count
+    if is_ambiguous or not words.name_is_possible:
         raise ImportFileError(
             NOWHERE,
             f"unknown column header {quote(header)}",
@@ -435,41 +428,75 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
             "header in `columns`, or skip its column with `ignore`",
             UNKNOWN,
         )
-    state = next(iter(states), None)
+    target, state = words.target, next(iter(words.states), None)
     if kind != "along":
-        # `axes` has one entry; that of a point's uncertainty is empty, and the sum 0.
-        return Meaning(Quantity(kind, target, state), sum(axes))
+        axis = words.axes[0] if words.axes else 0
+        return Meaning(Quantity(kind, target, state), axis)
     if target is None or state not in (None, "deflection"):
         reason = (
             f"{quote(header)}: a reading along an axis needs the name of a target, and the state "
             "`deflection` or no state"
         )
         raise ImportFileError(NOWHERE, reason, "write a header such as `tip along z [mm]`")
-    return Meaning(
-        Quantity("along", f"{target} {_ALONG} {'xyz'[axes[0]]}", "deflection"), 0, guessed=is_gauge
-    )
+    target_and_axis = f"{target} {_ALONG} {'xyz'[words.axes[0]]}"
+    return Meaning(Quantity("along", target_and_axis, "deflection"), 0, guessed=is_gauge)
 
 
-def _classify_words(
-    base: str, state_words: Mapping[str, State]
-) -> tuple[list[int], set[State], set[Kind], list[re.Match[str]]]:
-    """Return the axes, states and kinds that words of a header name, and its remaining words as matches."""
-    axes: list[int] = []
-    states: set[State] = set()
-    kinds: set[Kind] = set()
-    other_words = []
+@dataclass(frozen=True)
+class _Words:
+    """Words of a header of positions: `P10 U95 x` has the kind `uncertainty`, the axis 0, the name `P10`."""
+
+    base: str  # header without its unit
+    axes: list[int]  # axes that words name: x is 0
+    states: set[State]  # states that words name
+    kinds: set[Kind]  # kinds that words name; none for a position
+    others: list[re.Match[str]]  # remaining words, which make the name of the target
+
+    @property
+    def target(self) -> str | None:
+        """Name of the target: the text from the first to the last remaining word; None without such words."""
+        return self.base[self.others[0].start() : self.others[-1].end()] if self.others else None
+
+    @property
+    def _name_words(self) -> list[str]:
+        """Words of the target's name, with words between these that name something else."""
+        return _TOKEN.findall(self.target or "")
+
+    @property
+    def name_is_possible(self) -> bool:
+        """Whether the words of the target's name are adjacent, and none of them is a word such as `sigma`."""
+        words = self._name_words
+        return len(words) == len(self.others) and not any(map(_is_no_target_word, words))
+
+    @property
+    def names_gauge(self) -> bool:
+        """Whether the target is a gauge by its name, such as `dial gauge`, and no word contradicts that."""
+        gauge_words = set(_WORD_LISTS["gauges"]).intersection(map(fold_word, self._name_words))
+        return bool(gauge_words) and not self.kinds and self.states <= {"deflection"}
+
+    @property
+    def kind(self) -> Kind:
+        """Kind of the numbers; an uncertainty without an axis is that of a whole point."""
+        kind: Kind = min(self.kinds, default="position")  # a header with two kinds is refused
+        return "point uncertainty" if kind == "uncertainty" and not self.axes else kind
+
+
+def _classify_words(base: str, state_words: Mapping[str, State]) -> _Words:
+    """Return the words of a header without its unit by what they name."""
+    words = _Words(base, [], set(), set(), [])
     for token in _TOKEN.finditer(base):
         word = fold_word(token[0])
         if coordinate := _COORDINATE.fullmatch(token[0]):
-            axes.append("xyz".index(coordinate[2].casefold()))
-            states.update(["deflection"] if coordinate[1] else [])
+            words.axes.append("xyz".index(coordinate[2].casefold()))
+            if coordinate[1]:
+                words.states.add("deflection")
         elif state := find_state(token[0], state_words):
-            states.add(state)
+            words.states.add(state)
         elif word in _KINDS:
-            kinds.add(_KINDS[word])
+            words.kinds.add(_KINDS[word])
         elif word not in _WORD_LISTS["coordinates"]:
-            other_words.append(token)
-    return axes, states, kinds, other_words
+            words.others.append(token)
+    return words
 
 
 def _is_no_target_word(word: str) -> bool:

@@ -282,23 +282,33 @@ def _read_table(file: str, text: str, encoding: str, delimiter: Delimiter | None
     if not rows:
         raise no_rows_error(file)
     notes = [_LATIN1] if encoding == "latin-1" else []
-    if comments:
-        count = f"{len(comments)} line{'s' * (len(comments) > 1)}"
-        notes.append(f"comments were skipped ({count}); the first: {quote(comments[0].text)}")
-    delimiter_character = None if delimiter == "whitespace" else CHARACTERS[delimiter or "comma"]
-    cells_of_comments = (comment.text.split(delimiter_character) for comment in comments)
-    width = len(rows[-1].cells)
-    # A comment with as many cells as the table, and a number in the last cell, may be a disabled row.
-    row_like_comments = sum(
-        len(cells) == width > 1 and looks_like_a_number(cells[-1].strip()) for cells in cells_of_comments
-    )
-    if row_like_comments:
-        notes.append(f"{row_like_comments} comments look like rows of data, and were not read")
+    notes += _describe_comments(comments, delimiter, width=len(rows[-1].cells))
     preview = FilePreview(file=file, format="text", encoding=encoding, delimiter=delimiter, assumptions=notes)
     last_comment = comments[-1].line if comments else 0
     # A comment below the last row shows, like a line break, that this row is complete.
     is_complete = text.rstrip(" \t").endswith(("\n", "\r")) or last_comment > lines[-1][0]
     return Grid(preview, tuple(rows), tuple(comments), is_complete)
+
+
+def _describe_comments(comments: Sequence[Remark], delimiter: Delimiter | None, width: int) -> list[str]:
+    """Return notes on the comments that were skipped; no notes without comments.
+
+    A comment with as many cells as the table has, `width`, and a number in the last cell may be a disabled
+    row.
+    """
+    if not comments:
+        return []
+    count = f"{len(comments)} line{'s' * (len(comments) > 1)}"
+    notes = [f"comments were skipped ({count}); the first: {quote(comments[0].text)}"]
+    character = None if delimiter == "whitespace" else CHARACTERS[delimiter or "comma"]
+    row_like_count = 0
+    for comment in comments:
+        cells = comment.text.split(character)
+        if len(cells) == width > 1 and looks_like_a_number(cells[-1].strip()):
+            row_like_count += 1
+    if row_like_count:
+        notes.append(f"{row_like_count} comments look like rows of data, and were not read")
+    return notes
 
 
 def _build_grid_of_positions(file: str, encoding: str, positions: Sequence[JointPosition]) -> Grid:
@@ -369,20 +379,12 @@ def _find_delimiter(file: str, lines: Sequence[_Line]) -> Delimiter:
     last_lines = [text.strip(" ") for _, text in lines[-_LINES_SHOWING_DELIMITER:]]
     marks: tuple[Delimiter, Delimiter] = ("tab", "semicolon")
     for mark in marks:
-        if 2 * sum(CHARACTERS[mark] in text for text in last_lines) > len(last_lines):
+        if _have_most(last_lines, CHARACTERS[mark]):
             return mark
-    if 2 * sum("," in text for text in last_lines) <= len(last_lines) and "," not in lines[0][1]:
+    if not _have_most(last_lines, ",") and "," not in lines[0][1]:
         return "whitespace"
-    # The first row may be a header, whose names may contain numbers and blanks.
-    rows = _split_into_equal_rows(file, lines, "comma")
-    can_be_comma = bool(rows) and not any(
-        _NUMBERS_IN_A_CELL.search(cell) for row in rows[1:] or rows for cell in row
-    )
-    rows = _split_into_equal_rows(file, lines, "whitespace")
-    can_be_whitespace = bool(rows) and not any(
-        _COMMA_NOT_IN_A_NUMBER.search(cell) for row in rows for cell in row
-    )
-    if can_be_comma and can_be_whitespace:
+    can_be_whitespace = _can_be_split_by_blanks(file, lines)
+    if can_be_whitespace and _can_be_split_by_commas(file, lines):
         raise ImportFileError(
             Place(file, lines[0][0]),
             "the comma may be the delimiter, or the decimal mark of cells that blanks separate",
@@ -390,6 +392,28 @@ def _find_delimiter(file: str, lines: Sequence[_Line]) -> Delimiter:
             "delimiter",
         )
     return "whitespace" if can_be_whitespace else "comma"
+
+
+def _have_most(lines: Sequence[str], character: str) -> bool:
+    """Return whether more than half of some lines have a character."""
+    return 2 * sum(character in line for line in lines) > len(lines)
+
+
+def _can_be_split_by_commas(file: str, lines: Sequence[_Line]) -> bool:
+    """Return whether commas split lines into rows of equal length, without a cell of several numbers.
+
+    The first row may be a header, whose names may contain numbers and blanks.
+    """
+    rows = _split_into_equal_rows(file, lines, "comma")
+    cells = (cell for row in rows[1:] or rows for cell in row)
+    return bool(rows) and not any(_NUMBERS_IN_A_CELL.search(cell) for cell in cells)
+
+
+def _can_be_split_by_blanks(file: str, lines: Sequence[_Line]) -> bool:
+    """Return whether blanks split lines into rows of equal length, with commas only inside of numbers."""
+    rows = _split_into_equal_rows(file, lines, "whitespace")
+    cells = (cell for row in rows for cell in row)
+    return bool(rows) and not any(_COMMA_NOT_IN_A_NUMBER.search(cell) for cell in cells)
 
 
 def _split_into_equal_rows(file: str, lines: Sequence[_Line], delimiter: Delimiter) -> list[tuple[str, ...]]:

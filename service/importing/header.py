@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 from jointstiff.schemas.imports import ImportOptions
 from jointstiff.schemas.robot import MAX_JOINTS
@@ -127,22 +127,26 @@ def _find_header_in_comments(grid: Grid, words: Vocabulary, width: int) -> Headi
     """
     comments_above = [comment for comment in grid.comments if comment.line < grid.rows[0].line]
     for comment in reversed(comments_above):
-        line, text = comment
-        shortened = _LONG_BLANK.sub(lambda blank: "\t\t" if "\t" in blank[0] else "  ", text)
-        splits = [tuple(re.split(separator, shortened)) for separator in _HEADER_SEPARATORS]
+        splits = _split_comment(comment.text)
         for texts in splits:
             if len(texts) == width and words.count_known(texts) == width:
-                note = f"the comment in line {line} was used as the header"
-                return Heading(grid.file, texts, (line,), is_guess=True, notes=(note,))
-        if _looks_like_header(
-            comment, width, is_last=comment is comments_above[-1], cell_count=len(splits[0])
-        ):
+                note = f"the comment in line {comment.line} was used as the header"
+                return Heading(grid.file, texts, (comment.line,), is_guess=True, notes=(note,))
+        is_last = comment is comments_above[-1]
+        if _looks_like_header(comment, width, is_last=is_last, cell_count=len(splits[0])):
             reason = (
-                f"the comment {quote(text)} looks like a header, but is not understood as the header of the "
+                f"the comment {quote(comment.text)} looks like a header, but is not understood as the header "
+                f"of the {width} columns"
             )
             remedy = "correct or remove the comment, or give `header`"
-            raise ImportFileError(Place(grid.file, line), f"{reason}{width} columns", remedy, "header")
+            raise ImportFileError(Place(grid.file, comment.line), reason, remedy, "header")
     return None
+
+
+def _split_comment(text: str) -> list[tuple[str, ...]]:
+    """Return the cells of a comment that may be a header, once for each separator of headers."""
+    shortened = _LONG_BLANK.sub(lambda blank: "\t\t" if "\t" in blank[0] else "  ", text)
+    return [tuple(re.split(separator, shortened)) for separator in _HEADER_SEPARATORS]
 
 
 def _looks_like_header(comment: Remark, width: int, *, is_last: bool, cell_count: int) -> bool:
@@ -204,47 +208,68 @@ def _assume_columns(grid: Grid, width: int, *, by_order: bool) -> Heading:
 # ---- in rows
 
 
+class _PossibleHeader(NamedTuple):
+    """One or more rows of a table that may be its header."""
+
+    start: int  # index of the first row
+    row_count: int
+    texts: tuple[str, ...]  # text of each column, combined from the rows
+
+    @property
+    def end(self) -> int:
+        """Index of the row behind the header."""
+        return self.start + self.row_count
+
+
 def _find_header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
     """Return the header among the first rows of a file.
-
-    The first header with known headers only is chosen, else the header with most known headers.
 
     Raises:
         ImportFileError: no row of data follows, or a row above the header looks like data.
     """
-    first_header_row, header_row_count, texts = 0, 1, grid.rows[0].cells
-    most_known = 0
-    for first_row, row_count, column_texts in _yield_possible_headers(grid, words):
-        known_count = words.count_known(column_texts)
-        if known_count > most_known:
-            first_header_row, header_row_count, texts = first_row, row_count, column_texts
-            most_known = known_count
-            if known_count == sum(map(bool, texts)) and first_header_row + header_row_count < len(grid.rows):
-                break
-    if first_header_row + header_row_count == len(grid.rows):
-        place = grid.place(grid.rows[first_header_row])
-        raise ImportFileError(
-            place, "the file has a header but no row of data", "export the file again, with its rows"
-        )
-    lines = tuple(row.line for row in grid.rows[first_header_row : first_header_row + header_row_count])
-    for row in grid.rows[:first_header_row]:
-        # A title has at most one number, and few filled cells.
-        if count_numbers(row) > 1 or sum(map(bool, row.cells)) > max(2, len(texts) // 2):
-            reason = f"the row is above the header in line {lines[0]}, but looks like data"
-            raise ImportFileError(grid.place(row), reason, "move the row below the header, or remove the row")
-    notes = [f"rows above the header were read as titles: {first_header_row}"] if first_header_row else []
-    if header_row_count > 1:
+    header = _choose_header(grid, words)
+    if header.end == len(grid.rows):
+        place = grid.place(grid.rows[header.start])
+        remedy = "export the file again, with its rows"
+        raise ImportFileError(place, "the file has a header but no row of data", remedy)
+    lines = tuple(row.line for row in grid.rows[header.start : header.end])
+    _refuse_data_above(grid, header, lines[0])
+    is_combined = header.row_count > 1
+    notes = []
+    if header.start:
+        notes.append(f"rows above the header were read as titles: {header.start}")
+    if is_combined:
         notes.append(f"the header was combined from rows {', '.join(map(str, lines))}")
-    return Heading(
-        grid.file, texts, lines, first_header_row + header_row_count, header_row_count > 1, tuple(notes)
-    )
+    return Heading(grid.file, header.texts, lines, header.end, is_combined, tuple(notes))
 
 
-def _yield_possible_headers(grid: Grid, words: Vocabulary) -> Iterator[tuple[int, int, tuple[str, ...]]]:
-    """Yield (index of the first row, number of rows, text of each column) of each possible header.
+def _choose_header(grid: Grid, words: Vocabulary) -> _PossibleHeader:
+    """Return the first header with known texts only, else that with most known texts, else the first row."""
+    chosen, most_known = _PossibleHeader(0, 1, grid.rows[0].cells), 0
+    for header in _yield_possible_headers(grid, words):
+        known_count = words.count_known(header.texts)
+        if known_count > most_known:
+            chosen, most_known = header, known_count
+            is_known_as_a_whole = known_count == sum(map(bool, header.texts))
+            if is_known_as_a_whole and header.end < len(grid.rows):
+                break
+    return chosen
 
-    Of the headers that begin in the same row, those with more rows come first.
+
+def _refuse_data_above(grid: Grid, header: _PossibleHeader, line: int) -> None:
+    """Raise an `ImportFileError` if a row above the header, in line `line`, looks like data and not a title.
+
+    A title has at most one number, and few filled cells.
     """
+    most_filled = max(2, len(header.texts) // 2)
+    for row in grid.rows[: header.start]:
+        if count_numbers(row) > 1 or sum(map(bool, row.cells)) > most_filled:
+            reason = f"the row is above the header in line {line}, but looks like data"
+            raise ImportFileError(grid.place(row), reason, "move the row below the header, or remove the row")
+
+
+def _yield_possible_headers(grid: Grid, words: Vocabulary) -> Iterator[_PossibleHeader]:
+    """Yield each possible header; of those that begin in the same row, those with more rows come first."""
     rows = grid.rows[: _MAX_TITLE_ROWS + _MAX_HEADER_ROWS + 1]
     for start in range(min(_MAX_TITLE_ROWS + 1, len(rows))):
         if start and count_numbers(rows[start - 1]) >= _MIN_NUMBERS:
@@ -252,7 +277,7 @@ def _yield_possible_headers(grid: Grid, words: Vocabulary) -> Iterator[tuple[int
         for count in range(min(_MAX_HEADER_ROWS, len(rows) - start), 0, -1):
             texts = _merge_rows([row.cells for row in rows[start : start + count]], words)
             if texts is not None:
-                yield start, count, texts
+                yield _PossibleHeader(start, count, texts)
 
 
 def _merge_rows(rows: Sequence[tuple[str, ...]], words: Vocabulary) -> tuple[str, ...] | None:
@@ -301,37 +326,53 @@ def _combine_with_groups(
     texts, group = [], ""
     for upper_cell, lower_cell in zip(upper, lower, strict=True):
         group = upper_cell or (group if lower_cell else "")
-        if looks_like_a_number(lower_cell) and not (lower_cell.isdigit() and grammar.is_joint(group)):
+        is_joint_number = lower_cell.isdigit() and grammar.is_joint(group)
+        if looks_like_a_number(lower_cell) and not is_joint_number:
             return None
-        if not group or not lower_cell:
+        if group and lower_cell:
+            texts.append(_combine_with_group(group, upper_cell, lower_cell, words))
+        else:
             texts.append(upper_cell or lower_cell)
-            group = group if lower_cell else ""
-            continue
-        name, unit = grammar.split_unit(group)
-        joined = f"{group} {lower_cell}"
-        if unit is not None and grammar.split_unit(lower_cell)[1] in (None, unit):
-            joined = _append_unit(f"{name} {lower_cell}", unit)
-        own_meaning = words.find(lower_cell)
-        needs_group = own_meaning is None or (
-            own_meaning.kind in POINTS and own_meaning.quantity.target is None
-        )
-        # A header above another, or its unit, may contradict it; other texts are titles of groups.
-        own_unit = grammar.split_unit(lower_cell)[1]
-        may_contradict = (
-            (bool(upper_cell) and words.find(upper_cell) is not None)
-            or grammar.find_any_unit(group) is not None
-            or (unit is not None and own_unit is not None and not _are_same_unit(unit, own_unit))
-            or (
-                own_meaning is not None
-                and own_meaning.kind in POINTS
-                and grammar.contains_state_word(upper_cell, words.states)
-            )
-        )
-        if may_contradict or needs_group or words.find(joined) is not None:
-            texts.append(joined)
-        else:  # the group is a title of its columns, perhaps with their unit
-            texts.append(lower_cell if unit is None else _append_unit(lower_cell, unit))
+            group = ""
     return tuple(texts)
+
+
+def _combine_with_group(group: str, upper: str, lower: str, words: Vocabulary) -> str:
+    """Return the header of a column: its lower cell, with the group above it if they belong together.
+
+    Otherwise the group is a title of its columns, perhaps with their unit: `Coordinates [mm]` above `P10 x`
+    gives `P10 x [mm]`.
+
+    Args:
+        group: group that holds for the column.
+        upper: upper cell of the column: the group, or empty if the group begins to the left of the column.
+        lower: lower cell of the column.
+        words: words that headers may have.
+    """
+    name, unit = grammar.split_unit(group)
+    joined = f"{group} {lower}"
+    if unit is not None and grammar.split_unit(lower)[1] in (None, unit):
+        joined = _append_unit(f"{name} {lower}", unit)
+    own_meaning = words.find(lower)
+    is_point = own_meaning is not None and own_meaning.kind in POINTS
+    needs_group = own_meaning is None or (is_point and own_meaning.quantity.target is None)
+    contradicts_state = is_point and grammar.contains_state_word(upper, words.states)
+    may_contradict = contradicts_state or _may_contradict(group, upper, lower, words)
+    if needs_group or may_contradict or words.find(joined) is not None:
+        return joined
+    return lower if unit is None else _append_unit(lower, unit)
+
+
+def _may_contradict(group: str, upper: str, lower: str, words: Vocabulary) -> bool:
+    """Return whether a group is a header or a unit, or has a unit, which may contradict the cell below it.
+
+    `upper` is the group, or empty if the group begins to the left of the cell `lower`.
+    """
+    is_header = bool(upper) and words.find(upper) is not None
+    unit, own_unit = grammar.split_unit(group)[1], grammar.split_unit(lower)[1]
+    have_units = unit is not None and own_unit is not None
+    have_other_units = have_units and not _are_same_unit(unit or "", own_unit or "")
+    return is_header or grammar.find_any_unit(group) is not None or have_other_units
 
 
 def _are_same_unit(first: str, second: str) -> bool:
@@ -425,6 +466,51 @@ def _find_state_words(points: Sequence[Quantity]) -> tuple[str, ...]:
     return tuple(words)
 
 
+def _name_points_of_groups(meanings: list[Meaning]) -> list[Meaning]:
+    """Return the meanings with a column of targets as that of names, if points are in groups or collections.
+
+    In a table with a column `group` and without a column `name`, the target of a group is a point.
+    """
+    kinds = {meaning.kind for meaning in meanings}
+    if "name" in kinds or not kinds & {"collection", "group"}:
+        return meanings
+    return [Meaning(Quantity("name")) if meaning.kind == "target" else meaning for meaning in meanings]
+
+
+def _list_units(meanings: Sequence[Meaning]) -> dict[Dimension, str]:
+    """Return dimension → unit of the columns with numbers, such as `length` → `mm`; without unknown units."""
+    units: dict[Dimension, str] = {}
+    for meaning in meanings:
+        has_numbers = meaning.axis is not None
+        if has_numbers and meaning.dimension and meaning.unit is not None:
+            units[meaning.dimension] = meaning.unit
+    return units
+
+
+class _SplitName(NamedTuple):
+    """Name of a target, split into the target and a word that may be its state: `P10 0` → `P10`, `0`."""
+
+    target: str
+    word: str
+
+
+def _split_into_two_states(names: set[str], pattern: re.Pattern[str]) -> dict[str, _SplitName] | None:
+    """Return name → its parts, if each name has one of two words and each target occurs with both words.
+
+    None if the names do not fit the pattern in this way: `P10 0`, `P10 1`, `P20 0` without `P20 1`.
+    """
+    split_names = {}
+    for name in names:
+        match = pattern.fullmatch(name)
+        if match is None:
+            return None
+        split_names[name] = _SplitName(match["target"], match["word"])
+    targets = {each.target for each in split_names.values()}
+    words = {each.word for each in split_names.values()}
+    is_complete = len(words) == 2 and len(split_names) == 2 * len(targets)
+    return split_names if is_complete else None
+
+
 class ColumnReader:
     """Reader of the columns of a table; headers that are not understood are reported as faults."""
 
@@ -445,19 +531,9 @@ class ColumnReader:
         """
         fault_count = len(self._faults.found)
         rotation = self._find_quaternion()
-        meanings = self._understand_headers(rotation)
+        meanings = _name_points_of_groups(self._understand_headers(rotation))
         kinds = {meaning.kind for meaning in meanings}
-        if "name" not in kinds and kinds & {"collection", "group"}:  # a target of a group is a point
-            meanings = [
-                Meaning(Quantity("name")) if meaning.kind == "target" else meaning for meaning in meanings
-            ]
-        name_columns = [column for column, meaning in enumerate(meanings) if meaning.kind in _NAME_COLUMNS]
-        cells = (row.cells[column] for row in self._rows for column in name_columns)
-        template_gives_state = "{state}" in f"{self._options.point_name} {self._options.file_name}"
-        names_give_state = state_in_name or any(
-            grammar.contains_state_word(cell, self._words.states) for cell in cells
-        )
-        if not ("state" in kinds or template_gives_state or names_give_state):  # nothing else says the state
+        if not state_in_name and not self._is_state_named(meanings):  # nothing else says the state
             meanings = self._recognise_states(meanings)
         meanings_with_units = self._resolve_units(meanings, axes_unit)
         text_columns: dict[Kind, int] = {}
@@ -468,48 +544,67 @@ class ColumnReader:
             quantities = self._group_by_quantity(meanings)
             self._check_names_and_loads(text_columns, quantities)
             self._check_points(text_columns, quantities)
-        with_numbers = [meaning for meaning in meanings_with_units if meaning.axis is not None]
         return Columns(
-            tuple(meanings_with_units),
-            text_columns,
-            quantities,
-            {
-                meaning.dimension: meaning.unit
-                for meaning in with_numbers
-                if meaning.dimension and meaning.unit is not None
-            },
-            tuple(self._notes),
+            meanings=tuple(meanings_with_units),
+            texts=text_columns,
+            quantities=quantities,
+            units=_list_units(meanings_with_units),
+            notes=tuple(self._notes),
             probe=bool(rotation) or bool(kinds & {"deleted", "uncertainty"}),
             faulty="unknown" in kinds or len(self._faults.found) > fault_count,
         )
 
+    def _is_state_named(self, meanings: Sequence[Meaning]) -> bool:
+        """Return whether a column, a template of names, or names in rows say the state, such as `loaded`."""
+        if any(meaning.kind == "state" for meaning in meanings):
+            return True
+        if "{state}" in f"{self._options.point_name} {self._options.file_name}":
+            return True
+        name_columns = [column for column, meaning in enumerate(meanings) if meaning.kind in _NAME_COLUMNS]
+        cells = (row.cells[column] for row in self._rows for column in name_columns)
+        return any(grammar.contains_state_word(cell, self._words.states) for cell in cells)
+
     def _find_quaternion(self) -> list[int]:
         """Return the indices of the columns of a quaternion, Q0 to Q3 or Q1 to Q4; [] without a quaternion.
 
-        The squares of a quaternion add up to 1 in each row, or are all 0. Columns with a unit or a stated
-        meaning are angles of joints. If Q1 to Q4 are 0 in all rows, they may be joints; Q0 cannot be a joint.
+        If Q1 to Q4 are 0 in all rows, they may be joints; Q0 cannot be a joint.
         """
-        texts = map(grammar.collapse_blanks, self._headers)
-        column_by_text = {
-            text.casefold(): column for column, text in enumerate(texts) if text not in self._words.stated
-        }
-        joint_like_texts = {text for text in column_by_text if re.fullmatch(r"q\d+", text)}
-        quaternion = next(
-            (names for names in _QUATERNIONS if joint_like_texts <= {*names} <= column_by_text.keys()), ()
-        )
-        columns = [column_by_text[name] for name in quaternion]
-        cells = [[row.cells[column].replace(",", ".") for column in columns] for row in self._rows]
-        sums = [sum(float(cell) ** 2 for cell in row if is_plain_number(cell)) for row in cells]
-        unit_sums = [total for total in sums if abs(total - 1.0) < _UNIT_NORM]
-        if (
-            not columns
-            or len(unit_sums) + sums.count(0.0) < len(sums)
-            or not (unit_sums or "q0" in quaternion)
-        ):
+        column_of_name = self._list_quaternion_columns()
+        columns = list(column_of_name.values())
+        if not columns or not self._are_rotations(columns, may_be_zero="q0" in column_of_name):
             return []
-        end_headers = self._headers[columns[0]], self._headers[columns[-1]]
-        self._notes.append(f"{end_headers[0]} to {end_headers[1]} were ignored as the rotation of a probe")
+        first, last = self._headers[columns[0]], self._headers[columns[-1]]
+        self._notes.append(f"{first} to {last} were ignored as the rotation of a probe")
         return columns
+
+    def _list_quaternion_columns(self) -> dict[str, int]:
+        """Return name → column for the four headers that may be a quaternion; {} without such headers.
+
+        Columns with a unit or a stated meaning are angles of joints, and so are Q1 to Q4 next to a Q5.
+        """
+        column_by_text: dict[str, int] = {}
+        for column, header in enumerate(self._headers):
+            text = grammar.collapse_blanks(header)
+            if text not in self._words.stated:
+                column_by_text[text.casefold()] = column
+        joint_like_texts = {text for text in column_by_text if re.fullmatch(r"q\d+", text)}
+        for names in _QUATERNIONS:
+            if joint_like_texts <= {*names} <= column_by_text.keys():
+                return {name: column_by_text[name] for name in names}
+        return {}
+
+    def _are_rotations(self, columns: Sequence[int], *, may_be_zero: bool) -> bool:
+        """Return whether the squares of four columns add up to 1 in each row, as of a rotation, or are all 0.
+
+        Unless it `may_be_zero` in all rows, one row must be 1.
+        """
+        sums = []
+        for row in self._rows:
+            texts = [row.cells[column].replace(",", ".") for column in columns]
+            sums.append(sum(float(text) ** 2 for text in texts if is_plain_number(text)))
+        unit_count = sum(abs(total - 1.0) < _UNIT_NORM for total in sums)
+        has_unit = may_be_zero or unit_count > 0
+        return has_unit and unit_count + sums.count(0.0) >= len(sums)
 
     def _understand_headers(self, rotation: Sequence[int]) -> list[Meaning]:
         """Return the meaning of each column; report headers that are unknown or repeat a meaning.
@@ -519,21 +614,26 @@ class ColumnReader:
         meanings: list[Meaning] = []
         header_faults = Faults(limits.MAX_COLUMNS)
         for column, header in enumerate(self._headers):
-            is_unused = column in rotation or not (header or any(row.cells[column] for row in self._rows))
-            meaning = Meaning(Quantity("unknown"))  # remains if the block below raises an error
+            is_empty = not header and not any(row.cells[column] for row in self._rows)
+            meaning = Meaning(Quantity("unknown"))  # remains if the header is not understood
             with header_faults.collect(self._heading.place(column)):
-                meaning = Meaning(Quantity("ignored"))
-                if not is_unused:
-                    meaning = Meaning(Quantity("unknown"))
+                if is_empty or column in rotation:
+                    meaning = Meaning(Quantity("ignored"))
+                else:
                     meaning = self._words.meaning(header, guessed=self._heading.is_guess)
-                meanings_before = [(other.quantity, other.axis) for other in meanings]
-                if meaning.kind not in _MAY_REPEAT and (meaning.quantity, meaning.axis) in meanings_before:
-                    reason = f"{quote(header)} is a second column for {meaning}"
-                    remedy = "correct one of the two headers, or skip one column with `ignore`"
-                    raise ImportFileError(self._heading.place(column), reason, remedy)
+                self._refuse_repeated(column, meaning, meanings)
             meanings.append(meaning)
         self._report_faults(header_faults.found)
         return self._number_joints_from_one(meanings)
+
+    def _refuse_repeated(self, column: int, meaning: Meaning, others: Sequence[Meaning]) -> None:
+        """Raise an `ImportFileError` if a column repeats the meaning of one of the columns to its left."""
+        if meaning.kind in _MAY_REPEAT:
+            return
+        if any((meaning.quantity, meaning.axis) == (other.quantity, other.axis) for other in others):
+            reason = f"{quote(self._headers[column])} is a second column for {meaning}"
+            remedy = "correct one of the two headers, or skip one column with `ignore`"
+            raise ImportFileError(self._heading.place(column), reason, remedy)
 
     def _number_joints_from_one(self, meanings: list[Meaning]) -> list[Meaning]:
         """Return the meanings with joints numbered from 1, also if the file numbers them from 0."""
@@ -549,17 +649,21 @@ class ColumnReader:
         """Report faults of headers; many unknown headers share messages, to leave room for others."""
         unknown_headers = [fault for fault in faults_found if fault.option == grammar.UNKNOWN]
         single_faults = [fault for fault in faults_found if fault.option != grammar.UNKNOWN]
-        if len(unknown_headers) <= _MAX_SINGLE_FAULTS:
-            unknown_headers = []
+        if len(unknown_headers) > _MAX_SINGLE_FAULTS:
+            self._report_unknown_headers(unknown_headers)
+        else:
             single_faults = list(faults_found)
-        for start in range(0, len(unknown_headers), _HEADERS_PER_FAULT):
-            group = unknown_headers[start : start + _HEADERS_PER_FAULT]
-            # Columns of places are counted from 1.
-            names = ", ".join(quote(self._headers[(fault.place.column or 1) - 1]) for fault in group)
-            reason = f"unknown column headers {names}"
-            self._faults.report(group[0].place, reason, group[0].remedy, grammar.UNKNOWN)
         for fault in single_faults:
             self._faults.add(fault)
+
+    def _report_unknown_headers(self, faults: Sequence[ImportFileError]) -> None:
+        """Report unknown headers, four in one message; `faults` are the faults of the single headers."""
+        for start in range(0, len(faults), _HEADERS_PER_FAULT):
+            group = faults[start : start + _HEADERS_PER_FAULT]
+            columns = [(fault.place.column or 1) - 1 for fault in group]  # columns of places count from 1
+            names = ", ".join(quote(self._headers[column]) for column in columns)
+            reason = f"unknown column headers {names}"
+            self._faults.report(group[0].place, reason, group[0].remedy, grammar.UNKNOWN)
 
     def _recognise_states(self, meanings: list[Meaning]) -> list[Meaning]:
         """Return the meanings with states that the names of targets contain, as in `P10 0 x` and `P10 1 x`.
@@ -572,55 +676,52 @@ class ColumnReader:
         }
         if any(quantity.target is None or quantity.state for quantity in points.values()):
             return meanings
+        names = {quantity.target or "" for quantity in points.values()}
         for pattern in _TARGET_WITH_WORD:
-            names = {quantity.target or "" for quantity in points.values()}
-            matches = {name: pattern.fullmatch(name) for name in names}
-            split_names = {name: (match["target"], match["word"]) for name, match in matches.items() if match}
-            targets = {target for target, _ in split_names.values()}
-            state_words = {word for _, word in split_names.values()}
-            # Every name must have a word, and every target must occur with both words.
-            if (
-                len(state_words) != 2
-                or len(split_names) != len(matches)
-                or len(split_names) != 2 * len(targets)
-            ):
+            split_names = _split_into_two_states(names, pattern)
+            if split_names is None:
                 continue
-            if state_words == grammar.STATE_OF_DIGIT.keys():
+            words = {each.word for each in split_names.values()}
+            if words == grammar.STATE_OF_DIGIT.keys():
                 return self._apply_digit_states(meanings, points, split_names)
-            if not all(word.isdigit() for word in state_words):
-                # in the order in which the words first occur in the headers
-                first, second = sorted(state_words, key=" ".join(map(str, meanings)).index)
-                self._faults.report(
-                    self._heading.place(min(points)),
-                    f"{quote(first)} and {quote(second)} in the headers of positions may be states, but "
-                    "their meaning is unknown",
-                    "name the state of each, such as `state_words`: "
-                    f"{show_object({first: 'unloaded', second: 'loaded'})}",
-                    "state_words",
-                    (first, second),
-                )
+            if not all(word.isdigit() for word in words):
+                self._report_unknown_states(words, meanings, min(points))
                 return meanings
         return meanings
+
+    def _report_unknown_states(self, words: set[str], meanings: Sequence[Meaning], column: int) -> None:
+        """Report two words in the headers of positions, from the column `column` on, that may be states."""
+        # in the order in which the words first occur in the headers
+        first, second = sorted(words, key=" ".join(map(str, meanings)).index)
+        example = show_object({first: "unloaded", second: "loaded"})
+        self._faults.report(
+            self._heading.place(column),
+            f"{quote(first)} and {quote(second)} in the headers of positions may be states, but "
+            "their meaning is unknown",
+            f"name the state of each, such as `state_words`: {example}",
+            "state_words",
+            (first, second),
+        )
 
     def _apply_digit_states(
         self,
         meanings: list[Meaning],
         points: Mapping[int, Quantity],
-        split_names: Mapping[str, tuple[str, str]],
+        split_names: Mapping[str, _SplitName],
     ) -> list[Meaning]:
         """Return the meanings in which 0 and 1 in names of targets are states; add a note on that.
 
         Args:
             meanings: meanings of all columns.
             points: index of a column of positions → its quantity, whose target ends or begins with 0 or 1.
-            split_names: name of such a target → (its name without the digit, the digit).
+            split_names: name of such a target → its name without the digit, and the digit.
         """
         self._notes.append("0 and 1 in headers were read as `unloaded` and `loaded`")
         changed = list(meanings)
-        for column, (kind, name, _) in points.items():
-            target, digit = split_names[name or ""]
-            quantity = Quantity(kind, target, grammar.STATE_OF_DIGIT[digit])
-            changed[column] = replace(meanings[column], quantity=quantity, guessed=True)
+        for column, quantity in points.items():
+            target, digit = split_names[quantity.target or ""]
+            with_state = Quantity(quantity.kind, target, grammar.STATE_OF_DIGIT[digit])
+            changed[column] = replace(meanings[column], quantity=with_state, guessed=True)
         return changed
 
     def _group_by_quantity(self, meanings: Sequence[Meaning]) -> dict[Quantity, tuple[int, ...]]:
@@ -642,16 +743,11 @@ class ColumnReader:
         `axes` is: number of the joint or axis, from 0 → index of its column.
         """
         place = self._heading.place(min(axes.values()))
+        if quantity.kind in POINTS:
+            self._check_letter_cases([self._headers[column] for column in axes.values()], place)
         # Joints are numbered without gaps; a vector has three axes, a reading along an axis one number.
         count = {"joint": max(axes) + 1, "point uncertainty": 1, "along": 1, "mass": 1}.get(quantity.kind, 3)
         missing_axes = [axis for axis in range(count) if axis not in axes]
-        headers = [self._headers[column] for column in axes.values()]
-        texts = [text for text in headers if grammar.collapse_blanks(text) not in self._words.stated]
-        letter_cases = {axis[0].isupper() for text in texts if (axis := _AXIS_LETTER.search(text))}
-        if quantity.kind in POINTS and len(letter_cases) > 1:  # X and x may be different quantities
-            reason = f"{' and '.join(map(quote, texts))} are not spelt alike"
-            remedy = "write x, y and z alike, or give their meaning in `columns`"
-            self._faults.report(place, reason, remedy, grammar.UNKNOWN)
         if missing_axes:
             reason = f"column {Meaning(quantity, missing_axes[0])} is missing"
             self._faults.report(place, reason, "add the column, or correct its header")
@@ -660,52 +756,61 @@ class ColumnReader:
                 place, f"there are more than {MAX_JOINTS} joints", "correct the headers of the joints"
             )
 
+    def _check_letter_cases(self, headers: Sequence[str], place: Place) -> None:
+        """Report headers of a position if some have X, others x: these may be different quantities.
+
+        Headers whose meaning the caller states may differ. `place` is the place of the first header.
+        """
+        texts = [text for text in headers if grammar.collapse_blanks(text) not in self._words.stated]
+        axes = [_AXIS_LETTER.search(text) for text in texts]
+        if len({axis[0].isupper() for axis in axes if axis}) > 1:
+            reason = f"{' and '.join(map(quote, texts))} are not spelt alike"
+            remedy = "write x, y and z alike, or give their meaning in `columns`"
+            self._faults.report(place, reason, remedy, grammar.UNKNOWN)
+
     def _check_names_and_loads(
         self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]
     ) -> None:
         """Report a fault unless there are columns of names and numbers, and one statement of the load."""
-        place, report = self._heading.place(), self._faults.report
+        place = self._heading.place()
         if "name" not in texts and not self._options.by_order:
             remedy = (
                 'add a column with the header "label" or "name", or use `by_order` to number the rows of '
                 "each file"
             )
-            report(place, "no column names the observations or points", remedy, "by_order")
+            self._faults.report(place, "no column names the observations or points", remedy, "by_order")
         if not quantities:
-            report(place, "no column with numbers is recognised", "correct the header, or give `columns`")
-        mass_columns, force_columns = quantities.get(Quantity("mass")), quantities.get(Quantity("force"))
+            remedy = "correct the header, or give `columns`"
+            self._faults.report(place, "no column with numbers is recognised", remedy)
+        mass_columns = quantities.get(Quantity("mass"))
         if mass_columns:
             self._notes.append("the weight of each mass, 9.80665 N per kilogram, pulls along −z of R0")
-            if force_columns:
+            if Quantity("force") in quantities:
                 header = quote(self._headers[mass_columns[0]])
                 reason = f"{header} states the load, but columns of forces state the load, too"
-                report(
-                    self._heading.place(mass_columns[0]), reason, "skip one of these columns with `ignore`"
-                )
+                remedy = "skip one of these columns with `ignore`"
+                self._faults.report(self._heading.place(mass_columns[0]), reason, remedy)
 
     def _check_points(
         self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]
     ) -> None:
         """Report a fault unless all columns of positions state target and state in the same way."""
-        report = self._faults.report
         points = [quantity for quantity in quantities if quantity.kind in POINTS]
         for quantity in points:
             if quantity.kind != "along" and quantity.with_kind("position") not in quantities:
                 column = quantities[quantity][0]
                 header = quote(self._headers[column])
                 reason = f"{header} belongs to a position, but the table has no columns of this position"
-                report(self._heading.place(column), reason, "correct the header, or use `ignore`")
+                remedy = "correct the header, or use `ignore`"
+                self._faults.report(self._heading.place(column), reason, remedy)
         for kind in _TARGET_AND_STATE:
-            is_named = {getattr(quantity, kind) is not None for quantity in points}
-            if len(is_named) > 1:
+            are_named = {getattr(quantity, kind) is not None for quantity in points}
+            if are_named == {True, False}:
                 self._report_unnamed(kind, quantities)
-            if kind in texts and True in is_named:
+            if kind in texts and True in are_named:
                 reason = f"there is a column `{kind}`, but the headers of positions name the {kind}, too"
-                report(
-                    self._heading.place(texts[kind]),
-                    reason,
-                    "keep either the column or the names in the headers",
-                )
+                remedy = "keep either the column or the names in the headers"
+                self._faults.report(self._heading.place(texts[kind]), reason, remedy)
 
     def _report_unnamed(self, kind: Kind, quantities: Mapping[Quantity, tuple[int, ...]]) -> None:
         """Report the columns of positions that do not name their target or state, as other columns do."""
@@ -734,34 +839,43 @@ class ColumnReader:
         """
         resolved = list(meanings)
         for dimension in dict.fromkeys(meaning.dimension for meaning in meanings if meaning.dimension):
-            dimension_faults = Faults(1)  # One fault is enough, because others would say the same.
-            # A hung mass is always in kg, so that its unit may differ from that of forces.
-            have_dimension = [
-                meaning.dimension == dimension and meaning.kind != "mass" for meaning in meanings
-            ]
-            columns = [index for index, has_dimension in enumerate(have_dimension) if has_dimension]
-            without_unit: list[int] = []  # columns without a unit
-            first_unit = ""
-            for column in columns:
-                with dimension_faults.collect(self._heading.place(column)):
-                    meaning = meanings[column]
-                    unit = self._decide_unit(meaning, axes_unit if meaning.kind == "position" else None)
-                    resolved[column] = replace(meaning, unit=unit)
-                    first_unit = first_unit or unit or ""
-                    if unit is None:
-                        without_unit.append(column)
-                    elif unit != first_unit:
-                        other_unit = name_unit(first_unit)
-                        reason = f"{meaning} is in {name_unit(unit)}, but other columns are in {other_unit}"
-                        remedy = f"use one unit for every {dimension}"
-                        raise ImportFileError(self._heading.place(column), reason, remedy)
-            for fault in dimension_faults.found:
-                self._faults.add(fault)
-            units = self._options.units
-            force_times_m = dimension == "moment" and units is not None and units.length == "m"
-            if without_unit and not force_times_m:
+            units = self._decide_units(dimension, meanings, axes_unit)
+            for column, unit in units.items():
+                resolved[column] = replace(meanings[column], unit=unit)
+            without_unit = [column for column, unit in units.items() if unit is None]
+            if without_unit and not self._has_implied_unit(dimension):
                 self._report_missing_unit(dimension, meanings[without_unit[0]], without_unit)
         return resolved
+
+    def _has_implied_unit(self, dimension: Dimension) -> bool:
+        """Return whether a dimension needs no unit: with lengths in m, moments are in force times m."""
+        units = self._options.units
+        return dimension == "moment" and units is not None and units.length == "m"
+
+    def _decide_units(
+        self, dimension: Dimension, meanings: Sequence[Meaning], axes_unit: str | None
+    ) -> dict[int, str | None]:
+        """Return column → unit for the columns of a dimension; None where nothing states the unit.
+
+        The first fault is reported, because others would say the same; a column with two units is left out. A
+        hung mass is always in kg, so that its unit may differ from that of forces.
+        """
+        faults = Faults(1)
+        units: dict[int, str | None] = {}
+        for column, meaning in enumerate(meanings):
+            if meaning.dimension != dimension or meaning.kind == "mass":
+                continue
+            with faults.collect(self._heading.place(column)):
+                comment_unit = axes_unit if meaning.kind == "position" else None
+                unit = units[column] = self._decide_unit(meaning, comment_unit)
+                first = next(filter(None, units.values()), None)
+                if unit is not None and unit != first:
+                    others = name_unit(first or "")
+                    reason = f"{meaning} is in {name_unit(unit)}, but other columns are in {others}"
+                    raise ImportFileError(NOWHERE, reason, f"use one unit for every {dimension}")
+        for fault in faults.found:
+            self._faults.add(fault)
+        return units
 
     def _decide_unit(self, meaning: Meaning, axes_unit: str | None) -> str | None:
         """Return the unit of a column: from its header, else from a comment, else from the option `units`.
@@ -774,18 +888,18 @@ class ColumnReader:
         units = self._options.units
         unit_of_option = None if units is None else getattr(units, meaning.dimension or "")
         sources = {"its header": meaning.unit, "the file's comment": axes_unit, "`units`": unit_of_option}
-        (first_source, unit), *others = [(source, unit) for source, unit in sources.items() if unit] or [
-            ("", None)
-        ]
-        for source, other in others:
-            if unit is not None and other != unit:
-                first_unit, other_unit = name_unit(unit), name_unit(other or "")
+        stated = {source: unit for source, unit in sources.items() if unit}
+        if not stated:
+            return None
+        first_source, first = next(iter(stated.items()))
+        for source, other in stated.items():
+            if other != first:
                 reason = (
-                    f"{meaning} is in {first_unit} according to {first_source}, "
-                    f"but in {other_unit} according to {source}"
+                    f"{meaning} is in {name_unit(first)} according to {first_source}, "
+                    f"but in {name_unit(other)} according to {source}"
                 )
                 raise ImportFileError(NOWHERE, reason, "correct the file or `units`")
-        return unit
+        return first
 
     def _report_missing_unit(self, dimension: Dimension, meaning: Meaning, columns: Sequence[int]) -> None:
         """Report that columns of a dimension have no unit.

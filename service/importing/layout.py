@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from statistics import fmean, pstdev, stdev
-from typing import Final
+from typing import Final, NamedTuple
 
 from jointstiff.schemas.imports import (
     ColumnMeaning,
@@ -67,55 +67,91 @@ def understand_table(
     vocabulary = Vocabulary(options, joints)
     heading = find_heading(grid, vocabulary, options)
     remarks = sorted([*grid.comments, *_read_titles_above(grid, heading)])
-    axes_unit, frame = _read_remarks(grid.file, remarks)
+    stated = _read_remarks(grid.file, remarks)
     grid, notes_on_rows = _drop_rows_without_readings(grid, heading)
     heading, rows = _fit_rows_to_heading(grid, heading, faults)
     headers = ["" if heading.columns_are_assumed else text for text in heading.texts]
     if options.layouts:
         _check_template(options, headers, heading.place(), faults)
-    names = (grid.stem, grid.sheet_of(options.sheet) or "")
-    name_has_state = any(grammar.contains_state_word(name, options.state_words) for name in names)
     column_reader = ColumnReader(heading, rows, vocabulary, options, faults)
-    columns = column_reader.understand(axes_unit, state_in_name=name_has_state)
+    columns = column_reader.understand(stated.axes_unit, state_in_name=_has_state_in_name(grid, options))
     _check_units(grid.file, remarks, columns, faults)
     unsure_number = _check_end_of_file(grid, rows, faults)
     notes = [*grid.preview.assumptions, *heading.notes, *notes_on_rows, *columns.notes]
-    rows_are_numbered = options.by_order and "name" not in columns.texts
-    if rows_are_numbered:
-        notes.append("rows were numbered, the first as observation 1, as `by_order` requires")
-    kept = _drop_deleted_rows(grid, rows, columns, faults, numbered=rows_are_numbered)
-    if len(kept) < len(rows):
-        notes.append(f"rows marked as deleted were omitted: {len(rows) - len(kept)}")
-    rows = kept
-    if frame is not None:
-        notes.append(f"positions are in the frame {quote(frame)}, as the file states")
-    if axes_unit is not None:
-        notes.append(f"positions are in {name_unit(axes_unit)}, as the file states")
-    if columns.units.get("length") == "in":
-        notes.append("lengths in inches, also those in the options, were converted to mm")
-    number_columns = [column for indices in columns.quantities.values() for column in indices]
-    decimal_mark = None  # remains if the decimal mark is not clear
-    are_thousands_separated = grid.preview.format != "text" or has_separated_thousands(rows, number_columns)
-    with faults.collect():
-        decimal_mark, note_on_mark = decide_decimal_mark(
-            grid,
-            rows,
-            number_columns,
-            options.decimal_mark,
-            are_thousands_separated=are_thousands_separated,
-        )
-        notes += [note_on_mark] if note_on_mark else []
+    kept = _drop_deleted_rows(grid, rows, columns, faults, numbered=_numbers_rows(options, columns))
+    notes += _describe_rows_and_units(options, columns, stated, deleted_count=len(rows) - len(kept))
+    numbers = _decide_number_format(grid, kept, columns, options, faults)
+    notes += numbers.notes
     described = _describe_columns(headers, columns)
     return Layout(
-        grid,
-        grid.preview_table(list(heading.lines), rows, described, decimal_mark, notes),
-        columns,
-        rows,
-        decimal_mark,
-        are_thousands_separated,
-        frame,
-        unsure_number,
+        grid=grid,
+        preview=grid.preview_table(list(heading.lines), kept, described, numbers.decimal_mark, notes),
+        columns=columns,
+        rows=kept,
+        decimal_mark=numbers.decimal_mark,
+        are_thousands_separated=numbers.are_thousands_separated,
+        frame=stated.frame,
+        unsure_number=unsure_number,
     )
+
+
+def _has_state_in_name(grid: Grid, options: ImportOptions) -> bool:
+    """Return whether the name of the file or of the sheet has a word for a state, such as `loaded`."""
+    names = (grid.stem, grid.sheet_of(options.sheet) or "")
+    return any(grammar.contains_state_word(name, options.state_words) for name in names)
+
+
+def _numbers_rows(options: ImportOptions, columns: Columns) -> bool:
+    """Return whether the rows are numbered, as they have no names and the option `by_order` permits it."""
+    return options.by_order and "name" not in columns.texts
+
+
+def _describe_rows_and_units(
+    options: ImportOptions, columns: Columns, stated: _StatedFrame, deleted_count: int
+) -> list[str]:
+    """Return notes on how rows and positions were read: numbers of rows, omitted rows, frame and units.
+
+    Args:
+        options: options of the import.
+        columns: columns of the table.
+        stated: what titles and comments of the file state about positions.
+        deleted_count: number of rows that a column marks as deleted.
+    """
+    notes = []
+    if _numbers_rows(options, columns):
+        notes.append("rows were numbered, the first as observation 1, as `by_order` requires")
+    if deleted_count:
+        notes.append(f"rows marked as deleted were omitted: {deleted_count}")
+    if stated.frame is not None:
+        notes.append(f"positions are in the frame {quote(stated.frame)}, as the file states")
+    if stated.axes_unit is not None:
+        notes.append(f"positions are in {name_unit(stated.axes_unit)}, as the file states")
+    if columns.units.get("length") == "in":
+        notes.append("lengths in inches, also those in the options, were converted to mm")
+    return notes
+
+
+class _NumberFormat(NamedTuple):
+    """How the numbers of a table are written."""
+
+    decimal_mark: DecimalMark | None  # None if it is not clear, which was reported as a fault
+    are_thousands_separated: bool  # whether texts may be numbers such as `1.299,99`
+    notes: list[str]  # why this mark was chosen; empty if no other is possible
+
+
+def _decide_number_format(
+    grid: Grid, rows: Sequence[Row], columns: Columns, options: ImportOptions, faults: Faults
+) -> _NumberFormat:
+    """Return how the numbers of a table's rows are written; report a decimal mark that is not clear."""
+    indices = [index for indices in columns.quantities.values() for index in indices]
+    are_thousands_separated = grid.preview.format != "text" or has_separated_thousands(rows, indices)
+    with faults.collect():
+        mark, note = decide_decimal_mark(
+            grid, rows, indices, options.decimal_mark, are_thousands_separated=are_thousands_separated
+        )
+        return _NumberFormat(mark, are_thousands_separated, [note] if note else [])
+    # `collect` has kept an error that ended the block.
+    return _NumberFormat(None, are_thousands_separated, [])
 
 
 def _describe_columns(headers: Sequence[str], columns: Columns) -> list[ColumnMeaning]:
@@ -185,58 +221,101 @@ def _read_titles_above(grid: Grid, heading: Heading) -> list[Remark]:
     return titles
 
 
-def _read_remarks(file: str, remarks: Sequence[Remark]) -> tuple[str | None, str | None]:
+class _StatedFrame(NamedTuple):
+    """What titles and comments of a file state about its positions; None if they do not state it."""
+
+    axes_unit: str | None  # unit of x, y and z
+    frame: str | None  # name of the frame
+
+
+def _read_remarks(file: str, remarks: Sequence[Remark]) -> _StatedFrame:
     """Return the unit of x, y and z, and the name of the positions' frame, from a file's titles and comments.
 
-    Examples are `AXES = CARTESIAN: X, Y, Z (mm)`, `… Coordinate Frame 'A::R0'` and `Frame: A`. Unit or frame
-    is None if no remark states it.
+    Examples are `AXES = CARTESIAN: X, Y, Z (mm)`, `… Coordinate Frame 'A::R0'` and `Frame: A`.
 
     Raises:
         ImportFileError: coordinates are not Cartesian, the unit is unknown, or two frames are named.
     """
-    unit = frame = None
-    for line, text in remarks:
-        place, axes, match = Place(file, line), _AXES.search(text), _AXES_UNIT.search(text)
-        if axes and axes[1].upper() not in ("CARTESIAN", "X"):
-            reason = f"the file has {quote(axes[1].lower())} coordinates"
-            raise ImportFileError(place, reason, "export Cartesian coordinates x, y, z")
-        word = match[int(match.lastindex or 0)] if match else ""
-        known = grammar.find_known_unit(word) or grammar.find_known_unit(word.casefold())
-        if known is not None and known[0] == "length":
-            unit = unit or known[1]
-        elif word and (axes or grammar.find_any_unit(word)):  # any other word is part of a sentence
-            reason = f"the unit {quote(word)} of x, y, z is not known"
-            raise ImportFileError(place, reason, "export in mm, m or inches")
-        if match := _FRAME.search(text):
-            name = collapse_blanks(match[1].rstrip(", \t")).strip("'\"")
-            if frame not in (None, name):
-                reason = f"the frame of the positions is {quote(name)} here, but {quote(frame or '')} above"
-                raise ImportFileError(place, reason, "export one frame per file")
-            frame = name
-    return unit, frame
+    axes_unit = frame = None
+    for remark in remarks:
+        place = Place(file, remark.line)
+        unit_of_remark = _read_axes_unit(remark.text, place)
+        axes_unit = axes_unit or unit_of_remark
+        name = _read_frame(remark.text)
+        if name is not None and frame not in (None, name):
+            reason = f"the frame of the positions is {quote(name)} here, but {quote(frame or '')} above"
+            raise ImportFileError(place, reason, "export one frame per file")
+        frame = frame if name is None else name
+    return _StatedFrame(axes_unit, frame)
+
+
+def _read_axes_unit(text: str, place: Place) -> str | None:
+    """Return the unit of x, y and z in a remark such as `X, Y, Z (mm)`; None if it states no unit.
+
+    Raises:
+        ImportFileError: coordinates are not Cartesian, or the unit is unknown.
+    """
+    axes, match = _AXES.search(text), _AXES_UNIT.search(text)
+    if axes and axes[1].upper() not in ("CARTESIAN", "X"):
+        reason = f"the file has {quote(axes[1].lower())} coordinates"
+        raise ImportFileError(place, reason, "export Cartesian coordinates x, y, z")
+    word = match[int(match.lastindex or 0)] if match else ""
+    known = grammar.find_known_unit(word) or grammar.find_known_unit(word.casefold())
+    if known is not None and known[0] == "length":
+        return known[1]
+    is_in_sentence = not axes and not grammar.find_any_unit(word)  # such as `X, Y, Z in meters above`
+    if word and not is_in_sentence:
+        raise ImportFileError(
+            place, f"the unit {quote(word)} of x, y, z is not known", "export in mm, m or inches"
+        )
+    return None
+
+
+def _read_frame(text: str) -> str | None:
+    """Return the name of the frame in a remark such as `Frame: 'A'`; None if it names no frame."""
+    match = _FRAME.search(text)
+    return None if match is None else collapse_blanks(match[1].rstrip(", \t")).strip("'\"")
 
 
 def _check_units(file: str, remarks: Sequence[Remark], columns: Columns, faults: Faults) -> None:
     """Report a fault if a title or comment, such as `Units: inches`, names another unit than the columns."""
-    for line, text in remarks:
-        units_match = _UNITS.search(text)
-        words = re.findall(r"[^\s,;:()\[\]]+", units_match["units"]) if units_match else []
-        # The word `in` means inches only if it is alone; in a sentence it is a preposition.
-        unit_words = [
-            word for word in words if grammar.find_any_unit(word) and (word != "in" or len(words) == 1)
-        ]
-        if units_match and not units_match["equals"] and len(unit_words) < len(words):
-            unit_words = []  # the words are a sentence, not a list of units
-        elif len(words) == 1 and not unit_words and words[0].isalpha():
-            reason = f"the unit {quote(words[0])} is not known"
-            faults.report(Place(file, line), reason, "correct or remove the remark")
-        for word in (*unit_words, *map("".join, _UNIT.findall(text))):
+    for remark in remarks:
+        place = Place(file, remark.line)
+        listed = _list_units(remark.text)
+        if listed.unknown is not None:
+            faults.report(
+                place, f"the unit {quote(listed.unknown)} is not known", "correct or remove the remark"
+            )
+        for word in listed.units:
             dimension, unit = grammar.find_any_unit(word) or (None, "")
             column_unit = columns.units.get(dimension) if dimension else None
-            if dimension and column_unit and unit != column_unit:
+            if column_unit and unit != column_unit:
                 reason = f"{quote(word)} is given here, but {dimension}s are in {name_unit(column_unit)}"
                 remedy = "correct the unit, or remove the remark"
-                faults.report(Place(file, line), reason, remedy, f"units.{dimension}")
+                faults.report(place, reason, remedy, f"units.{dimension}")
+
+
+class _ListedUnits(NamedTuple):
+    """Units that a title or comment names."""
+
+    units: list[str]  # words that may be units
+    unknown: str | None = None  # word that is in the place of a unit, but is none
+
+
+def _list_units(text: str) -> _ListedUnits:
+    """Return the units in a title or comment such as `Units: mm, deg` or `lengths in inches`."""
+    match = _UNITS.search(text)
+    in_brackets = ["".join(groups) for groups in _UNIT.findall(text)]
+    if match is None:
+        return _ListedUnits(in_brackets)
+    words = re.findall(r"[^\s,;:()\[\]]+", match["units"])
+    # The word `in` means inches only if it is alone; in a sentence it is a preposition.
+    units = [word for word in words if grammar.find_any_unit(word) and (word != "in" or len(words) == 1)]
+    is_sentence = not match["equals"] and len(units) < len(words)
+    if is_sentence:
+        return _ListedUnits(in_brackets)
+    is_unknown = len(words) == 1 and not units and words[0].isalpha()
+    return _ListedUnits([*units, *in_brackets], words[0] if is_unknown else None)
 
 
 # ---- the rows of data
@@ -248,36 +327,53 @@ def _fit_rows_to_heading(grid: Grid, heading: Heading, faults: Faults) -> tuple[
     Columns at the end are left out if their headers and all of their cells are empty. Rows of another length
     are reported as faults.
     """
-    rows, texts, notes = grid.rows[heading.start :], heading.texts, heading.notes
-    lengths = {len(row.cells) for row in rows}
-    if len(lengths) == 1:
-        row_length = lengths.pop()
-        width = max(row_length, len(texts))
-        # Columns at the end that are empty in the header and in all rows are left out.
-        while (
-            width > 1 and not any(texts[width - 1 :]) and not any(any(row.cells[width - 1 :]) for row in rows)
-        ):
-            width -= 1
-        if width <= min(row_length, len(texts)):
-            texts = texts[:width]
-            rows = tuple(_cut_row(row, width) for row in rows)
-            if row_length > width and grid.preview.format == "text":
-                notes = (*notes, "every row ends with a delimiter; the empty last column was ignored")
+    heading, rows = _drop_empty_columns(grid, heading)
     fitted = []
     for row in rows:
-        if len(row.cells) == len(texts):
+        if len(row.cells) == len(heading.texts):
             fitted.append(row)
-            continue
-        line = heading.lines[-1] if heading.lines else grid.rows[0].line
-        header_has = f"line {line} has" if heading.lines or heading.columns_are_assumed else "the header"
-        delimiter_words = f" (delimiter: {grid.preview.delimiter})" if grid.preview.delimiter else ""
-        faults.report(
-            grid.place(row, min(len(row.cells), len(texts))),
-            f"the row has {len(row.cells)} cells, but {header_has} {len(texts)}{delimiter_words}",
-            "give every row the same number of cells; check for a missing or doubled delimiter, a decimal "
-            "comma in a comma-separated file, or a blank in a name without quotation marks",
-        )
-    return replace(heading, texts=texts, notes=notes), tuple(fitted)
+        else:
+            _report_row_length(grid, heading, row, faults)
+    return heading, tuple(fitted)
+
+
+def _report_row_length(grid: Grid, heading: Heading, row: Row, faults: Faults) -> None:
+    """Report a row that has more or fewer cells than the heading has columns."""
+    count, width = len(row.cells), len(heading.texts)
+    line = heading.lines[-1] if heading.lines else grid.rows[0].line
+    header_has = f"line {line} has" if heading.lines or heading.columns_are_assumed else "the header"
+    delimiter_words = f" (delimiter: {grid.preview.delimiter})" if grid.preview.delimiter else ""
+    reason = f"the row has {count} cells, but {header_has} {width}{delimiter_words}"
+    remedy = (
+        "give every row the same number of cells; check for a missing or doubled delimiter, a decimal "
+        "comma in a comma-separated file, or a blank in a name without quotation marks"
+    )
+    faults.report(grid.place(row, min(count, width)), reason, remedy)
+
+
+def _drop_empty_columns(grid: Grid, heading: Heading) -> tuple[Heading, tuple[Row, ...]]:
+    """Return the heading and the rows of data, without the columns at the end that are empty in all of them.
+
+    Nothing is left out if the rows have different lengths.
+    """
+    rows, texts = grid.rows[heading.start :], heading.texts
+    lengths = {len(row.cells) for row in rows}
+    if len(lengths) != 1:
+        return heading, rows
+    row_length = lengths.pop()
+    filled = [_count_filled(texts), *(_count_filled(row.cells) for row in rows)]
+    width = max(1, *filled)
+    if width > min(row_length, len(texts)):
+        return heading, rows
+    notes = heading.notes
+    if row_length > width and grid.preview.format == "text":
+        notes = (*notes, "every row ends with a delimiter; the empty last column was ignored")
+    return replace(heading, texts=texts[:width], notes=notes), tuple(_cut_row(row, width) for row in rows)
+
+
+def _count_filled(cells: Sequence[str]) -> int:
+    """Return the number of cells up to the last that is not empty."""
+    return max((place for place, cell in enumerate(cells, 1) if cell), default=0)
 
 
 def _drop_rows_without_readings(grid: Grid, heading: Heading) -> tuple[Grid, list[str]]:
@@ -286,32 +382,46 @@ def _drop_rows_without_readings(grid: Grid, heading: Heading) -> tuple[Grid, lis
     A row of statistics begins with a word such as `mean`, or has the means of the rows above it; a row of a
     remark has only one text, of several words. A row that may be an observation is kept.
     """
-    statistics, remarks, kept = list[str](), list[str](), list(grid.rows[: heading.start])
+    omitted: dict[str, list[str]] = {"statistics": [], "remarks": []}  # kind of rows → text of each
+    kept = list(grid.rows[: heading.start])
     means = _find_rows_of_means(grid.rows[heading.start :])
     extremes = cache(lambda: _find_extremes(grid, heading))  # found once, when a row needs them
     for row in grid.rows[heading.start :]:
         filled = [cell for cell in row.cells if cell]
         if row.line in means:
-            statistics.append(row.cells[0])
-        elif (
-            filled
-            and grammar.is_statistic(filled[0])
-            and not looks_like_a_number(filled[0])
-            and (not grammar.is_extreme(filled[0]) or _has_extremes(row, extremes()))
-        ):
-            statistics.append(filled[0])
+            omitted["statistics"].append(row.cells[0])
+        elif filled and _is_named_statistic(row, filled[0], extremes):
+            omitted["statistics"].append(filled[0])
         elif len(filled) == 1 and len(heading.texts) > 2 and _is_remark(grid, row, filled[0], heading):
-            remarks.append(filled[0])
+            omitted["remarks"].append(filled[0])
         else:
             kept.append(row)
     notes = [
-        f"rows of {what} were omitted: {len(found)}, the first {quote(found[0])}"
-        for what, found in (("statistics", statistics), ("remarks", remarks))
-        if found
+        f"rows of {kind} were omitted: {len(texts)}, the first {quote(texts[0])}"
+        for kind, texts in omitted.items()
+        if texts
     ]
     if not notes or len(kept) == heading.start:
         return grid, []
     return replace(grid, rows=tuple(kept)), notes
+
+
+def _is_named_statistic(
+    row: Row, first_text: str, find_extremes: Callable[[], list[_Extremes | None]]
+) -> bool:
+    """Return whether a row begins with the name of a statistic, such as `mean`.
+
+    A row that begins with a name such as `max`, which may also be the label of an observation, must have the
+    greatest or least number of each column.
+
+    Args:
+        row: row of the table.
+        first_text: its first text.
+        find_extremes: function that finds the extremes of each column, if they are needed.
+    """
+    if not grammar.is_statistic(first_text) or looks_like_a_number(first_text):
+        return False
+    return not grammar.is_extreme(first_text) or _has_extremes(row, find_extremes())
 
 
 def _is_remark(grid: Grid, row: Row, text: str, heading: Heading) -> bool:
@@ -338,18 +448,37 @@ def _find_rows_of_means(rows: Sequence[Row]) -> set[int]:
     columns = [[row.cells[k].replace(",", ".") for row in rows] for k in range(width)]
     numbers = [column for column in columns if all(map(is_plain_number, column))]
     for count in (2, 1):  # means and standard deviations, or means alone
-        above = [list(map(float, column[:-count])) for column in numbers]
-        varying = [k for k, values in enumerate(above) if len(set(values)) > 1]
-        last = [[numbers[k][place] for k in varying] for place in range(-count, 0)]
-        statistics = [[of(above[k]) for k in varying] for of in (fmean, stdev, pstdev)]
-        if len(varying) >= _LEAST_COLUMNS and all(
-            any(map(partial(_are_equal, row), statistics)) for row in last
-        ):
+        if _end_with_statistics(numbers, count):
             return {row.line for row in rows[-count:]}
     return set()
 
 
-def _find_extremes(grid: Grid, heading: Heading) -> list[tuple[float, float] | None]:
+def _end_with_statistics(columns: Sequence[Sequence[str]], count: int) -> bool:
+    """Return whether each of the last `count` rows has a statistic of the rows above it, in every column.
+
+    The statistic is the mean or one of both standard deviations. Columns whose numbers are equal show nothing
+    and are not compared; the others must be three at least. `columns` are texts of numbers.
+    """
+    varying = [column for column in columns if len(set(map(float, column[:-count]))) > 1]
+    if len(varying) < _LEAST_COLUMNS:
+        return False
+    above = [[float(text) for text in column[:-count]] for column in varying]
+    statistics = [[compute(numbers) for numbers in above] for compute in (fmean, stdev, pstdev)]
+    for place in range(-count, 0):
+        texts = [column[place] for column in varying]
+        if not any(_are_equal(texts, values) for values in statistics):
+            return False
+    return True
+
+
+class _Extremes(NamedTuple):
+    """Least and greatest number of a column."""
+
+    least: float
+    greatest: float
+
+
+def _find_extremes(grid: Grid, heading: Heading) -> list[_Extremes | None]:
     """Return the least and the greatest number of each column; None for a column that has other cells.
 
     Rows of statistics, and rows with a single text, do not count.
@@ -360,22 +489,26 @@ def _find_extremes(grid: Grid, heading: Heading) -> list[tuple[float, float] | N
         if sum(map(bool, row.cells)) > 1 and not grammar.is_statistic(row.cells[0])
     ]
     width = min(map(len, rows), default=0)
-    columns = ([cells[k].replace(",", ".") for cells in rows] for k in range(width))
-    return [
-        (min(map(float, column)), max(map(float, column))) if all(map(is_plain_number, column)) else None
-        for column in columns
-    ]
+    extremes = list[_Extremes | None]()
+    for k in range(width):
+        texts = [cells[k].replace(",", ".") for cells in rows]
+        are_numbers = all(map(is_plain_number, texts))
+        numbers = [float(text) for text in texts] if are_numbers else []
+        extremes.append(_Extremes(min(numbers), max(numbers)) if numbers else None)
+    return extremes
 
 
-def _has_extremes(row: Row, extremes: Sequence[tuple[float, float] | None]) -> bool:
+def _has_extremes(row: Row, extremes: Sequence[_Extremes | None]) -> bool:
     """Return whether each number of a row is the least, or each is the greatest, of its column's numbers."""
-    pairs = [
-        (cell.replace(",", "."), both)
-        for cell, both in zip(row.cells, extremes, strict=False)
-        if both and is_plain_number(cell.replace(",", "."))
-    ]
-    texts = [text for text, _ in pairs]
-    return bool(pairs) and any(_are_equal(texts, [both[k] for _, both in pairs]) for k in (0, 1))
+    texts, known = list[str](), list[_Extremes]()
+    for cell, column in zip(row.cells, extremes, strict=False):
+        text = cell.replace(",", ".")
+        if column is not None and is_plain_number(text):
+            texts.append(text)
+            known.append(column)
+    has_least = _are_equal(texts, [column.least for column in known])
+    has_greatest = _are_equal(texts, [column.greatest for column in known])
+    return bool(texts) and (has_least or has_greatest)
 
 
 def _are_equal(texts: Sequence[str], values: Sequence[float]) -> bool:
@@ -408,42 +541,64 @@ def _check_end_of_file(grid: Grid, rows: Sequence[Row], faults: Faults) -> str |
     """
     if grid.has_final_line_break or len(rows) < 2:
         return None
-    *cells_above, last_cell = (row.cells[-1] for row in rows)
-    decimals = [[cell.replace(",", ".").partition(".")[2] for cell in row.cells] for row in rows]
-    writes_trailing_zeros = any(
-        decimals_of_cell.endswith("0") and len(decimals_of_cell) > 1
-        for row in decimals
-        for decimals_of_cell in row
-    )
-    *decimal_counts, last_decimal_count = (len(row[-1]) for row in decimals)
-    is_number = looks_like_a_number(last_cell)
+    end = _EndOfFile(rows)
     place = grid.place(rows[-1], len(rows[-1].cells) - 1)
-    # Without trailing zeros a number may have one decimal fewer than the others.
-    has_fewer_decimals = is_number and last_decimal_count < min(decimal_counts) - (not writes_trailing_zeros)
-    has_fewer_characters = len(last_cell.lstrip("+-")) < min(len(cell.lstrip("+-")) for cell in cells_above)
-    # such as `loa` below `loaded`
-    is_beginning = any(
-        cell.startswith(last_cell) and (is_number or has_fewer_characters)
-        for cell in cells_above
-        if cell != last_cell
-    )
-    # such as 22 below 836.13 and 63.6
-    lacks_decimals = is_number and has_fewer_characters and last_decimal_count == 0 < min(decimal_counts)
-    if has_fewer_decimals or is_beginning or lacks_decimals:
-        reason = f"its last line has no line break, and {quote(last_cell)} is shorter than the cells above"
+    if end.has_fewer_decimals or end.is_beginning or end.lacks_decimals:
+        reason = f"its last line has no line break, and {quote(end.last)} is shorter than the cells above"
         remedy = "export or copy the file again; if the file is complete, end its last line with a line break"
         faults.report(place, f"the file is cut off: {reason}", remedy)
     # A number that is not shorter than all others may lack digits nevertheless: the user has to confirm it.
-    is_complete = (
-        last_cell in cells_above
-        or 0 < last_decimal_count == max(decimal_counts)
-        or last_decimal_count >= _MANY_DECIMALS
-    )
-    return (
-        f"the last number {last_cell} ({place}), whose line has no line break"
-        if is_number and not is_complete
-        else None
-    )
+    if not end.is_number or end.is_complete:
+        return None
+    return f"the last number {end.last} ({place}), whose line has no line break"
+
+
+class _EndOfFile:
+    """Last cell of a table, compared with the cells above it in the last column."""
+
+    def __init__(self, rows: Sequence[Row]) -> None:
+        """Compare the last cells of two or more rows of data."""
+        *self.above, self.last = (row.cells[-1] for row in rows)
+        self.is_number = looks_like_a_number(self.last)
+        self._decimals_above = [len(_get_decimals(cell)) for cell in self.above]  # counts
+        self._decimals = len(_get_decimals(self.last))
+        all_decimals = [_get_decimals(cell) for row in rows for cell in row.cells]
+        self._writes_trailing_zeros = any(each.endswith("0") and len(each) > 1 for each in all_decimals)
+        self._is_shorter = len(self.last.lstrip("+-")) < min(len(cell.lstrip("+-")) for cell in self.above)
+
+    @property
+    def has_fewer_decimals(self) -> bool:
+        """Whether the last cell is a number with fewer decimals than all others.
+
+        In a file without trailing zeros, a number may have one decimal fewer than the others.
+        """
+        usual = min(self._decimals_above)
+        least = usual if self._writes_trailing_zeros else usual - 1
+        return self.is_number and self._decimals < least
+
+    @property
+    def is_beginning(self) -> bool:
+        """Whether a cell above begins with the last cell, such as `loaded` with `loa`, and goes on."""
+        others = [cell for cell in self.above if cell != self.last]
+        may_be_cut_off = self.is_number or self._is_shorter
+        return may_be_cut_off and any(cell.startswith(self.last) for cell in others)
+
+    @property
+    def lacks_decimals(self) -> bool:
+        """Whether the last cell is a short number without decimals, such as 22 below 836.13 and 63.6."""
+        have_decimals = min(self._decimals_above) > 0
+        return self.is_number and self._is_shorter and have_decimals and self._decimals == 0
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the last number lacks no digits: it occurs above, or has as many decimals as any other."""
+        has_usual_decimals = 0 < self._decimals == max(self._decimals_above)
+        return self.last in self.above or has_usual_decimals or self._decimals >= _MANY_DECIMALS
+
+
+def _get_decimals(cell: str) -> str:
+    """Return the digits behind the decimal mark of a number, a point or comma; empty without a mark."""
+    return cell.replace(",", ".").partition(".")[2]
 
 
 def _drop_deleted_rows(
@@ -457,19 +612,22 @@ def _drop_deleted_rows(
     index = columns.texts.get("deleted")
     if index is None:
         return rows
-    kept = []
-    for row in rows:
-        is_deleted = grammar.MARKS.get(fold_word(row.cells[index]))
-        if is_deleted is None:
-            reason = f"{quote(row.cells[index])} does not show whether the row is deleted"
-            remedy = "use 0 or 1, or skip the column with `ignore`"
-            faults.report(grid.place(row, index), reason, remedy)
-        elif not is_deleted:
-            kept.append(row)
+    kept = tuple(row for row in rows if not _is_deleted(grid, row, index, faults))
     if not kept:
         faults.report(Place(grid.file), "all rows are marked as deleted", "export the rows that are needed")
     if numbered and len(kept) < len(rows):
         reason = "rows are marked as deleted, so the numbers of the other rows are uncertain"
         remedy = "give every row a label, or delete these rows from all files"
         faults.report(Place(grid.file), reason, remedy, "by_order")
-    return tuple(kept)
+    return kept
+
+
+def _is_deleted(grid: Grid, row: Row, index: int, faults: Faults) -> bool:
+    """Return whether a row is marked as deleted in the column `index`, or has an unknown mark, a fault."""
+    is_deleted = grammar.MARKS.get(fold_word(row.cells[index]))
+    if is_deleted is None:
+        reason = f"{quote(row.cells[index])} does not show whether the row is deleted"
+        remedy = "use 0 or 1, or skip the column with `ignore`"
+        faults.report(grid.place(row, index), reason, remedy)
+        return True
+    return is_deleted

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 from pydantic import ValidationError
@@ -35,6 +36,14 @@ def is_mass_table(grid: Grid) -> bool:
     return "mass" in kinds and "joint" in kinds
 
 
+@dataclass(frozen=True)
+class _Column:
+    """Column of a table of masses."""
+
+    index: int
+    unit: str  # empty for a column without a unit
+
+
 def read_mass_table(grid: Grid, options: ImportOptions, faults: Faults) -> tuple[list[Body], FilePreview]:
     """Return the bodies of a table of masses, and the preview of the file; add faults of rows to `faults`.
 
@@ -42,92 +51,91 @@ def read_mass_table(grid: Grid, options: ImportOptions, faults: Faults) -> tuple
         ImportFileError: a header is not understood, has no known unit, or is missing.
     """
     header, *rows = grid.rows
-    columns, units = _read_mass_header(grid, header, has_rows=bool(rows))
-    complete = []
-    for row in rows:
-        if len(row.cells) == len(columns):
-            complete.append(row)
-        else:
-            reason = f"the row has {len(row.cells)} cells, but the header {len(columns)}"
-            faults.report(grid.place(row), reason, "give every row the same number of cells")
-    number_columns = [columns[kind] for kind in columns if kind in _UNITS]
+    columns = _read_mass_header(grid, header, has_rows=bool(rows))
+    complete = _select_complete_rows(grid, rows, len(columns), faults)
+    number_columns = [column.index for kind, column in columns.items() if kind in _UNITS]
     mark, note_on_mark = decide_decimal_mark(grid, complete, number_columns, options.decimal_mark)
     bodies = []
     for row in complete:
         with faults.collect(grid.place(row)):
-            bodies.append(_read_body(grid, row, columns, units, mark))
+            bodies.append(_read_body(grid, row, columns, mark))
     meanings = [
-        ColumnMeaning(column=column + 1, header=header.cells[column], meaning=kind, unit=units[kind] or None)
+        ColumnMeaning(
+            column=column.index + 1,
+            header=header.cells[column.index],
+            meaning=kind,
+            unit=column.unit or None,
+        )
         for kind, column in columns.items()
     ]
     notes = [*grid.preview.assumptions, "read as masses", *([note_on_mark] if note_on_mark else [])]
     return bodies, grid.preview_table([header.line], rows, meanings, mark, notes)
 
 
-def _read_mass_header(grid: Grid, header: Row, *, has_rows: bool) -> tuple[dict[str, int], dict[str, str]]:
-    """Return index and unit of each column of a table of masses, by the kind of the column.
+def _select_complete_rows(grid: Grid, rows: Sequence[Row], width: int, faults: Faults) -> list[Row]:
+    """Return the rows that have as many cells as the header, `width`; report the other rows."""
+    complete = []
+    for row in rows:
+        if len(row.cells) == width:
+            complete.append(row)
+        else:
+            reason = f"the row has {len(row.cells)} cells, but the header {width}"
+            faults.report(grid.place(row), reason, "give every row the same number of cells")
+    return complete
 
-    Kinds are `name`, `joint`, `mass` and others; the unit is empty for a column without a unit. `has_rows` is
-    False if no row follows the header.
+
+def _read_mass_header(grid: Grid, header: Row, *, has_rows: bool) -> dict[str, _Column]:
+    """Return kind → column of a table of masses; `has_rows` is False if no row follows the header.
+
+    Kinds are `name`, `joint`, `mass` and others, as `MASSES` names them.
 
     Raises:
         ImportFileError: a header is not understood, has no known unit, or is missing, or no row follows.
     """
-    columns: dict[str, int] = {}
-    units: dict[str, str] = {}
-    for column, text in enumerate(header.cells):
+    columns: dict[str, _Column] = {}
+    for index, text in enumerate(header.cells):
         base, unit = split_unit(text)
-        kind, place = MASSES.get(fold_word(base)), grid.place(header, column)
+        kind, place = MASSES.get(fold_word(base)), grid.place(header, index)
         if kind is None or kind in columns:
             reason = f"the header {quote(text)} of a table of masses is unknown, or occurs twice"
             remedy = "use `body`, `joint`, `mass [kg]`, `± [%]`, `centre x [mm]`, y, z, `centre ± [mm]`"
             raise ImportFileError(place, reason, remedy)
         if kind in _UNITS and unit not in _UNITS[kind]:
             reason = f"the unit of {quote(text)} is not one of {', '.join(_UNITS[kind])}"
-            raise ImportFileError(
-                place, reason, f"write the unit as in `{base} [{next(iter(_UNITS[kind]))}]`"
-            )
-        columns[kind] = column
-        units[kind] = unit or ""
+            remedy = f"write the unit as in `{base} [{next(iter(_UNITS[kind]))}]`"
+            raise ImportFileError(place, reason, remedy)
+        columns[kind] = _Column(index, unit or "")
     absent = [kind for kind in _NEEDED_COLUMNS if kind not in columns]
     if absent or not has_rows:
         reason = f"the table of masses has no {'row' if not absent else 'column ' + ', '.join(absent)}"
         raise ImportFileError(Place(grid.file, header.line), reason, "add the missing row or column")
-    return columns, units
+    return columns
 
 
-def _read_body(
-    grid: Grid, row: Row, columns: Mapping[str, int], units: Mapping[str, str], mark: DecimalMark
-) -> Body:
+def _read_body(grid: Grid, row: Row, columns: Mapping[str, _Column], mark: DecimalMark) -> Body:
     """Return the body of a row in SI units, with the uncertainty of its mass relative to the mass.
 
     Args:
         grid: the file.
         row: row of the table.
-        columns: index of each kind of column.
-        units: unit of each kind of column.
+        columns: kind → column, such as `mass` or `x`.
         mark: decimal mark of the file.
 
     Raises:
         ImportFileError: a cell is not a number, or the numbers do not describe a body.
     """
-    values: dict[str, float] = {}
-    for kind in [kind for kind in columns if kind in _UNITS]:
-        try:
-            values[kind] = read_number(row.cells[columns[kind]], mark) * _UNITS[kind][units[kind]]
-        except ImportFileError as fault:
-            raise fault.add_place(grid.place(row, columns[kind])) from None
+    values = _read_values(grid, row, columns, mark)
     optional = {}
     if "bound" in values:
         # A bound in kg is divided by the mass; `or 1.0` avoids a division by zero for a mass of 0.
-        divisor = values["mass"] or 1.0 if units["bound"] == "kg" else 1.0
+        divisor = values["mass"] or 1.0 if columns["bound"].unit == "kg" else 1.0
         optional["mass_uncertainty"] = values["bound"] / divisor
     if "radius" in values:
         optional["centre_uncertainty"] = values["radius"]
     try:
         return Body(
-            name=row.cells[columns["name"]],
-            joint=row.cells[columns["joint"]],
+            name=row.cells[columns["name"].index],
+            joint=row.cells[columns["joint"].index],
             mass=values["mass"],
             centre=(values["x"], values["y"], values["z"]),
             **optional,
@@ -137,3 +145,20 @@ def _read_body(
         invalid = f"{'.'.join(map(str, first_error['loc']))}: {first_error['msg'].lower()}"
         reason = f"the row does not describe a body: {invalid}"
         raise ImportFileError(grid.place(row), reason, "correct the numbers of the row") from error
+
+
+def _read_values(grid: Grid, row: Row, columns: Mapping[str, _Column], mark: DecimalMark) -> dict[str, float]:
+    """Return kind → number of a row in SI units, for its columns of numbers; percentages are fractions.
+
+    Raises:
+        ImportFileError: a cell is not a number.
+    """
+    values = {}
+    for kind, column in columns.items():
+        if kind in _UNITS:
+            try:
+                number = read_number(row.cells[column.index], mark)
+            except ImportFileError as fault:
+                raise fault.add_place(grid.place(row, column.index)) from None
+            values[kind] = number * _UNITS[kind][column.unit]
+    return values

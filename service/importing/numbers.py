@@ -94,15 +94,28 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     mark, _ = decide_decimal_mark(grid, rows, columns, options.decimal_mark)
     numbers = np.array([[_read_cell(cell, mark) for cell in row.cells] for row in rows])
     meanings = _find_meanings(headers, Vocabulary(options, joints))
-    named_joints = {
-        meaning.axis: c for c, meaning in enumerate(meanings) if meaning and meaning.kind == "joint"
-    }
-    ordered = tuple(named_joints[axis] for axis in sorted(axis for axis in named_joints if axis is not None))
-    others = frozenset(
-        c for c, meaning in enumerate(meanings) if meaning is not None and meaning.kind in _OTHER_KINDS
-    )
-    table = Table(name, numbers, ordered if len(ordered) == len(joints) else (), others)
+    named_joints = _list_joint_columns(meanings)
+    known_joints = named_joints if len(named_joints) == len(joints) else ()
+    table = Table(name, numbers, known_joints, _find_other_columns(meanings))
     return NumberTable(grid, headers, meanings, rows, mark, table)
+
+
+def _list_joint_columns(meanings: Sequence[Meaning | None]) -> tuple[int, ...]:
+    """Return the columns whose headers name joints, in the order of the joints."""
+    column_of_joint: dict[int, int] = {}
+    for column, meaning in enumerate(meanings):
+        if meaning is not None and meaning.kind == "joint" and meaning.axis is not None:
+            column_of_joint[meaning.axis] = column
+    return tuple(column_of_joint[joint] for joint in sorted(column_of_joint))
+
+
+def _find_other_columns(meanings: Sequence[Meaning | None]) -> frozenset[int]:
+    """Return the columns whose headers name something else than joints or positions, such as forces."""
+    return frozenset(
+        column
+        for column, meaning in enumerate(meanings)
+        if meaning is not None and meaning.kind in _OTHER_KINDS
+    )
 
 
 def _is_data(row: Row) -> bool:

@@ -5,12 +5,12 @@ A value that occurs twice, contradicts another value or cannot be used is report
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import degrees, dist, sqrt
 from statistics import fmean, median, pstdev
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 from pydantic_core import from_json
 
@@ -33,6 +33,7 @@ from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError
 from jointstiff.service.importing.excel import read_workbook, split_sheets
 from jointstiff.service.importing.grammar import (
     POINTS,
+    Kind,
     Quantity,
     collapse_blanks,
     fits_header,
@@ -40,6 +41,7 @@ from jointstiff.service.importing.grammar import (
     split_along_target,
 )
 from jointstiff.service.importing.grid import Grid, decode, file_type, read_text
+from jointstiff.service.importing.header import Columns
 from jointstiff.service.importing.layout import Layout, understand_table
 from jointstiff.service.importing.masses import is_mass_table, read_mass_table
 from jointstiff.service.importing.matrices import Matrix, find_matrices
@@ -144,25 +146,54 @@ def _check_files(files: Sequence[SourceFile]) -> None:
     if not 0 < len(files) <= grid.MAX_FILES:
         raise ImportFileError(NOWHERE, f"{len(files)} files were sent", f"send 1 to {grid.MAX_FILES} files")
     names: set[str] = set()
-    total = lines = 0
+    byte_count = line_count = 0  # of all files so far
     for file in files:
-        place = Place(file.name)
         if file.name in names:
-            raise ImportFileError(place, "two files have this name", "send each file once")
+            raise ImportFileError(Place(file.name), "two files have this name", "send each file once")
         names.add(file.name)
-        total += len(file.content)
-        if total > grid.MAX_FILE_BYTES:
-            limit = f"the files exceed {grid.MAX_FILE_BYTES // 1024**2} MiB together"
-            raise ImportFileError(place, limit, "import fewer files at once")
-        # Line ends are counted in UTF-8 and UTF-16; the bytes of a workbook contain few of them by chance.
-        line_ends, double_line_ends = (b"\n", b"\r"), (b"\r\n", b"\r\0\n")
-        lines += sum(map(file.content.count, line_ends)) - sum(map(file.content.count, double_line_ends))
-        if lines > grid.MAX_LINES:
-            count = f"{grid.MAX_LINES} lines together"
-            limit = f"the files have more than {count}, including empty lines and comments"
-            raise ImportFileError(
-                place, limit, "remove empty lines and comments, or import fewer files at once"
-            )
+        byte_count += len(file.content)
+        _refuse_many_bytes(byte_count, file.name)
+        line_count += _count_lines(file.content)
+        _refuse_many_lines(line_count, file.name)
+
+
+def _refuse_many_bytes(count: int, file: str) -> None:
+    """Raise an `ImportFileError` if the files up to the one with the name `file` have too many bytes."""
+    if count > grid.MAX_FILE_BYTES:
+        limit = f"the files exceed {grid.MAX_FILE_BYTES // 1024**2} MiB together"
+        raise ImportFileError(Place(file), limit, "import fewer files at once")
+
+
+def _refuse_many_lines(count: int, file: str) -> None:
+    """Raise an `ImportFileError` if the files up to the one with the name `file` have too many lines."""
+    if count > grid.MAX_LINES:
+        limit = (
+            f"the files have more than {grid.MAX_LINES} lines together, including empty lines and comments"
+        )
+        remedy = "remove empty lines and comments, or import fewer files at once"
+        raise ImportFileError(Place(file), limit, remedy)
+
+
+def _count_lines(content: bytes) -> int:
+    """Return the number of line ends in UTF-8 or UTF-16; a workbook contains few of these bytes by chance.
+
+    A carriage return and a line feed together end one line.
+    """
+    single_ends = content.count(b"\n") + content.count(b"\r")
+    double_ends = content.count(b"\r\n") + content.count(b"\r\0\n")
+    return single_ends - double_ends
+
+
+def _describe_weight_step(step: StepReadings) -> dict[str, object]:
+    """Return field → value of the preview for the readings of a weight step."""
+    labels = [posture.label for posture in step.observations]
+    return {
+        "observation_count": len(labels),
+        "first_labels": labels[:MAX_PREVIEW_ROWS],
+        "joint_count": len(step.observations[0].joints),
+        "states": ["unloaded", "loaded"],
+        "reading_count": sum(len(posture.encoder_readings) for posture in step.observations),
+    }
 
 
 class _Reader:
@@ -184,36 +215,52 @@ class _Reader:
         Raises:
             ImportFileError: the files cannot be used together, such as masses without readings.
         """
-        faults = self._faults
         for file in files:
-            with faults.collect():
+            with self._faults.collect():
                 for table in read_grids(file, self._options):
                     self._read_table(table)
         if self._steps:
             return self._conclude_weight_step()
         all_were_read = {preview.file for preview in self._previews} == {file.name for file in files}
-        if all(not layout.columns.faulty for layout in self._layouts) and all_were_read:
-            if not self._layouts:  # all files were read, and each is a table of masses
-                remedy = "import the masses together with the readings of the robot"
-                raise ImportFileError(NOWHERE, "the files contain masses, but no readings", remedy)
+        if all_were_read and not any(layout.columns.faulty for layout in self._layouts):
+            self._refuse_masses_alone()
             self._check_options()
-        readers = []
+        observations = self._read_observations()
+        return self.build_answer() if self._faults.found else self._check_and_assemble(observations)
+
+    def _refuse_masses_alone(self) -> None:
+        """Raise an `ImportFileError` if each of the files, all of which were read, is a table of masses."""
+        if not self._layouts:
+            remedy = "import the masses together with the readings of the robot"
+            raise ImportFileError(NOWHERE, "the files contain masses, but no readings", remedy)
+
+    def _read_observations(self) -> list[ObservationRecord]:
+        """Read the rows of all tables; return one observation for each label.
+
+        Rows of a table with an unclear header or decimal mark are not read, because their fault is reported.
+
+        Raises:
+            ImportFileError: there are too many observations.
+        """
+        readers = list[RowReader]()
         for layout in self._layouts:
-            # Rows of a table with an unclear header or decimal mark are not read; the fault is reported.
-            if layout.decimal_mark is not None and not layout.columns.faulty:
-                with faults.collect():
-                    names = NameReader(layout, self._options, self._notes)
-                    reader = RowReader(
-                        layout,
-                        names,
-                        self._times_and_roundings,
-                        allow_missing=self._options.allow_missing,
-                    )
-                    readers.append(reader)
-        records = (record for reader in readers for record in reader.read_records(faults))
-        merger = _Merging(self._options, self._units, self._joint_kinds(), faults, self._notes)
-        observations = merger.merge_by_label(records)
-        return self.build_answer() if faults.found else self._check_and_assemble(observations)
+            is_clear = layout.decimal_mark is not None and not layout.columns.faulty
+            if is_clear:
+                with self._faults.collect():
+                    readers.append(self._build_row_reader(layout))
+        records = (record for reader in readers for record in reader.read_records(self._faults))
+        merger = _Merging(self._options, self._units, self._joint_kinds(), self._faults, self._notes)
+        return merger.merge_by_label(records)
+
+    def _build_row_reader(self, layout: Layout) -> RowReader:
+        """Return the reader of the rows of a table, which names rows by columns, file and options.
+
+        Raises:
+            ImportFileError: the names of sheet and file contradict each other, or a template is invalid.
+        """
+        names = NameReader(layout, self._options, self._notes)
+        allow_missing = self._options.allow_missing
+        return RowReader(layout, names, self._times_and_roundings, allow_missing=allow_missing)
 
     def _conclude_weight_step(self) -> Understood:
         """Return the readings of the one table of a weight step.
@@ -227,15 +274,7 @@ class _Reader:
         understood, step = self.build_answer(), self._steps[0]
         if self._faults.found or step is None:
             return understood
-        labels = [posture.label for posture in step.observations]
-        update = {
-            "observation_count": len(labels),
-            "first_labels": labels[:MAX_PREVIEW_ROWS],
-            "joint_count": len(step.observations[0].joints),
-            "states": ["unloaded", "loaded"],
-            "reading_count": sum(len(posture.encoder_readings) for posture in step.observations),
-        }
-        preview = understood.preview.model_copy(update=update)
+        preview = understood.preview.model_copy(update=_describe_weight_step(step))
         return replace(understood, preview=preview, weight_step=step)
 
     def _read_table(self, table: Grid) -> None:
@@ -259,50 +298,57 @@ class _Reader:
 
         If there are faults, the result has only the faults and the previews of the files.
         """
-        faults, notes = self._faults, self._notes
         targets = _list_targets(observations)
-        _check_same_quantities(observations, faults)
-        states_present = {quantity.state for observation in observations for quantity in observation.values}
-        states = [state for state in _STATES if state in states_present]
+        _check_same_quantities(observations, self._faults)
+        states = _list_present_states(observations)
         # Positions in one state only show no deflection, so that their readings cannot be complete.
         has_readings = states not in _SINGLE_STATES
         if targets and has_readings:
             observations, notes_on_gaps = _drop_and_report_incomplete_readings(
-                observations, targets, faults, self._options
+                observations, targets, self._faults, self._options
             )
-            notes += notes_on_gaps
+            self._notes += notes_on_gaps
         else:
-            notes += _report_skipped_points(observations)
-        sigmas = _check_sigmas(observations, faults)
-        for kind, count in sigmas.items():
-            notes.append(f"{_U95[kind]}{f' ({count} points)' if len(sigmas) > 1 else ''}")
-        if faults.found:
+            self._notes += _report_skipped_points(observations)
+        counts = _check_sigmas(observations, self._faults)
+        self._notes += _describe_uncertainties(counts)
+        if self._faults.found:
             return self.build_answer()
-        notes += self._times_and_roundings.notes
-        held_out = [observation.label for observation in observations if observation.held_out]
-        if held_out:
-            notes.append(f"observations held out from the fit, to check the fit: {', '.join(held_out)}")
+        self._notes += [*self._times_and_roundings.notes, *_describe_held_out(observations)]
+        summary = {
+            "targets": targets,
+            "states": states,
+            "reading_count": sum(len(each.points) for each in observations) if has_readings else 0,
+            "uncertainty": next(iter(counts), None),
+        }
+        return self._assemble(observations, summary)
+
+    def _assemble(
+        self, observations: Sequence[ObservationRecord], summary: Mapping[str, object]
+    ) -> Understood:
+        """Return observations without faults, with the final preview of all files.
+
+        `summary` is field → value of the preview for targets, states, readings and their uncertainty.
+        """
         joints = observations[0].vector("joint") if observations else None
-        preview = self.build_answer().preview.model_copy(
-            update={
-                "observation_count": len(observations),
-                "first_labels": [observation.label for observation in observations[:MAX_PREVIEW_ROWS]],
-                "joint_count": None if joints is None else len(joints),
-                "joint_kinds": self._joint_kinds(),
-                "targets": targets,
-                "states": states,
-                "reading_count": sum(len(observation.points) for observation in observations)
-                if has_readings
-                else 0,
-                "assumptions": notes,
-                "uncertainty": next(iter(sigmas), None),
-            }
-        )
-        units = {kind: "mm" if unit == "in" else unit for kind, unit in self._units.items()}
+        update = {
+            **summary,
+            "observation_count": len(observations),
+            "first_labels": [observation.label for observation in observations[:MAX_PREVIEW_ROWS]],
+            "joint_count": None if joints is None else len(joints),
+            "joint_kinds": self._joint_kinds(),
+            "assumptions": self._notes,
+        }
         unsure_numbers = [layout.unsure_number for layout in self._layouts if layout.unsure_number]
-        unusual = (*unsure_numbers, *_find_unusual_values(observations))
-        bodies = tuple(self._bodies)
-        return Understood(preview, (), tuple(observations), units, self._times_and_roundings, bodies, unusual)
+        return Understood(
+            preview=self.build_answer().preview.model_copy(update=update),
+            faults=(),
+            observations=tuple(observations),
+            units={kind: "mm" if unit == "in" else unit for kind, unit in self._units.items()},
+            times_and_roundings=self._times_and_roundings,
+            bodies=tuple(self._bodies),
+            unusual=(*unsure_numbers, *_find_unusual_values(observations)),
+        )
 
     def _joint_kinds(self) -> list[JointKind]:
         """Return the kind of each joint: prismatic if its column's unit is a length; [] without joints."""
@@ -330,20 +376,8 @@ class _Reader:
     def _check_options(self) -> None:
         """Report options that no file needs, and options that name a header that no file has."""
         tables_needing_names = [layout.columns for layout in self._layouts if layout.columns.needed]
-        for option in ("point_name", "file_name"):
-            text = getattr(self._options, option) or ""
-            kinds = [kind for kind in ("target", "state") if f"{{{kind}}}" in text]
-            # Headers give a kind that a table neither needs from names nor has as a column.
-            kinds_given_elsewhere = [
-                kind
-                for kind in kinds
-                for table in tables_needing_names
-                if kind not in {*table.needed, *table.texts}
-            ]
-            if text and (kinds_given_elsewhere or not tables_needing_names):
-                kind_words = " and ".join(kinds_given_elsewhere or ["target", "state"])
-                reason = f"the template {quote(text)} is not needed: headers or columns give the {kind_words}"
-                self._faults.report(NOWHERE, reason, f"correct the template, or omit `{option}`", option)
+        self._check_name_template("point_name", self._options.point_name, tables_needing_names)
+        self._check_name_template("file_name", self._options.file_name, tables_needing_names)
         if self._options.state and not any("state" in table.needed for table in tables_needing_names):
             reason = "the state of all positions is given by headers or columns"
             self._faults.report(NOWHERE, reason, "omit `state`", "state")
@@ -352,23 +386,42 @@ class _Reader:
             self._faults.report(NOWHERE, reason, "omit `header`, or remove the header of the file", "header")
         self._check_named_headers()
 
+    def _check_name_template(self, option: str, template: str | None, tables: Sequence[Columns]) -> None:
+        """Report a template such as `{label}_{target}_{state}` that gives what all tables have already.
+
+        Args:
+            option: option that has the template: `point_name` or `file_name`.
+            template: the template; None if the option is not used.
+            tables: columns of the tables whose names have to give target or state.
+        """
+        if not template:
+            return
+        kinds = [kind for kind in ("target", "state") if f"{{{kind}}}" in template]
+        # Headers give a kind that a table neither needs from names nor has as a column.
+        given_by_headers = [
+            kind for kind in kinds for table in tables if kind not in {*table.needed, *table.texts}
+        ]
+        if given_by_headers or not tables:
+            kind_words = " and ".join(given_by_headers or ["target", "state"])
+            reason = f"the template {quote(template)} is not needed: headers or columns give the {kind_words}"
+            self._faults.report(NOWHERE, reason, f"correct the template, or omit `{option}`", option)
+
     def _check_named_headers(self) -> None:
         """Report headers that the options `columns` and `ignore` name, but that no file has."""
-        known_headers = {
-            collapse_blanks(column.header) for layout in self._layouts for column in layout.preview.columns
-        }
+        columns = [column for layout in self._layouts for column in layout.preview.columns]
+        known_headers = {collapse_blanks(column.header) for column in columns}
         if self._options.layouts or "" in known_headers:
             return
-        for option in ("columns", "ignore"):
-            for header in getattr(self._options, option):
-                is_known = collapse_blanks(header) in known_headers
-                if not is_known and not (
-                    option == "ignore" and any(fits_header(header, known) for known in known_headers)
-                ):
-                    reason = f"`{option}` names the header {quote(header)}, but no file has this header"
-                    self._faults.report(
-                        NOWHERE, reason, f"write the header in `{option}` exactly as in the file", option
-                    )
+        unknown = [
+            ("columns", header) for header in self._options.columns if not _is_named(header, known_headers)
+        ]
+        unknown += [
+            ("ignore", header) for header in self._options.ignore if not _fits_any(header, known_headers)
+        ]
+        for option, header in unknown:
+            reason = f"`{option}` names the header {quote(header)}, but no file has this header"
+            remedy = f"write the header in `{option}` exactly as in the file"
+            self._faults.report(NOWHERE, reason, remedy, option)
 
     def _compare_with_others(self, layout: Layout) -> None:
         """Report a file whose units or frame differ from those of the files that were read before."""
@@ -391,6 +444,16 @@ class _Reader:
 def _has_positions(layout: Layout) -> bool:
     """Return whether a table has columns of positions."""
     return any(quantity.kind == "position" for quantity in layout.columns.quantities)
+
+
+def _is_named(header: str, known_headers: Collection[str]) -> bool:
+    """Return whether a file has a header; blanks of different length are equal."""
+    return collapse_blanks(header) in known_headers
+
+
+def _fits_any(header: str, known_headers: Collection[str]) -> bool:
+    """Return whether a file has a header of the option `ignore`, which may be a pattern such as `U95*`."""
+    return _is_named(header, known_headers) or any(fits_header(header, known) for known in known_headers)
 
 
 def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool = False) -> list[Grid]:
@@ -460,6 +523,54 @@ def detect_delimiter(file: SourceFile) -> Delimiter | None:
 # ---- records of all files, put together by label
 
 
+class _JointDifference(NamedTuple):
+    """Difference of one joint between two files; `max` finds the greatest relative to its tolerance."""
+
+    relative: float  # difference divided by the tolerance
+    joint: int  # index of the joint
+    absolute: float  # difference in the unit of the joint
+
+
+@dataclass(frozen=True)
+class _JointComparison:
+    """Tolerances within which the joints of one observation may differ between files."""
+
+    tolerances: Sequence[float]  # of each joint, in its unit
+    units: Sequence[str]  # of each joint, as written behind numbers: `°`, ` rad`, ` mm` or ` m`
+
+    @classmethod
+    def from_units(
+        cls, tolerance: float, units: Mapping[str, str], kinds: Sequence[JointKind]
+    ) -> _JointComparison:
+        """Return the comparison of joints with a tolerance in degrees or mm, in the units of the files.
+
+        Args:
+            tolerance: tolerance of each joint [deg or mm].
+            units: units of the files by `angle` and `length`.
+            kinds: kind of each joint, `revolute` or `prismatic`.
+        """
+        in_radians, in_metres = units.get("angle") == "rad", units.get("length") == "m"
+        tolerance_of_kind = {
+            "revolute": tolerance / (degrees(1.0) if in_radians else 1.0),
+            "prismatic": tolerance / (1e3 if in_metres else 1.0),
+        }
+        unit_of_kind = {
+            "revolute": " rad" if in_radians else "°",
+            "prismatic": f" {units.get('length', 'mm')}",
+        }
+        return cls([tolerance_of_kind[kind] for kind in kinds], [unit_of_kind[kind] for kind in kinds])
+
+    def find_greatest(self, first: Sequence[float], second: Sequence[float]) -> _JointDifference:
+        """Return the greatest difference between the joints (n,) of two files, relative to its tolerance."""
+        absolute = [abs(one - other) for one, other in zip(first, second, strict=True)]
+        relative = [each / most for each, most in zip(absolute, self.tolerances, strict=False)]
+        return max(_JointDifference(relative[k], k, absolute[k]) for k in range(len(relative)))
+
+    def describe(self, joint: int, number: float) -> str:
+        """Return a difference of a joint with its unit in words, such as `0.02°`."""
+        return f"{number:.4g}{self.units[joint]}"
+
+
 class _Merging:
     """Merging of the records of each label into one observation."""
 
@@ -473,17 +584,10 @@ class _Merging:
     ) -> None:
         """Prepare to merge records; `units` has the units by dimension, assumptions are added to `notes`."""
         self._options, self._faults, self._notes = options, faults, notes
-        per_degree = degrees(1.0) if units.get("angle") == "rad" else 1.0
-        per_mm = 1e3 if units.get("length") == "m" else 1.0
-        self._joint_tolerances = [  # in the unit of each joint
-            options.joint_tolerance / (per_mm if kind == "prismatic" else per_degree) for kind in joint_kinds
-        ]
-        angle_unit = " rad" if units.get("angle") == "rad" else "°"
-        self._joint_units = [  # as they are written behind numbers
-            f" {units.get('length', 'mm')}" if kind == "prismatic" else angle_unit for kind in joint_kinds
-        ]
+        self._joints = _JointComparison.from_units(options.joint_tolerance, units, joint_kinds)
         self._metre = 1.0 if units.get("length") == "m" else 1e3  # one metre in the unit of positions
         self._joint_difference = 0.0  # greatest difference between two files, relative to the tolerance
+        # difference beyond the tolerance that is the greatest, with its fault
         self._worst_joints: tuple[float, ImportFileError] | None = None
         self._repeats: dict[tuple[str, Quantity], list[Value]] = {}  # readings of points that are repeated
         # file and sheet of each value that a later record added; those that are repeated in another one
@@ -516,32 +620,31 @@ class _Merging:
     def _merge_record(self, observation: ObservationRecord, record: ObservationRecord) -> None:
         """Add the values of a record to the observation with the same label; report values that differ.
 
-        Of joints that differ within the tolerance, those of the record with unloaded positions are kept.
+        A force of zero in rows without load gives way to the force of rows under load. Of joints that differ
+        within the tolerance, those of the record with unloaded positions are kept.
         """
         observation.held_out |= record.held_out
-        states, former_states = (
-            {quantity.state for quantity in each.values if quantity.state} for each in (record, observation)
-        )
-        has_no_load, had_no_load = (
-            bool(each) and each <= {"unloaded", "unloaded_after"} for each in (states, former_states)
-        )
+        has_no_load, had_no_load = _is_without_load(record), _is_without_load(observation)
+        has_unloaded_only = _list_states_of_record(record) == {"unloaded"}
         for quantity, value in record.values.items():
             first_value = observation.values.setdefault(quantity, value)
+            are_joints = quantity.kind == "joint" and first_value.vector and value.vector
             if quantity.kind in POINTS:
                 self._note_repeat(observation, record, quantity, first_value)
             elif first_value.vector == value.vector or (has_no_load and _is_no_load(quantity, value)):
                 continue
             elif had_no_load and _is_no_load(quantity, first_value):
                 observation.values[quantity] = value
-            elif quantity.kind != "joint" or not (first_value.vector and value.vector):
-                reason = (
-                    f"the {quantity.kind} of {quote(record.label)} differs from the value at "
-                    f"{first_value.place}"
-                )
-                remedy = "give each observation a unique label, or correct one of the two values"
-                self._faults.report(record.place, reason, remedy)
-            elif self._are_equal_joints(record.label, first_value, value) and states == {"unloaded"}:
+            elif not are_joints:
+                self._report_difference(record, quantity, first_value)
+            elif self._are_equal_joints(record.label, first_value, value) and has_unloaded_only:
                 observation.values[quantity] = value
+
+    def _report_difference(self, record: ObservationRecord, quantity: Quantity, first: Value) -> None:
+        """Report that a quantity of a record, such as the force, differs from `first` of the same label."""
+        reason = f"the {quantity.kind} of {quote(record.label)} differs from the value at {first.place}"
+        remedy = "give each observation a unique label, or correct one of the two values"
+        self._faults.report(record.place, reason, remedy)
 
     def _note_repeat(
         self, observation: ObservationRecord, record: ObservationRecord, quantity: Quantity, first: Value
@@ -560,30 +663,31 @@ class _Merging:
         """Return whether joints of two files agree within the tolerance; keep the worst disagreement."""
         if not (first.vector and second.vector) or len(first.vector) != len(second.vector):
             return False
-        differences = [abs(one - other) for one, other in zip(first.vector, second.vector, strict=True)]
-        relative_difference, joint = max(
-            (difference / tolerance, joint)
-            for joint, (difference, tolerance) in enumerate(
-                zip(differences, self._joint_tolerances, strict=False)
-            )
-        )
-        if relative_difference <= 1.0 + 1e-9:
-            self._joint_difference = max(self._joint_difference, relative_difference)
+        difference = self._joints.find_greatest(first.vector, second.vector)
+        if difference.relative <= 1.0 + 1e-9:
+            self._joint_difference = max(self._joint_difference, difference.relative)
             return True
-        if self._worst_joints is None or relative_difference > self._worst_joints[0]:
-            unit = self._joint_units[joint]
-            reason = (
-                f"the joint angles of {quote(label)} differ by {differences[joint]:.4g}{unit} from those at "
-                f"{first.place}, at joint {joint + 1}; up to {self._joint_tolerances[joint]:.4g}{unit} is "
-                "plausible"
-            )
-            remedy = (
-                "give each observation a unique label, correct one of the two rows, or raise "
-                "`joint_tolerance` (in ° or mm)"
-            )
-            fault = ImportFileError(second.place, reason, remedy, "joint_tolerance")
-            self._worst_joints = relative_difference, fault
+        if self._worst_joints is None or difference.relative > self._worst_joints[0]:
+            fault = self._build_joint_fault(label, first, second, difference)
+            self._worst_joints = difference.relative, fault
         return False
+
+    def _build_joint_fault(
+        self, label: str, first: Value, second: Value, difference: _JointDifference
+    ) -> ImportFileError:
+        """Return the fault that joints of an observation, `first` and `second`, differ between two files."""
+        joint = difference.joint
+        found = self._joints.describe(joint, difference.absolute)
+        plausible = self._joints.describe(joint, self._joints.tolerances[joint])
+        reason = (
+            f"the joint angles of {quote(label)} differ by {found} from those at {first.place}, at joint "
+            f"{joint + 1}; up to {plausible} is plausible"
+        )
+        remedy = (
+            "give each observation a unique label, correct one of the two rows, or raise "
+            "`joint_tolerance` (in ° or mm)"
+        )
+        return ImportFileError(second.place, reason, remedy, "joint_tolerance")
 
     def _conclude_joints(self) -> None:
         """Report the joints that differ most between files, or note the greatest difference."""
@@ -598,47 +702,101 @@ class _Merging:
 
     def _conclude_repeats(self, observations: Mapping[str, ObservationRecord]) -> None:
         """Replace repeated readings by their means if the options allow this; else report them as faults."""
-        squares, degrees_of_freedom, greatest = 0.0, 0, 0.0
+        spread = _Spread()
         for (label, quantity), values in self._repeats.items():
-            vectors = [value.vector for value in values if value.vector]
-            reading_text = f"{quantity.target} {quantity.state} of {quote(label)}"
-            if not self._options.mean_of_repeats or len(vectors) < len(values):
-                reason = f"{reading_text} occurs twice, first at {values[0].place}"
-                remedy = (
-                    "rename or remove one of the two readings, or use `mean_of_repeats` for repeated readings"
-                )
-                self._faults.report(values[1].place, reason, remedy, "mean_of_repeats")
+            fault = self._find_repeat_fault(label, quantity, values)
+            if fault is not None:
+                self._faults.add(fault)
                 continue
-            if (label, quantity) in self._in_two_tables:  # perhaps of another load
-                reason = f"{reading_text} occurs in two files or sheets, first at {values[0].place}"
-                remedy = "rename or remove one of the two readings, or put repeated readings into one table"
-                self._faults.report(values[1].place, reason, remedy)
-                continue
-            mean = tuple(fmean(numbers) for numbers in zip(*vectors, strict=True))
-            errors = [dist(vector, mean) ** 2 for vector in vectors]  # squared distances from the mean
-            if sqrt(max(errors)) > _MAX_REPEAT * self._metre:
-                distance = f"{1e3 * sqrt(max(errors)) / self._metre:.3g} mm from their mean"
-                reason = (
-                    f"readings of {reading_text} are up to {distance}; for repeated readings, at most "
-                    f"{1e3 * _MAX_REPEAT:g} mm is plausible"
-                )
-                remedy = "correct the names of the readings, or give one mean of readings that scatter more"
-                self._faults.report(values[1].place, reason, remedy)
-                continue
-            squares += sum(errors)
-            greatest = max(greatest, *errors)
-            degrees_of_freedom += len(mean) * (len(vectors) - 1)
-            observations[label].values[quantity] = replace(values[0], vector=mean)
-        if degrees_of_freedom:
-            deviation_text, greatest_text = (
-                f"{1e6 / self._metre * sqrt(each):.3g} µm"
-                for each in (squares / degrees_of_freedom, greatest)
-            )
+            mean = _average_readings(values)
+            spread.add(mean)
+            observations[label].values[quantity] = replace(values[0], vector=mean.vector)
+        if spread.degrees_of_freedom:
+            deviation = f"{1e6 / self._metre * spread.deviation:.3g} µm"
+            greatest = f"{1e6 / self._metre * spread.greatest_distance:.3g} µm"
             self._notes.append(
                 f"the mean of repeated readings was used for {len(self._repeats)} points; by their spread, "
-                f"one reading has a standard deviation of {deviation_text} in each coordinate; the greatest "
-                f"distance from a mean is {greatest_text}"
+                f"one reading has a standard deviation of {deviation} in each coordinate; the greatest "
+                f"distance from a mean is {greatest}"
             )
+
+    def _find_repeat_fault(
+        self, label: str, quantity: Quantity, values: Sequence[Value]
+    ) -> ImportFileError | None:
+        """Return why the readings of a point have no mean; None if their mean can be used.
+
+        Readings in two tables may be of two loads, and readings that are far from their mean of two points.
+        """
+        what, place = f"{quantity.target} {quantity.state} of {quote(label)}", values[1].place
+        if not self._options.mean_of_repeats or not all(value.vector for value in values):
+            reason = f"{what} occurs twice, first at {values[0].place}"
+            remedy = (
+                "rename or remove one of the two readings, or use `mean_of_repeats` for repeated readings"
+            )
+            return ImportFileError(place, reason, remedy, "mean_of_repeats")
+        if (label, quantity) in self._in_two_tables:
+            reason = f"{what} occurs in two files or sheets, first at {values[0].place}"
+            remedy = "rename or remove one of the two readings, or put repeated readings into one table"
+            return ImportFileError(place, reason, remedy)
+        distance = sqrt(max(_average_readings(values).squares))
+        if distance > _MAX_REPEAT * self._metre:
+            reason = (
+                f"readings of {what} are up to {1e3 * distance / self._metre:.3g} mm from their mean; for "
+                f"repeated readings, at most {1e3 * _MAX_REPEAT:g} mm is plausible"
+            )
+            remedy = "correct the names of the readings, or give one mean of readings that scatter more"
+            return ImportFileError(place, reason, remedy)
+        return None
+
+
+class _Mean(NamedTuple):
+    """Mean of K readings of a point."""
+
+    vector: tuple[float, ...]  # coordinates
+    squares: list[float]  # (K,) squared distance of each reading from the mean
+
+
+def _average_readings(values: Sequence[Value]) -> _Mean:
+    """Return the mean of K readings of a point; all of them have their coordinates."""
+    vectors = [value.vector for value in values if value.vector]
+    mean = tuple(fmean(coordinates) for coordinates in zip(*vectors, strict=True))
+    return _Mean(mean, [dist(vector, mean) ** 2 for vector in vectors])
+
+
+@dataclass
+class _Spread:
+    """Spread of repeated readings about their means, over all points; lengths in the unit of positions."""
+
+    squares: float = 0.0  # sum of the squared distances from the means
+    greatest_square: float = 0.0  # greatest of these squared distances
+    degrees_of_freedom: int = 0
+
+    def add(self, mean: _Mean) -> None:
+        """Add the readings of a point; K readings of 3 coordinates have 3 (K - 1) degrees of freedom."""
+        self.squares += sum(mean.squares)
+        self.greatest_square = max(self.greatest_square, *mean.squares)
+        self.degrees_of_freedom += len(mean.vector) * (len(mean.squares) - 1)
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of a coordinate of one reading."""
+        return sqrt(self.squares / self.degrees_of_freedom)
+
+    @property
+    def greatest_distance(self) -> float:
+        """Greatest distance of a reading from the mean of its point."""
+        return sqrt(self.greatest_square)
+
+
+def _list_states_of_record(record: ObservationRecord) -> set[State]:
+    """Return the states, such as `unloaded`, in which a record has positions."""
+    return {quantity.state for quantity in record.values if quantity.state}
+
+
+def _is_without_load(record: ObservationRecord) -> bool:
+    """Return whether a record has positions, all of which were read without load."""
+    states = _list_states_of_record(record)
+    return bool(states) and states <= {"unloaded", "unloaded_after"}
 
 
 def _is_no_load(quantity: Quantity, value: Value) -> bool:
@@ -679,39 +837,54 @@ def _list_targets(observations: Iterable[ObservationRecord]) -> list[str]:
 
 def _check_same_quantities(observations: list[ObservationRecord], faults: Faults) -> None:
     """Report observations that lack joint angles, a force or a quantity that others have."""
-    kinds = (
-        quantity.kind
-        for observation in observations
-        for quantity in observation.values
-        if quantity.target is None
-    )
-    for kind in dict.fromkeys(kinds):
+    quantities = (quantity for observation in observations for quantity in observation.values)
+    kinds = dict.fromkeys(quantity.kind for quantity in quantities if quantity.target is None)
+    for kind in kinds:
         with_kind = [observation for observation in observations if observation.vector(kind) is not None]
         without_kind = [observation for observation in observations if observation.vector(kind) is None]
         if without_kind:
-            others = f" and {len(without_kind) - 1} others have" if len(without_kind) > 1 else " has"
-            reason = (
-                f"{quote(without_kind[0].label)}{others} no {kind}, but other labels have: "
-                f"{_list_labels(with_kind)}"
-            )
-            remedy = (
-                f"spell labels alike in all files; these labels have no {kind}: {_list_labels(without_kind)}"
-            )
-            faults.report(without_kind[0].place, reason, remedy)
-        count = len(with_kind[0].vector(kind) or ())
-        for value in (observation.values[Quantity(kind)] for observation in with_kind):
-            if len(value.vector or ()) != count:
-                counts = (
-                    f"this observation has {len(value.vector or ())} joint angles, but other "
-                    f"observations have {count}"
-                )
-                faults.report(value.place, f"{counts}", "check the columns of joints")
+            _report_lacking_quantity(kind, without_kind, with_kind, faults)
+        _report_other_counts(kind, with_kind, faults)
+
+
+def _report_lacking_quantity(
+    kind: Kind, without: list[ObservationRecord], others: list[ObservationRecord], faults: Faults
+) -> None:
+    """Report that the observations `without` lack a quantity, such as the force, that `others` have."""
+    first = quote(without[0].label)
+    lack = f"{first} and {len(without) - 1} others have" if len(without) > 1 else f"{first} has"
+    reason = f"{lack} no {kind}, but other labels have: {_list_labels(others)}"
+    remedy = f"spell labels alike in all files; these labels have no {kind}: {_list_labels(without)}"
+    faults.report(without[0].place, reason, remedy)
+
+
+def _report_other_counts(kind: Kind, observations: list[ObservationRecord], faults: Faults) -> None:
+    """Report observations that have another number of joint angles than the first of them.
+
+    Other quantities than joint angles always have three numbers, or one.
+    """
+    count = len(observations[0].vector(kind) or ())
+    for observation in observations:
+        value = observation.values[Quantity(kind)]
+        own_count = len(value.vector or ())
+        if own_count != count:
+            reason = f"this observation has {own_count} joint angles, but other observations have {count}"
+            faults.report(value.place, reason, "check the columns of joints")
 
 
 def _list_labels(observations: list[ObservationRecord]) -> str:
     """Return the first three labels of some observations in one text."""
     names = ", ".join(quote(observation.label) for observation in observations[:_MAX_LISTED_LABELS])
     return names + ", …" * (len(observations) > _MAX_LISTED_LABELS)
+
+
+class _Gap(NamedTuple):
+    """Reading of a target that is missing or incomplete."""
+
+    target: str
+    is_empty: bool  # whether nothing of the reading was found
+    place: Place  # of a value of the reading, else of its observation
+    sentence: str  # what the reading lacks, after the label of its observation
 
 
 def _drop_and_report_incomplete_readings(
@@ -722,41 +895,76 @@ def _drop_and_report_incomplete_readings(
     Unless `allow_missing` is set, each omitted reading is also reported as a fault. The target at the hook
     needs a position in one observation only, and no load.
     """
-    kept_observations, notes = [], []
-    # A gauge need not be read in each posture; any other target must have a reading of each observation.
-    gauges = {
-        target for observation in observations for kind, target, _ in observation.values if kind == "along"
-    }
-    gaps: list[tuple[bool, Place, str]] = []  # (True if nothing was read, place, sentence)
+    kept_observations, gaps, notes = list[ObservationRecord](), list[_Gap](), list[str]()
+    required = _list_required_targets(observations, targets)
     for observation in observations:
-        points = observation.points
-        omitted_hook = _list_unread_hook(points, options.load_point_target)
-        incomplete = list(omitted_hook)
-        without_gap = [*omitted_hook, *_list_targets_without_load(points, options.load_point_target)]
-        read_targets = [target for target in targets if target in points or target not in gauges]
-        for target in [target for target in read_targets if target not in without_gap]:
-            with faults.collect():
-                states = points.get(target, {})
-                gap = _describe_gap(observation, target, states)
-                if gap is not None:
-                    incomplete.append(target)
-                    place = next((point.place for point in states.values()), observation.place)
-                    gaps.append((not states, place, f"{observation.label}: {gap}"))
-        values = {key: value for key, value in observation.values.items() if key.target not in incomplete}
+        own_gaps = _find_gaps(observation, targets, required, options.load_point_target, faults)
+        gaps += own_gaps
+        omitted = {gap.target for gap in own_gaps}
+        omitted.update(_list_unread_hook(observation.points, options.load_point_target))
+        values = {key: value for key, value in observation.values.items() if key.target not in omitted}
         if any(quantity.target for quantity in values):
             kept_observations.append(replace(observation, values=values))
         else:
             notes.append(f"{observation.label}: no reading is complete; the observation was skipped")
     if not options.allow_missing:
-        remedy = "add the reading, check the spelling of names, or use `allow_missing`"
-        # Readings with some of their values come first, because they show better what is wrong.
-        for _, place, reason in sorted(gaps, key=lambda entry: entry[0]):
-            faults.report(place, reason, remedy, "allow_missing")
+        _report_gaps(gaps, faults)
     if not kept_observations:
-        faults.report(
-            observations[0].place, "no observation has a reading", "correct the names of points and files"
-        )
-    return kept_observations, [*(f"{reason}; skipped" for _, _, reason in gaps), *notes]
+        place = observations[0].place
+        faults.report(place, "no observation has a reading", "correct the names of points and files")
+    return kept_observations, [*(f"{gap.sentence}; skipped" for gap in gaps), *notes]
+
+
+def _list_required_targets(observations: Iterable[ObservationRecord], targets: Iterable[str]) -> set[str]:
+    """Return the targets that must have a reading in each observation: all except those of gauges.
+
+    A gauge need not be read in each posture.
+    """
+    quantities = (quantity for observation in observations for quantity in observation.values)
+    gauges = {quantity.target for quantity in quantities if quantity.kind == "along"}
+    return set(targets) - gauges
+
+
+def _find_gaps(
+    observation: ObservationRecord,
+    targets: Sequence[str],
+    required: Collection[str],
+    hook: str | None,
+    faults: Faults,
+) -> list[_Gap]:
+    """Return the missing and incomplete readings of an observation; report contradictory readings.
+
+    Args:
+        observation: observation with its readings.
+        targets: targets of the set, in the order of the gaps.
+        required: targets that must have a reading in each observation.
+        hook: target at the hook, which gives the load point; None if no target does.
+        faults: faults of all files.
+    """
+    points = observation.points
+    without_gap = [*_list_unread_hook(points, hook), *_list_targets_without_load(points, hook)]
+    gaps = []
+    for target in targets:
+        is_expected = target in points or target in required
+        if not is_expected or target in without_gap:
+            continue
+        states = points.get(target, {})
+        with faults.collect():
+            lack = _describe_gap(observation, target, states)
+            if lack is not None:
+                place = next((point.place for point in states.values()), observation.place)
+                gaps.append(_Gap(target, not states, place, f"{observation.label}: {lack}"))
+    return gaps
+
+
+def _report_gaps(gaps: Sequence[_Gap], faults: Faults) -> None:
+    """Report readings that are missing or incomplete.
+
+    Readings with some of their values come first, because they show better what is wrong.
+    """
+    remedy = "add the reading, check the spelling of names, or use `allow_missing`"
+    for gap in sorted(gaps, key=lambda each: each.is_empty):
+        faults.report(gap.place, gap.sentence, remedy, "allow_missing")
 
 
 def _list_states(states: dict[State, Value]) -> set[State]:
@@ -829,6 +1037,27 @@ def _report_skipped_points(observations: list[ObservationRecord]) -> list[str]:
     ]
 
 
+def _list_present_states(observations: Iterable[ObservationRecord]) -> list[State]:
+    """Return the states, such as `unloaded`, that any observation has, in their usual order."""
+    present = {quantity.state for observation in observations for quantity in observation.values}
+    return [state for state in _STATES if state in present]
+
+
+def _describe_uncertainties(counts: Mapping[_Uncertainty, int]) -> list[str]:
+    """Return notes on how the uncertainties of points were read; `counts` are the numbers of their points."""
+    if len(counts) == 1:
+        return [_U95[kind] for kind in counts]
+    return [f"{_U95[kind]} ({count} points)" for kind, count in counts.items()]
+
+
+def _describe_held_out(observations: Iterable[ObservationRecord]) -> list[str]:
+    """Return a note on the observations that are held out from the fit; no note without such observations."""
+    labels = [observation.label for observation in observations if observation.held_out]
+    if not labels:
+        return []
+    return [f"observations held out from the fit, to check the fit: {', '.join(labels)}"]
+
+
 def _check_sigmas(observations: list[ObservationRecord], faults: Faults) -> dict[_Uncertainty, int]:
     """Return the number of points with an uncertainty of their coordinates, and of points with one for all.
 
@@ -837,9 +1066,8 @@ def _check_sigmas(observations: list[ObservationRecord], faults: Faults) -> dict
     """
     counts: dict[_Uncertainty, int] = {}
     places_without: list[Place] = []
-    for quantity, value in (
-        (key, value) for observation in observations for key, value in observation.values.items()
-    ):
+    items = (item for observation in observations for item in observation.values.items())
+    for quantity, value in items:
         if value.sigma is not None:
             kind: _Uncertainty = "point" if value.by_point else "coordinate"
             counts[kind] = counts.get(kind, 0) + 1
@@ -847,41 +1075,56 @@ def _check_sigmas(observations: list[ObservationRecord], faults: Faults) -> dict
             places_without.append(value.place)
     if counts and places_without:
         reason = "the point has no uncertainty, but other points have one"
-        faults.report(
-            places_without[0],
-            reason,
-            "add the uncertainty of this point, or skip the columns of U(95) with `ignore`",
-        )
+        remedy = "add the uncertainty of this point, or skip the columns of U(95) with `ignore`"
+        faults.report(places_without[0], reason, remedy)
     return dict(sorted(counts.items()))
 
 
-def _find_unusual_values(observations: list[ObservationRecord]) -> Iterator[str]:
-    """Yield a sentence for each value that is farther than 100 spreads from the median of its column.
+class _PlacedNumber(NamedTuple):
+    """Number of a file, and where it is."""
+
+    number: float
+    place: Place
+
+
+def _find_unusual_values(observations: Iterable[ObservationRecord]) -> Iterator[str]:
+    """Yield a sentence for each value that is farther than 100 spreads from the median of its column."""
+    for name, numbers in _list_numbers_by_column(observations).items():
+        if len(numbers) >= _MIN_VALUES:
+            yield from _find_unusual_numbers(name, numbers)
+
+
+def _list_numbers_by_column(
+    observations: Iterable[ObservationRecord],
+) -> dict[str, list[_PlacedNumber]]:
+    """Return column, such as `joint 2` or `P1 loaded x`, → its numbers in all observations."""
+    columns: dict[str, list[_PlacedNumber]] = {}
+    items = (item for observation in observations for item in observation.values.items())
+    for (kind, target, state), value in items:
+        name = f"{target} {state}" if target else kind
+        for axis, number in enumerate(value.vector or ()):
+            part = str(axis + 1) if kind == "joint" else "xyz"[axis]
+            columns.setdefault(f"{name} {part}", []).append(_PlacedNumber(number, value.place))
+    return columns
+
+
+def _find_unusual_numbers(name: str, numbers: Sequence[_PlacedNumber]) -> Iterator[str]:
+    """Yield a sentence for each number of the column `name` that is farther than 100 spreads from the median.
 
     The spread is the standard deviation of the nine tenths of the values that are nearest to the median, or
     the size of the median if these values are all equal.
     """
-    columns: dict[str, list[tuple[float, Place]]] = {}
-    for (kind, target, state), value in (
-        item for observation in observations for item in observation.values.items()
-    ):
-        name = f"{target} {state}" if target else kind
-        for axis, number in enumerate(value.vector or ()):
-            part = str(axis + 1) if kind == "joint" else "xyz"[axis]
-            columns.setdefault(f"{name} {part}", []).append((number, value.place))
-    for name, values in columns.items():
-        if len(values) < _MIN_VALUES:
-            continue
-        median_value = median(value for value, _ in values)
-        sorted_by_distance = sorted(values, key=lambda entry: abs(entry[0] - median_value))
-        nearest = sorted_by_distance[: -max(1, len(sorted_by_distance) // 10)]
-        spread = pstdev(value for value, _ in nearest) or abs(median_value)
-        for number, place in sorted_by_distance[len(nearest) :]:
-            spreads = abs(number - median_value) / spread if spread else 0.0
-            # 0.99: a value whose distance is the limit itself is listed despite rounding.
-            if spreads > 0.99 * _MAX_SPREADS:
-                distance = (
-                    f"{spreads:.0f} times the spread of the other values away from the median (up to "
-                    f"{_MAX_SPREADS:g} times is plausible)"
-                )
-                yield f"{name} {number:g} ({place}) is {distance}"
+    middle = median(each.number for each in numbers)
+    nearest_first = sorted(numbers, key=lambda each: abs(each.number - middle))
+    far_count = max(1, len(numbers) // 10)
+    nearest, farthest = nearest_first[:-far_count], nearest_first[-far_count:]
+    spread = pstdev(each.number for each in nearest) or abs(middle)
+    for number, place in farthest:
+        spreads = abs(number - middle) / spread if spread else 0.0
+        # 0.99: a value whose distance is the limit itself is listed despite rounding.
+        if spreads > 0.99 * _MAX_SPREADS:
+            distance = (
+                f"{spreads:.0f} times the spread of the other values away from the median (up to "
+                f"{_MAX_SPREADS:g} times is plausible)"
+            )
+            yield f"{name} {number:g} ({place}) is {distance}"

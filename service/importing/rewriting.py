@@ -40,26 +40,26 @@ def name_readings(
 
     Names are used only if no two readings get the same target and state.
     """
-    by_name = {table.name: table for table in tables}
-    by_headers = [
-        _name_by_header(each, by_name[each.points.table], state_words) for each in proposal.readings
-    ]
-    if all(by_headers) and len({(each.target, each.state) for each in by_headers if each}) == len(by_headers):
-        return [each for each in by_headers if each]
-    by_order = []
+    table_of_name = {table.name: table for table in tables}
+    by_headers = list[NamedReading]()
+    by_files = list[NamedReading]()
+    by_order = list[NamedReading]()
     for reading in proposal.readings:
+        table = table_of_name[reading.points.table]
+        named = _name_by_header(reading, table, state_words)
+        by_headers += [] if named is None else [named]
         state = _STATES[reading.state] if reading.state < len(_STATES) else "loaded"
         by_order.append(NamedReading(reading, f"T{reading.target}", state))
-    by_files = [
-        NamedReading(
-            each.reading,
-            each.target,
-            _find_state(by_name[each.reading.points.table], state_words) or each.state,
-        )
-        for each in by_order
-    ]
-    are_distinct = len({(each.target, each.state) for each in by_files}) == len(by_files)
-    return by_files if are_distinct else by_order
+        state_of_file = _find_state(table, state_words)
+        by_files.append(NamedReading(reading, f"T{reading.target}", state_of_file or state))
+    if len(by_headers) == len(proposal.readings) and _are_distinct(by_headers):
+        return by_headers
+    return by_files if _are_distinct(by_files) else by_order
+
+
+def _are_distinct(readings: Sequence[NamedReading]) -> bool:
+    """Return whether no two readings have the same target and state."""
+    return len({(each.target, each.state) for each in readings}) == len(readings)
 
 
 def _name_by_header(

@@ -10,7 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from math import sqrt
 from typing import Final, NamedTuple
@@ -86,6 +86,20 @@ class NameParts(NamedTuple):
         return NameParts(self.label or other.label, self.target or other.target, self.state or other.state)
 
 
+def _are_distinct_fields(fields: list[str]) -> bool:
+    """Return whether the fields of a template are known, one of them is no `any`, and none is named twice."""
+    named = [field for field in fields if field != "any"]
+    return bool(named) and set(fields) <= set(_FIELDS) and len(set(named)) == len(named)
+
+
+def _separate_fields(literals: list[str]) -> bool:
+    """Return whether the texts before, between and behind the fields of a template separate the fields.
+
+    A text between two fields must not be empty; no text has a brace, which would be a broken field.
+    """
+    return all(literals[1:-1]) and not any("{" in literal for literal in literals)
+
+
 class Template:
     """Checked template of names, such as `{label}_{target}_{state}`."""
 
@@ -97,13 +111,7 @@ class Template:
         """
         self.option, self.text = option, text
         literals, self._fields = _FIELD.split(text)[::2], _FIELD.findall(text)  # literals are between fields
-        named_fields = [field for field in self._fields if field != "any"]
-        is_faulty = (
-            not set(self._fields) <= set(_FIELDS)
-            or not named_fields
-            or len(set(named_fields)) != len(named_fields)
-        )
-        if is_faulty or any(not literal for literal in literals[1:-1]) or "{" in "".join(literals):
+        if not _are_distinct_fields(self._fields) or not _separate_fields(literals):
             allowed_fields = "{label}, {target}, {state} at most once, {any} for the rest"
             reason = f"the template {quote(text)} is invalid"
             remedy = f"in `{option}` use each of {allowed_fields}, with a text such as _ between them"
@@ -155,28 +163,44 @@ class NameReader:
         self._text_columns, self._needed_kinds = dict(layout.columns.texts), set(layout.columns.needed)
         # Parts from the name of the file, by the kinds of parts that a row lacks.
         self._parts_from_file: dict[frozenset[str], NameParts] = {}
-        self._table_name = self._grid.stem
-        sheet = self._grid.sheet_of(options.sheet) or ""
-        if (state := find_state_in_name(sheet, self._state_words)) is not None:
-            other_state = find_state_in_name(self._grid.stem, self._state_words)
-            if other_state not in (None, state):
-                reason = f"the name of the sheet {quote(sheet)} says {state}, that of the file {other_state}"
-                raise ImportFileError(Place(self._grid.file), reason, "rename the sheet or the file")
-            self._table_name = sheet
+        self._table_name = self._choose_table_name(self._grid.sheet_of(options.sheet) or "")
         self._file_says_state = contains_state_word(self._table_name, self._state_words)
         self._point_template: Template | None = None
         self._file_parts = NameParts()
-        try:
-            if self._needed_kinds and options.point_name:
-                self._point_template = Template("point_name", options.point_name)
-            if self._needed_kinds and options.file_name:
-                self._file_parts = Template("file_name", options.file_name).parse(
-                    self._grid.stem, self._state_words
-                )
-        except ImportFileError as fault:
-            raise fault.add_place(Place(self._grid.file)) from None
+        if self._needed_kinds:
+            self._read_templates(options)
         if layout.columns.probe and "target" in self._text_columns and layout.rows:
             self._ignore_reflector_column(layout.rows[0])
+
+    def _choose_table_name(self, sheet: str) -> str:
+        """Return the name that may give target and state of rows: a sheet's with a state, else the file's.
+
+        Raises:
+            ImportFileError: the names of sheet and file give different states.
+        """
+        state = find_state_in_name(sheet, self._state_words)
+        if state is None:
+            return self._grid.stem
+        other_state = find_state_in_name(self._grid.stem, self._state_words)
+        if other_state not in (None, state):
+            reason = f"the name of the sheet {quote(sheet)} says {state}, that of the file {other_state}"
+            raise ImportFileError(Place(self._grid.file), reason, "rename the sheet or the file")
+        return sheet
+
+    def _read_templates(self, options: ImportOptions) -> None:
+        """Prepare the template of points' names, and split the name of the file by its template.
+
+        Raises:
+            ImportFileError: a template is invalid, or the name of the file does not fit its template.
+        """
+        try:
+            if options.point_name:
+                self._point_template = Template("point_name", options.point_name)
+            if options.file_name:
+                template = Template("file_name", options.file_name)
+                self._file_parts = template.parse(self._grid.stem, self._state_words)
+        except ImportFileError as fault:
+            raise fault.add_place(Place(self._grid.file)) from None
 
     def _ignore_reflector_column(self, row: Row) -> None:
         """Ignore the column `target` of a tracker's table if names give the targets.
@@ -187,8 +211,8 @@ class NameReader:
         # The column is left out at first, so that the point's name can be split as if the column were absent.
         column = self._text_columns.pop("target")
         self._needed_kinds.add("target")
-        parts, state, _ = _split_name(self._table_name, self._state_words)
-        names_give_target = state is not None and len(parts) == 1
+        split = _split_name(self._table_name, self._state_words)
+        names_give_target = split.state is not None and len(split.parts) == 1
         with suppress(ImportFileError):
             names_give_target = self._split_point_name(row).target is not None or names_give_target
         if names_give_target:
@@ -223,8 +247,6 @@ class NameReader:
     def _split_point_name(self, row: Row) -> NameParts:
         """Split the name of a point, after its collection and group if the table has these columns.
 
-        Without a template, the name is split at `::`, else at `_`; the label comes before the target.
-
         Raises:
             ImportFileError: the name does not show label, target and state.
         """
@@ -238,60 +260,93 @@ class NameReader:
             return self._point_template.parse(name, self._state_words)
         if not self._needed_kinds:
             return NameParts(label=name)
-        max_parts = 2 if "target" in self._needed_kinds else 1
-        # The digits 0 and 1 are tried as states only if the name of the file does not give the state.
-        for state_words in (self._state_words, {**STATE_OF_DIGIT, **self._state_words})[
-            : 1 + (not self._file_says_state)
-        ]:
-            parts, state, word = _split_name(name, state_words)
-            if 1 <= len(parts) <= max_parts and (state is None or "state" in self._needed_kinds):
-                if state_words is not self._state_words:
-                    self._note_once("0 and 1 in names were read as `unloaded` and `loaded`")
-                self._refuse_second_word(word, state)
-                return NameParts(parts[0], parts[1] if len(parts) > 1 else None, state)
-        reason = (
-            f"the name {quote(name)} does not show the observation, the target and the state of the point"
-        )
-        example = "{any}::{label}_{state}::{target}" if "::" in name else "{label}_{target}_{state}"
-        remedy = f"give a template `point_name`, such as {example}"
-        raise ImportFileError(NOWHERE, reason, remedy, "point_name")
+        return self._split_without_template(name)
+
+    def _split_without_template(self, name: str) -> NameParts:
+        """Split the name of a point at `::`, else at `_`; the label is before the target: `c01_P10_loaded`.
+
+        The digits 0 and 1 are tried as states only if the name of the file does not give the state.
+
+        Raises:
+            ImportFileError: the name does not show label, target and state.
+        """
+        split = self._split_with_states(name, self._state_words)
+        if split is None and not self._file_says_state:
+            split = self._split_with_states(name, {**STATE_OF_DIGIT, **self._state_words})
+            if split is not None:
+                self._note_once("0 and 1 in names were read as `unloaded` and `loaded`")
+        if split is None:
+            reason = (
+                f"the name {quote(name)} does not show the observation, the target and the state of the point"
+            )
+            example = "{any}::{label}_{state}::{target}" if "::" in name else "{label}_{target}_{state}"
+            remedy = f"give a template `point_name`, such as {example}"
+            raise ImportFileError(NOWHERE, reason, remedy, "point_name")
+        self._refuse_second_word(split.word, split.state)
+        target = split.parts[1] if len(split.parts) > 1 else None
+        return NameParts(split.parts[0], target, split.state)
+
+    def _split_with_states(self, name: str, words: Mapping[str, State]) -> _SplitName | None:
+        """Split the name of a point into its label, and target and state if names of this table give these.
+
+        None if there are more parts, or a state that a column gives. `words` are words for states.
+        """
+        split = _split_name(name, words)
+        most_parts = 2 if "target" in self._needed_kinds else 1
+        may_have_state = split.state is None or "state" in self._needed_kinds
+        return split if 1 <= len(split.parts) <= most_parts and may_have_state else None
 
     def _read_file_parts(self, lacking: frozenset[str]) -> NameParts:
-        """Return the target and state that all points of a file get from the file's name.
+        """Return the target and state that all points of a file get from the file's name; note them once.
 
-        Such names are `P10_loaded`, `loaded` or `P10`. If the name has no state, the option `state` gives it.
         `lacking` are the kinds (target, state) that a row itself lacks.
 
         Raises:
             ImportFileError: the file's name does not give a kind that is needed.
         """
         if lacking not in self._parts_from_file:
-            parts, state, _ = _split_name(self._table_name, self._state_words)
-            source = f"by the name of the {'file' if self._table_name == self._grid.stem else 'sheet'}"
-            if "target" not in lacking and (found := find_state_in_name(self._table_name, self._state_words)):
-                parts, state = [], found
-            if state is None and "state" in lacking and self._stated_state is not None:
-                parts = [self._table_name] if "target" in lacking else []
-                state = self._stated_state
-                source = "by `state`" + " and the name of the file" * bool(parts)
-            target = parts[0] if len(parts) == 1 else None
-            file_parts = NameParts(None, target, state)
-            if len(parts) > 1 or any(getattr(file_parts, kind) is None for kind in lacking):
-                kind_words = " and the ".join(sorted(lacking, reverse=True))
-                option, state_hint = "point_name", ""
-                if "state" in lacking:
-                    option, state_hint = "state", "state it by `state`, "
-                raise ImportFileError(
-                    Place(self._grid.file),
-                    f"the {kind_words} is given neither by the table nor by the names of points or the file",
-                    f"{state_hint}name points as in `c01_P10_loaded`, or the file as in `P10_loaded.txt`, or "
-                    "give templates `point_name` or `file_name`",
-                    option,
-                )
-            found_text = " and ".join(f"{kind} {getattr(file_parts, kind)}" for kind in sorted(lacking))
-            self._note_once(f"{self._grid.file}: {found_text} {source}")
-            self._parts_from_file[lacking] = file_parts
+            found = self._split_table_name(lacking)
+            parts = found.parts
+            if parts is None or any(getattr(parts, kind) is None for kind in lacking):
+                raise self._build_lacking_error(lacking)
+            found_text = " and ".join(f"{kind} {getattr(parts, kind)}" for kind in sorted(lacking))
+            self._note_once(f"{self._grid.file}: {found_text} {found.source}")
+            self._parts_from_file[lacking] = parts
         return self._parts_from_file[lacking]
+
+    def _split_table_name(self, lacking: frozenset[str]) -> _FileParts:
+        """Return the target and state in the name of the file or sheet: `P10_loaded`, `loaded` or `P10`.
+
+        If the name has no state, the option `state` gives it. `lacking` are the kinds (target, state) that
+        are needed.
+        """
+        split = _split_name(self._table_name, self._state_words)
+        names, state = split.parts, split.state
+        source = f"by the name of the {'file' if self._table_name == self._grid.stem else 'sheet'}"
+        state_anywhere = find_state_in_name(self._table_name, self._state_words)
+        if "target" not in lacking and state_anywhere is not None:
+            names, state = [], state_anywhere
+        if state is None and "state" in lacking and self._stated_state is not None:
+            names = [self._table_name] if "target" in lacking else []
+            state = self._stated_state
+            source = "by `state` and the name of the file" if names else "by `state`"
+        if len(names) > 1:
+            return _FileParts(None, source)
+        return _FileParts(NameParts(None, names[0] if names else None, state), source)
+
+    def _build_lacking_error(self, lacking: frozenset[str]) -> ImportFileError:
+        """Return the error that neither table nor names give the kinds `lacking`, target or state."""
+        kind_words = " and the ".join(sorted(lacking, reverse=True))
+        option, state_hint = "point_name", ""
+        if "state" in lacking:
+            option, state_hint = "state", "state it by `state`, "
+        return ImportFileError(
+            Place(self._grid.file),
+            f"the {kind_words} is given neither by the table nor by the names of points or the file",
+            f"{state_hint}name points as in `c01_P10_loaded`, or the file as in `P10_loaded.txt`, or "
+            "give templates `point_name` or `file_name`",
+            option,
+        )
 
     def _note_once(self, note: str) -> None:
         """Add a note for the user, unless it is there already."""
@@ -354,35 +409,55 @@ class NameReader:
         return row.cells[index]
 
 
-def _split_name(name: str, words: Mapping[str, State]) -> tuple[list[str], State | None, str]:
-    """Split a name at `::` or `_`.
+class _FileParts(NamedTuple):
+    """Target and state that the name of a file gives, and the source in words."""
 
-    In `c01 unloaded::P10` and `c01::P10_loaded` the state is the last word of a part.
+    parts: NameParts | None  # None if the name has too many parts
+    source: str  # such as `by the name of the file`
 
-    Returns:
-        Parts that name no state; the state that one part names, and its word. The state is None, and all
-        parts are returned, if no part or several parts name a state.
+
+class _SplitName(NamedTuple):
+    """Name that was split at `::` or `_`."""
+
+    parts: list[str]  # parts that name no state
+    state: State | None = None  # state that one part names; None if none or several do
+    word: str = ""  # word of this state
+
+
+def _split_name(name: str, words: Mapping[str, State]) -> _SplitName:
+    """Split a name at `::` or `_`; `words` are words for states.
+
+    In `c01_P10_loaded` the state is a part; in `c01 unloaded::P10` and `c01::P10_loaded` it is the last word
+    of a part.
     """
     name = join_state_phrases(name)
     parts = name.split("::") if "::" in name else name.split("_")
     if not all(parts):
-        return [name], None, ""
+        return _SplitName([name])
     states = [find_state(part, words) for part in parts]
     positions = [position for position, state in enumerate(states) if state is not None]
     if not positions and "::" in name:
-        for position, part in enumerate(parts):
-            end = re.fullmatch(r"(.+)([ _])([^ _]+)", part)
-            if end and (end[2] == "_" or len(end[3]) >= _MIN_STATE_LETTERS):
-                states[position] = find_state(end[3], words)
-        positions = [position for position, state in enumerate(states) if state is not None]
-        if len(positions) == 1:
-            position = positions[0]
-            begin, _, word = re.split(r"([ _])(?=[^ _]+\Z)", parts[position])
-            return [*parts[:position], begin, *parts[position + 1 :]], states[position], word
+        return _split_last_words(parts, words)
     if len(positions) != 1:
-        return parts, None, ""
+        return _SplitName(parts)
     word = parts.pop(positions[0])
-    return parts, states[positions[0]], word
+    return _SplitName(parts, states[positions[0]], word)
+
+
+def _split_last_words(parts: list[str], words: Mapping[str, State]) -> _SplitName:
+    """Split the last word from the one part whose last word names a state: `c01 unloaded`, `P10`.
+
+    A short word behind a blank may be an abbreviation of something else, and names no state.
+    """
+    found = list[tuple[int, _SplitName]]()  # position of the part, and the split name
+    for position, part in enumerate(parts):
+        end = re.fullmatch(r"(.+)([ _])([^ _]+)", part)
+        if end and (end[2] == "_" or len(end[3]) >= _MIN_STATE_LETTERS):
+            state = find_state(end[3], words)
+            if state is not None:
+                shortened = [*parts[:position], end[1], *parts[position + 1 :]]
+                found.append((position, _SplitName(shortened, state, end[3])))
+    return found[0][1] if len(found) == 1 else _SplitName(parts)
 
 
 # ---- numbers, times, uncertainties
@@ -429,6 +504,19 @@ class ObservationRecord:
         return points
 
 
+def _parse_time(text: str) -> datetime | None:
+    """Return the time in a text that has a date and a time of day, in UTC without a zone; None for others."""
+    match = _DAY_MONTH_YEAR.fullmatch(text)
+    iso = f"{match[3]}-{match[2]:0>2}-{match[1]:0>2} {match[4]}" if match else text
+    try:
+        time = datetime.fromisoformat(iso)
+    except ValueError:
+        return None
+    if ":" not in iso or "-" not in iso[:5]:
+        return None
+    return time if time.tzinfo else time.replace(tzinfo=UTC)
+
+
 @dataclass
 class TimesAndRoundings:
     """Times at which the points of all files were measured, and the count of uncertainties rounded to 0."""
@@ -443,19 +531,15 @@ class TimesAndRoundings:
         Times are written as `2022-11-08 16:17:28` or `8.11.2022 16:17:28`, and are in UTC without a zone.
         """
         # The cell with the date, which has no colon, comes before the cell with the time.
-        text = " ".join(sorted((cell.strip("' ") for cell in cells), key=lambda part: ":" in part)).strip()
+        date_first = sorted((cell.strip("' ") for cell in cells), key=lambda part: ":" in part)
+        text = " ".join(date_first).strip()
         if not any(map(str.isdigit, text)):
             return
-        match = _DAY_MONTH_YEAR.fullmatch(text)
-        iso = f"{match[3]}-{match[2]:0>2}-{match[1]:0>2} {match[4]}" if match else text
-        try:
-            time = datetime.fromisoformat(iso)
-        except ValueError:
-            time = None
-        if time is None or ":" not in iso or "-" not in iso[:5]:
+        time = _parse_time(text)
+        if time is None:
             self.unclear.append(text)
         else:
-            self.times.append(time if time.tzinfo else time.replace(tzinfo=UTC))
+            self.times.append(time)
 
     @property
     def measured_at(self) -> datetime | None:
@@ -507,6 +591,16 @@ class _UnclearNames:
             yield first
 
 
+class _Uncertainty(NamedTuple):
+    """Standard uncertainty of a position."""
+
+    sigma: Vector | None  # of x, y and z; None if unknown
+    is_of_point: bool = False  # whether it comes from U(95) of the whole point, not of each coordinate
+
+
+_NO_UNCERTAINTY: Final = _Uncertainty(None)
+
+
 class RowReader:
     """Reader of the rows of a file, by the meanings of its columns."""
 
@@ -556,51 +650,54 @@ class RowReader:
         table = f"{self._grid.file} {self._grid.preview.sheet}"
         record = ObservationRecord(label, self._grid.place(row), whole, table)
         for quantity, indices in self._columns.quantities.items():
-            place = self._grid.place(row, indices[0])
             if quantity.kind == "addition" or quantity.kind in _UNCERTAINTIES:
-                continue
-            skips_point = quantity.kind in POINTS and self._skips_point(row, indices)
-            vector = None if skips_point else self._read_vector(row, indices, faults)
+                continue  # read with the position to which the columns belong
             if quantity.kind in POINTS:
-                if vector is None and quantity.kind == "along":
-                    continue  # a gauge reads one direction in a posture, and another in the next
-                full_quantity = self._complete_quantity(quantity, name_parts, place)
-                value = self._read_point(row, quantity, full_quantity, vector, faults)
-                record.values[full_quantity] = replace(value, lacks_coordinate=skips_point)
-            elif vector is None:
+                self._read_point(row, quantity, name_parts, record, faults)
+                continue
+            vector = self._read_vector(row, indices, faults)
+            if vector is None:
+                place = self._grid.place(row, indices[0])
                 faults.report(place, f"this row has no {quantity.kind}", "fill in the cells")
             elif quantity.kind == "mass":
                 if min(vector, default=0.0) < 0.0:
-                    faults.report(
-                        place, "a hung mass is negative", "give the mass as a positive number in kg"
-                    )
+                    place = self._grid.place(row, indices[0])
+                    remedy = "give the mass as a positive number in kg"
+                    faults.report(place, "a hung mass is negative", remedy)
                 # The weight pulls along −z of R0; its unit is kgf, so that the mass is its number.
-                record.values[Quantity("force")] = Value(
-                    (0.0, 0.0, *(-mass for mass in vector)), record.place
-                )
+                weight = (0.0, 0.0, *(-mass for mass in vector))
+                record.values[Quantity("force")] = Value(weight, record.place)
             else:
                 record.values[quantity] = Value(vector, record.place)
         record.held_out = self._is_held_out(row, faults)
         return record
 
     def _read_point(
-        self, row: Row, quantity: Quantity, full_quantity: Quantity, vector: Vector | None, faults: Faults
-    ) -> Value:
-        """Return the value of a position, deflection or reading along an axis, with its uncertainty.
+        self, row: Row, quantity: Quantity, name_parts: NameParts, record: ObservationRecord, faults: Faults
+    ) -> None:
+        """Add a position, deflection or reading along an axis to the record of its row, with its uncertainty.
 
         Args:
             row: row of the table.
             quantity: quantity of the columns, as the header states it.
-            full_quantity: the same quantity with target and state of the row.
-            vector: numbers in the columns; None if they are empty.
+            name_parts: target and state by the names of the row.
+            record: record of the row.
             faults: collection to which faults of cells are added.
         """
+        indices = self._columns.quantities[quantity]
+        place = self._grid.place(row, indices[0])
+        lacks_coordinate = self._skips_point(row, indices)
+        vector = None if lacks_coordinate else self._read_vector(row, indices, faults)
+        if vector is None and quantity.kind == "along":
+            return  # a gauge reads one direction in a posture, and another in the next
+        named = self._complete_quantity(quantity, name_parts, place)
         vector = self._add_deviation(row, quantity, vector, faults)
-        sigma, is_of_point = (
-            self._read_sigma(row, quantity, full_quantity.state, faults) if vector else (None, False)
+        uncertainty = _NO_UNCERTAINTY
+        if vector:
+            uncertainty = self._read_uncertainty(row, quantity, named.state, faults)
+        record.values[named] = Value(
+            vector, place, uncertainty.sigma, uncertainty.is_of_point, lacks_coordinate
         )
-        place = self._grid.place(row, self._columns.quantities[quantity][0])
-        return Value(vector, place, sigma, is_of_point)
 
     def _is_held_out(self, row: Row, faults: Faults) -> bool:
         """Return whether the column `validation` holds a row out from the fit; it may be 0, 1 or empty."""
@@ -646,24 +743,18 @@ class RowReader:
             faults.report(place, "the deviation to be added is empty", "fill in the cell")
         return tuple(map(sum, zip(vector, added or (), strict=False)))
 
-    def _read_sigma(
+    def _read_uncertainty(
         self, row: Row, position: Quantity, state: State | None, faults: Faults
-    ) -> tuple[Vector | None, bool]:
-        """Return standard uncertainties σ of x, y and z, and whether σ comes from U(95) of the whole point.
+    ) -> _Uncertainty:
+        """Return the standard uncertainty σ of x, y and z, by columns U(95) X, Y, Z or U(95) of the point.
 
-        σ is U/1.96 from the columns U(95) X, Y, Z. Where these cells are empty, σ is U/(1.96 √3) from the
-        column U(95) of the point. Without an uncertainty, return None and False.
+        For coordinates σ = U/1.96. U(95) of the point is the root of the squares of three equal
+        uncertainties: σ = U/(1.96 √3).
         """
-        # Columns of coordinates come first; the column of the whole point is read only if they are empty.
-        columns: tuple[int, ...] = ()
-        expanded: Vector | None = None
-        quantities = self._columns.quantities
-        for indices in (quantities.get(position.with_kind(kind), ()) for kind in _UNCERTAINTIES):
-            columns = columns or indices
-            if expanded is None and indices:
-                expanded = self._read_vector(row, indices, faults)
+        columns = self._list_uncertainty_columns(position)
         if not columns:
-            return None, False
+            return _NO_UNCERTAINTY
+        expanded = self._read_expanded_uncertainty(row, columns, faults)
         reason = ""
         if state == "deflection":
             reason = (
@@ -672,14 +763,31 @@ class RowReader:
         elif expanded is None or min(expanded, default=0.0) < 0.0:
             reason = "an uncertainty must be positive"
         if reason:
-            place = self._grid.place(row, columns[0])
+            place = self._grid.place(row, columns[0][0])
             faults.report(place, reason, "correct the uncertainty, or skip the column with `ignore`")
         if not expanded:
-            return None, False
+            return _NO_UNCERTAINTY
         self._times_and_roundings.rounded += sum(value == 0.0 for value in expanded)
-        # Three numbers are of x, y and z; one number is the root of the squares of three equal uncertainties.
         sigma = tuple((value or self._zero_replacement) / _COVERAGE_FACTOR for value in expanded)
-        return sigma if len(sigma) > 1 else (sigma[0] / sqrt(3.0),) * 3, len(sigma) == 1
+        if len(sigma) == 1:
+            return _Uncertainty((sigma[0] / sqrt(3.0),) * 3, is_of_point=True)
+        return _Uncertainty(sigma)
+
+    def _list_uncertainty_columns(self, position: Quantity) -> list[tuple[int, ...]]:
+        """Return the columns U(95) X, Y, Z of a position and the column U(95) of the point, if they exist."""
+        quantities = self._columns.quantities
+        columns = [quantities.get(position.with_kind(kind), ()) for kind in _UNCERTAINTIES]
+        return [indices for indices in columns if indices]
+
+    def _read_expanded_uncertainty(
+        self, row: Row, columns: list[tuple[int, ...]], faults: Faults
+    ) -> Vector | None:
+        """Return the numbers of the first group of columns that has any; None if all cells are empty."""
+        for indices in columns:
+            expanded = self._read_vector(row, indices, faults)
+            if expanded is not None:
+                return expanded
+        return None
 
     def _read_vector(self, row: Row, indices: tuple[int, ...], faults: Faults) -> Vector | None:
         """Return the numbers of some columns; None if all of their cells are empty, () if one is faulty."""

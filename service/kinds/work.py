@@ -163,9 +163,6 @@ def new_job(job_class: type[AnyJob], request: Message, work: Work, key: AccessKe
         work: work of the request.
         key: access key of the user who posts the job; None if the service has no keys.
     """
-    progress = None
-    if steps := work.steps():
-        progress = Progress(done=0, total=steps[-1][1], unit=work.unit, activity=work.activity)
     provenance = Provenance(
         versions=dict(versions()),
         input_hash=work.input_hash,
@@ -173,20 +170,30 @@ def new_job(job_class: type[AnyJob], request: Message, work: Work, key: AccessKe
         started_at=None,
         ended_at=None,
     )
-    return job_class.model_validate(
-        {
-            "id": uuid4().hex,
-            "state": "queued",
-            "progress": progress,
-            "request": request,
-            "result": None,
-            "error": None,
-            "provenance": provenance,
-            "key_id": None if key is None else key.id,
-            "key_name": None if key is None else key.name,
-            **work.details,
-        }
-    )
+    fields: dict[str, object] = {
+        "id": uuid4().hex,
+        "state": "queued",
+        "progress": _begin_progress(work),
+        "request": request,
+        "result": None,
+        "error": None,
+        "provenance": provenance,
+        "key_id": None if key is None else key.id,
+        "key_name": None if key is None else key.name,
+    }
+    return job_class.model_validate({**fields, **work.details})
+
+
+def _begin_progress(work: Work) -> Progress | None:
+    """Return the progress of work that has not begun; None if it has no steps.
+
+    A step is a span (first, one past the last) of units, so the end of the last span is their number.
+    """
+    steps = work.steps()
+    if not steps:
+        return None
+    _, total = steps[-1]
+    return Progress(done=0, total=total, unit=work.unit, activity=work.activity)
 
 
 def make_failed_job(job_class: type[AnyJob], request: Message, error: Problem) -> AnyJob:
@@ -220,29 +227,10 @@ def carry_out(
         StoreUnavailableError: the database does not answer.
         Exception: an error of a class in `retried`.
     """
-
-    def compute() -> Message:
-        """Compute all steps, notify of the progress after each step, and return the result."""
-        parts, steps = [], work.steps()
-        with closing(compute_steps(work, steps, executor, cancelled)) as results:
-            for span, part in zip(steps, results, strict=True):
-                parts.append(part)
-                if on_progress is not None and job.progress is not None:
-                    on_progress(job.progress.model_copy(update={"done": span[1]}))
-        with watching(watch):
-            return work.conclude(parts)
-
-    def watch(activity: str) -> None:
-        """Notify of a part of the conclusion that begins, unless the work was cancelled."""
-        if cancelled():
-            raise CancelledWorkError
-        if on_progress is not None and job.progress is not None:
-            update = {"done": job.progress.total, "activity": activity}
-            on_progress(job.progress.model_copy(update=update))
-
+    watched = _WatchedWork(work, job.progress, on_progress, cancelled)
     try:
         passed = (RequestError, ExecutorError, StoreUnavailableError, *retried)
-        result, error = compute_outcome(compute, passed)
+        result, error = compute_outcome(lambda: watched.compute(executor), passed)
     except CancelledWorkError:
         return job.model_copy(update={"state": "cancelled"})
     progress = job.progress and job.progress.model_copy(update={"done": job.progress.total})
@@ -259,6 +247,42 @@ def carry_out(
             "provenance": job.provenance.model_copy(update=times),
         }
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _WatchedWork:
+    """Work that is carried out in this thread, of whose progress a caller is notified."""
+
+    work: Work
+    progress: Progress | None  # of the queued job; None for work without steps
+    on_progress: OnProgress | None
+    cancelled: Callable[[], object]  # a true answer ends the work
+
+    def compute(self, executor: Executor | None) -> Message:
+        """Compute all steps, in an executor or in this process, and return the result.
+
+        Raises:
+            CancelledWorkError: the work was cancelled.
+        """
+        parts, steps = list[Arrays](), self.work.steps()
+        with closing(compute_steps(self.work, steps, executor, self.cancelled)) as results:
+            for (_, done), part in zip(steps, results, strict=True):
+                parts.append(part)
+                self._notify(done=done)
+        with watching(self._begin_part):
+            return self.work.conclude(parts)
+
+    def _begin_part(self, activity: str) -> None:
+        """Notify of a part of the conclusion that begins, unless the work was cancelled."""
+        if self.cancelled():
+            raise CancelledWorkError
+        if self.progress is not None:
+            self._notify(done=self.progress.total, activity=activity)
+
+    def _notify(self, **changes: object) -> None:
+        """Call the listener with the progress so changed; without a listener or progress, do nothing."""
+        if self.on_progress is not None and self.progress is not None:
+            self.on_progress(self.progress.model_copy(update=changes))
 
 
 def compute_steps(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -168,6 +168,53 @@ def _read_columns(
     return name_poses(poses, "poses", units.angle), None
 
 
+def _refuse_second_joints(joints: AnyJoints, columns: Mapping[str, FloatArray]) -> None:
+    """Refuse joints that are stated by an argument as well as by a file with the columns j1, j2, ….
+
+    Raises:
+        RequestError: the joints are stated twice.
+    """
+    if joints is not None and "j1" in columns:
+        raise RequestError(
+            "the joints are stated twice: by `joints` and by the column j1 of the file",
+            where="joints",
+            remedy="give one of both",
+        )
+
+
+def _compute_parts(work: CorrectionWork, monitor: JobMonitor) -> list[Arrays]:
+    """Return the results of all steps of a correction, in order; notify the monitor after each step.
+
+    Raises:
+        CancelledWorkError: the caller has cancelled the correction.
+    """
+    parts, spans = list[Arrays](), work.spans()
+    steps = compute_steps(work, spans, monitor.executor, lambda: monitor.cancelled)
+    with closing(steps):
+        for span, part in zip(spans, steps, strict=True):
+            parts.append(part)
+            monitor(Progress(done=span[1], total=len(work), unit=work.unit, activity=work.activity))
+    return parts
+
+
+class _CorrectedPoses(NamedTuple):
+    """Corrected poses and joints of N rows; NaN for a row that is not corrected."""
+
+    poses: FloatArray  # (N, 4, 4) poses of the tool in the base [m]
+    joints: FloatArray  # (N, n) joints of the controller [rad or m]
+
+    @classmethod
+    def from_columns(cls, columns: Mapping[str, Any], units: Units, robot: Robot) -> _CorrectedPoses:
+        """Read the columns of a service's answer, whose numbers are in the units of the call."""
+        known = np.isfinite(columns["x"])
+        sent = {name: column[known] for name, column in columns.items() if name not in ANSWERED}
+        table = PoseTable.from_columns(sent, units, robot)
+        corrected = cls(np.full((len(known), 4, 4), np.nan), np.full((len(known), robot.n), np.nan))
+        if known.any() and table.joints is not None:
+            corrected.poses[known], corrected.joints[known] = table.poses, table.joints
+        return corrected
+
+
 @dataclass(frozen=True, eq=False)
 class CorrectionCall:
     """A call of `correct`, with numbers in the units of the call."""
@@ -195,12 +242,7 @@ class CorrectionCall:
         units = parse_document(stated["units"], Units)
         stated |= _read_places(stated, units)
         columns, labels = _read_columns(poses, units, robot)
-        if joints is not None and "j1" in columns:
-            raise RequestError(
-                "the joints are stated twice: by `joints` and by the column j1 of the file",
-                where="joints",
-                remedy="give one of both",
-            )
+        _refuse_second_joints(joints, columns)
         columns |= _name_joints(joints, len(next(iter(columns.values()))), robot)
         forces = read_numbers(stated.pop("forces", ()), "forces", _NUMBERS)
         if forces.size:
@@ -219,13 +261,7 @@ class CorrectionCall:
             CancelledWorkError: the caller has cancelled the correction.
         """
         work = CorrectionWork(robot, run, self.options, self.columns, self.labels)
-        parts, spans = list[Arrays](), work.spans()
-        steps = compute_steps(work, spans, monitor.executor, lambda: monitor.cancelled)
-        with closing(steps):
-            for span, part in zip(spans, steps, strict=True):
-                parts.append(part)
-                monitor(Progress(done=span[1], total=len(work), unit=work.unit, activity=work.activity))
-        done = work.correct(parts)
+        done = work.correct(_compute_parts(work, monitor))
         rows = done.rows
         return Correction(
             poses=rows.poses,
@@ -260,21 +296,14 @@ class CorrectionCall:
     def read_answer(self, robot: Robot, result: CorrectionResult) -> Correction:
         """Return the correction in a service's answer to this call."""
         units = self.options.units
-        columns: dict[str, Any] = {
-            name: column if name == STATUS else np.array(column, dtype=np.float64)
-            for name, column in result.columns.items()
-        }
-        sent = {name for name in columns if name not in ANSWERED}
-        known = np.isfinite(columns["x"])
-        table = PoseTable.from_columns({name: columns[name][known] for name in sent}, units, robot)
-        poses = np.full((len(known), 4, 4), np.nan)
-        joints = np.full((len(known), robot.n), np.nan)
-        if known.any() and table.joints is not None:
-            poses[known], joints[known] = table.poses, table.joints
+        columns = dict[str, Any](result.columns)
+        for name in columns.keys() - {STATUS}:
+            columns[name] = np.array(columns[name], dtype=np.float64)
+        corrected = _CorrectedPoses.from_columns(columns, units, robot)
         length = LENGTH[units.length]
         return Correction(
-            poses=poses,
-            joints=joints,
+            poses=corrected.poses,
+            joints=corrected.joints,
             deflection=length * np.stack([columns[name] for name in DEFLECTION], axis=1),
             readings=length * columns["readings"],
             with_model_error=length * columns["model_error"],

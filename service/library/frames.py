@@ -59,6 +59,11 @@ class Rows:
     keys: Keys | None = None  #: names of the rows; None without names
     is_common: bool = False  #: whether the values are one row for all observations
 
+    @property
+    def is_in_words(self) -> bool:
+        """Whether a row has a name in words; other names are numbers."""
+        return any(isinstance(key, str) for key in self.keys or ())
+
 
 @dataclass(frozen=True, eq=False)
 class Table:
@@ -124,22 +129,20 @@ class NameMatcher:
         """
         if value is None:
             return None
-        if isinstance(value, Mapping) and (
-            are_lengths or not all(_is_column(each) for each in value.values())
-        ):
-            return {
-                str(target): self._read_target(each, argument, str(target), are_lengths=are_lengths)
-                for target, each in value.items()
-            }
+        if isinstance(value, Mapping) and (are_lengths or not all(map(_is_column, value.values()))):
+            by_target = dict[str, Rows]()
+            for target, each in value.items():
+                by_target[str(target)] = self._read_target(
+                    each, argument, str(target), are_lengths=are_lengths
+                )
+            return by_target
         table = read_table(value, argument)
         if table is None:
             return self._add(Rows(argument, value, _read_index(value)))
-        if are_lengths:
-            return {
-                str(column.name): self._add(Rows(argument, column.cells, table.keys))
-                for column in table.columns
-            }
-        return self._split_by_target(table, argument)
+        if not are_lengths:
+            return self._split_by_target(table, argument)
+        rows = [self._add(Rows(argument, column.cells, table.keys)) for column in table.columns]
+        return dict(zip((str(column.name) for column in table.columns), rows, strict=True))
 
     def read_targets(self, value: Any, argument: str) -> Any:  # noqa: ANN401 - arrays, frames
         """Return one position of each target: of a frame whose rows have names, by target.
@@ -176,27 +179,25 @@ class NameMatcher:
 
     def _split_by_target(self, table: Table, argument: str) -> Rows | dict[str, Rows]:
         """Return the positions of each target that the columns name; the only rows if they name no target."""
-        meanings = self._understand(table, "position", argument)
-        targets = list(dict.fromkeys(meaning.quantity.target for meaning in meanings.values()))
+        # Target → name of a column → axis 0, 1 or 2
+        axes_by_target = dict[str | None, dict[Any, int]]()
+        for name, meaning in self._understand(table, "position", argument).items():
+            axes = axes_by_target.setdefault(meaning.quantity.target, {})
+            axes[name] = meaning.axis or 0
         found: dict[str, Rows] = {}
-        for target in targets:
-            places = {
-                name: meaning.axis or 0
-                for name, meaning in meanings.items()
-                if meaning.quantity.target == target
-            }
+        for target, axes in axes_by_target.items():
             prefix = "" if target is None else f"{target} "
-            rows = self._add(self._sort_columns(table, places, [f"{prefix}{axis}" for axis in _AXES]))
-            if target is None and len(targets) == 1:
-                return rows
-            if target is None:
-                _refuse_column(table, next(iter(places)), "names no target", "name columns as in `P10 x`")
-            else:
+            rows = self._add(self._sort_columns(table, axes, [f"{prefix}{axis}" for axis in _AXES]))
+            if target is not None:
                 found[target] = rows
+            elif len(axes_by_target) == 1:
+                return rows
+            else:
+                _refuse_column(table, next(iter(axes)), "names no target", "name columns as in `P10 x`")
         return found
 
     def _understand(self, table: Table, kind: Kind, argument: str) -> dict[Any, Meaning]:
-        """Return the meaning of each column by its name.
+        """Return the meaning of each column by its name; a column such as a label has none.
 
         Raises:
             MeasurementError: a column has another meaning or unit.
@@ -210,16 +211,9 @@ class NameMatcher:
                 _refuse_column(table, column.name, "is not understood", remedy)
             if meaning.kind in _IGNORED:
                 continue
-            is_bare_axis = meaning.kind == "position" and meaning.quantity[1:] == (None, None)
-            if meaning.kind != kind and not (is_bare_axis and kind != "joint"):
-                _refuse_column(table, column.name, f"is of another quantity ({meaning.kind})", remedy)
-            state = meaning.quantity.state
-            if state is not None and state != _STATES.get(argument):
-                _refuse_column(table, column.name, f"has the state '{state}'", remedy)
-            if is_bare_axis and meaning.unit is not None and DIMENSIONS.get(kind) != meaning.dimension:
-                _refuse_column(
-                    table, column.name, f"is in {meaning.unit}, which is no unit of a {kind}", remedy
-                )
+            fault = _find_fault(meaning, kind, argument)
+            if fault is not None:
+                _refuse_column(table, column.name, fault, remedy)
             self._check_unit(table, column, meaning)
             meanings[column.name] = meaning
         return meanings
@@ -257,26 +251,14 @@ class NameMatcher:
         Raises:
             MeasurementError: a place has no column, or two columns.
         """
-        by_place: dict[int, Column] = {}
-        for column in table.columns:
-            place = places.get(column.name)
-            if place is None:
-                continue
-            if place >= len(names):
-                _refuse_column(
-                    table, column.name, f"is beyond the last, {names[-1]}", "give the columns of this robot"
+        by_place = _place_columns(table, places, names)
+        for place, name in enumerate(names):
+            if place not in by_place:
+                raise MeasurementError(
+                    f"`{table.argument}` has columns with names, but no column of {name}",
+                    where=table.argument,
+                    remedy="give all columns, or an array without names",
                 )
-            if place in by_place:
-                first = by_place[place].name
-                _refuse_column(table, column.name, f"means the same as '{first}'", "remove one of the two")
-            by_place[place] = column
-        missing = [name for place, name in enumerate(names) if place not in by_place]
-        if missing:
-            raise MeasurementError(
-                f"`{table.argument}` has columns with names, but no column of {missing[0]}",
-                where=table.argument,
-                remedy="give all columns, or an array without names",
-            )
         sorted_columns = [by_place[place] for place in range(len(names))]
         return Rows(table.argument, _stack(table.argument, sorted_columns), table.keys)
 
@@ -294,25 +276,35 @@ class NameMatcher:
         Raises:
             MeasurementError: arguments have rows of different names, or the order is uncertain.
         """
-        named = [rows for rows in self._rows if rows.keys is not None and not rows.is_common]
-        in_words = [rows for rows in named if any(isinstance(key, str) for key in rows.keys or ())]
-        if in_words:
-            _align_numbered([rows for rows in named if rows not in in_words], in_words[0])
-        # Rows that are only numbered have no names next to rows with names in words.
-        named = in_words or named
+        named = self._list_named_rows()
         if not named:
             return None if labels is None else list(labels)
-        first = named[0]
+        wanted = named[0]
         unnamed = next((each for each in self._rows if each not in named and not each.is_common), None)
-        if labels is not None and {*map(str, labels)} == {*map(str, first.keys or ())}:
-            keys = {str(key): key for key in first.keys or ()}
-            named.insert(0, Rows("labels", None, tuple(keys[str(label)] for label in labels)))
-            first, unnamed = named[0], None
-        for rows in named[1:]:
-            _align_with(rows, first, unnamed)
+        keys_in_words = {str(key): key for key in wanted.keys or ()}
+        if labels is not None and {*map(str, labels)} == keys_in_words.keys():
+            wanted = Rows("labels", None, tuple(keys_in_words[str(label)] for label in labels))
+            unnamed = None  # rows without names are in the order of the labels
+        for rows in named:
+            _align_with(rows, wanted, unnamed)
         if labels is not None:
             return list(labels)
-        return [str(key) for key in first.keys or ()] if in_words else None
+        return [str(key) for key in wanted.keys or ()] if wanted.is_in_words else None
+
+    def _list_named_rows(self) -> list[Rows]:
+        """Return the arguments whose rows have names, by which their order is checked.
+
+        Rows that are only numbered have no names next to rows with names in words: they keep their order.
+
+        Raises:
+            MeasurementError: the order of numbered rows is uncertain.
+        """
+        named = [rows for rows in self._rows if rows.keys is not None and not rows.is_common]
+        in_words = [rows for rows in named if rows.is_in_words]
+        if not in_words:
+            return named
+        _align_numbered([rows for rows in named if not rows.is_in_words], in_words[0])
+        return in_words
 
 
 def match_arrays(
@@ -392,15 +384,7 @@ def _align_with(rows: Rows, first: Rows, unnamed: Rows | None) -> None:
     keys, wanted = rows.keys or (), first.keys or ()
     if keys == wanted:
         return
-    other = [key for key in keys if key not in set(wanted)] or [key for key in wanted if key not in set(keys)]
-    if other or len(set(keys)) < len(keys) or len(keys) != len(wanted):
-        shown = ", ".join(str(key) for key in (other or list(keys))[:_SHOWN])
-        raise MeasurementError(
-            f"the rows of `{rows.argument}` have other names than those of `{first.argument}`: {shown}",
-            where=rows.argument,
-            remedy="give both the same index, such as `frame.set_index('label')`; rows of "
-            "`frame.to_numpy()` have no names, and are used in their order",
-        )
+    _refuse_other_names(rows, first)
     if unnamed is not None:
         raise MeasurementError(
             f"the rows of `{rows.argument}` are in another order than the rows of `{first.argument}`, and "
@@ -412,6 +396,48 @@ def _align_with(rows: Rows, first: Rows, unnamed: Rows | None) -> None:
     rows.values = to_number_array(rows.values, rows.argument)[[place[key] for key in wanted]]
 
 
+def _refuse_other_names(rows: Rows, first: Rows) -> None:
+    """Refuse rows whose names are not those of the first rows, each once.
+
+    Raises:
+        MeasurementError: shows names that only one of both has or, if there are none, all names.
+    """
+    keys, wanted = list(rows.keys or ()), list(first.keys or ())
+    only_here = [key for key in keys if key not in set(wanted)]
+    only_there = [key for key in wanted if key not in set(keys)]
+    are_distinct = len(set(keys)) == len(keys) == len(wanted)
+    if are_distinct and not only_here and not only_there:
+        return
+    shown = ", ".join(map(str, (only_here or only_there or keys)[:_SHOWN]))
+    raise MeasurementError(
+        f"the rows of `{rows.argument}` have other names than those of `{first.argument}`: {shown}",
+        where=rows.argument,
+        remedy="give both the same index, such as `frame.set_index('label')`; rows of "
+        "`frame.to_numpy()` have no names, and are used in their order",
+    )
+
+
+def _place_columns(table: Table, places: Mapping[Any, int], names: Sequence[str]) -> dict[int, Column]:
+    """Return place → the column at this place; arguments as for `_sort_columns`.
+
+    Raises:
+        MeasurementError: a place has two columns, or a column is beyond the last place.
+    """
+    by_place: dict[int, Column] = {}
+    for column in table.columns:
+        place = places.get(column.name)
+        if place is None:
+            continue
+        if place >= len(names):
+            reason = f"is beyond the last, {names[-1]}"
+            _refuse_column(table, column.name, reason, "give the columns of this robot")
+        if place in by_place:
+            first = by_place[place].name
+            _refuse_column(table, column.name, f"means the same as '{first}'", "remove one of the two")
+        by_place[place] = column
+    return by_place
+
+
 def _refuse_column(table: Table, name: Any, fault: str, remedy: str) -> None:  # noqa: ANN401
     """Refuse a column.
 
@@ -421,6 +447,22 @@ def _refuse_column(table: Table, name: Any, fault: str, remedy: str) -> None:  #
     raise MeasurementError(
         f"the column '{_join_name(name)}' of `{table.argument}` {fault}", where=table.argument, remedy=remedy
     )
+
+
+def _find_fault(meaning: Meaning, kind: Kind, argument: str) -> str | None:
+    """Return why a column cannot be one of a kind, such as "force"; None if it can.
+
+    A column may have the bare name of an axis, such as `x [N]`: then only its unit shows another quantity.
+    """
+    is_bare_axis = meaning.kind == "position" and meaning.quantity[1:] == (None, None)
+    if meaning.kind != kind and not (is_bare_axis and kind != "joint"):
+        return f"is of another quantity ({meaning.kind})"
+    state = meaning.quantity.state
+    if state is not None and state != _STATES.get(argument):
+        return f"has the state '{state}'"
+    if is_bare_axis and meaning.unit is not None and DIMENSIONS.get(kind) != meaning.dimension:
+        return f"is in {meaning.unit}, which is no unit of a {kind}"
+    return None
 
 
 def read_table(
@@ -441,6 +483,24 @@ def read_table(
     names = _list_names(value)
     if names is None or not names:
         return None
+    _refuse_repeated_name(names, argument)
+    if _have_no_meaning(names, argument):
+        return None
+    columns = [Column(name, _get_column(value, place, name)) for place, name in enumerate(names)]
+    keys = _read_index(columns[0].cells if isinstance(value, Mapping | list | tuple) else value)
+    labels = next((column for column in columns if _find_kind(column.name) in label_kinds), None)
+    if labels is not None:
+        keys = tuple(np.asarray(labels.cells).tolist())
+        columns = [column for column in columns if column is not labels]
+    return Table(argument, tuple(columns), keys)
+
+
+def _refuse_repeated_name(names: Sequence[Any], argument: str) -> None:
+    """Refuse columns of which two have the same name; columns without names have their order.
+
+    Raises:
+        MeasurementError: states the first such name.
+    """
     repeated = [name for name in names if names.count(name) > 1]
     if repeated and repeated[0] not in (None, ""):
         raise MeasurementError(
@@ -448,16 +508,6 @@ def read_table(
             where=argument,
             remedy="give each column a name of its own",
         )
-    if _have_no_meaning(names, argument):
-        return None
-    columns = [Column(name, _get_column(value, place, name)) for place, name in enumerate(names)]
-    keys = _read_index(columns[0].cells if isinstance(value, Mapping | list | tuple) else value)
-    for column in columns:
-        if _find_kind(column.name) in label_kinds:
-            keys = tuple(np.asarray(column.cells).tolist())
-            columns.remove(column)
-            break
-    return Table(argument, tuple(columns), keys)
 
 
 def _are_rows(value: Any) -> bool:  # noqa: ANN401 - anything with columns
@@ -488,19 +538,29 @@ def _join_rows(rows: Sequence[Any], argument: str) -> Table:
     wanted = rows[0].index.tolist()
     parts: list[dict[Any, Any]] = []
     for place, row in enumerate(rows):
-        names = row.index.tolist()
-        if len(set(names)) < len(names) or set(names) != set(wanted):
-            raise MeasurementError(
-                f"row {place} of the list `{argument}` has the elements "
-                f"{', '.join(map(_join_name, names))}, but row 0 has the elements "
-                f"{', '.join(map(_join_name, wanted))}",
-                where=argument,
-                remedy="give rows of one frame, or the frame itself",
-            )
-        parts.append(dict(zip(names, row.to_numpy().tolist(), strict=True)))
+        _refuse_other_elements(row.index.tolist(), wanted, f"row {place} of the list `{argument}`", argument)
+        parts.append(dict(zip(row.index.tolist(), row.to_numpy().tolist(), strict=True)))
     keys = tuple(row.name for row in rows)
     columns = tuple(Column(name, [part[name] for part in parts]) for name in wanted)
     return Table(argument, columns, None if None in keys else keys)
+
+
+def _refuse_other_elements(names: list[Any], wanted: list[Any], row: str, argument: str) -> None:
+    """Refuse a row whose elements have not the names of those of row 0, each once.
+
+    `row` is the row in words.
+
+    Raises:
+        MeasurementError: shows the names of both.
+    """
+    if len(set(names)) == len(names) and set(names) == set(wanted):
+        return
+    raise MeasurementError(
+        f"{row} has the elements {', '.join(map(_join_name, names))}, but row 0 has the elements "
+        f"{', '.join(map(_join_name, wanted))}",
+        where=argument,
+        remedy="give rows of one frame, or the frame itself",
+    )
 
 
 def _list_names(value: Any) -> list[Any] | None:  # noqa: ANN401 - anything with columns

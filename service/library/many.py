@@ -165,17 +165,11 @@ def _make_task(number: int, source: Any, shared: _SharedOptions) -> _Task:  # no
     """Return the task of a campaign; a campaign that cannot be read becomes a task with the problem."""
     name, path = f"campaigns[{number}]", None
     content: bytes | Campaign | Problem
+    if isinstance(source, str | PathLike):
+        path = Path(source)
+        name = str(path)
     try:
-        if isinstance(source, TabledRun):
-            content = source.campaign.model_copy(update={"run": extract_run_options(source)})
-        elif isinstance(source, Campaign):
-            content = source
-        elif isinstance(source, Mapping):
-            content = encode_document(source)
-        else:
-            path = Path(cast("str | PathLike[str]", source))
-            name = str(path)
-            content = read_content(path)
+        content = _read_content_of(source)
     except TypeError:
         reason = f"a {type(source).__name__} cannot be read as a campaign"
         content = http_problem(422, reason, "give a file, a document, a `Campaign` or a run")
@@ -185,6 +179,23 @@ def _make_task(number: int, source: Any, shared: _SharedOptions) -> _Task:  # no
     except CampaignError as error:
         content = error.problem
     return _Task(name, content, path, shared)
+
+
+def _read_content_of(source: Any) -> bytes | Campaign:  # noqa: ANN401 - a campaign or a run
+    """Return a campaign, or the JSON of one: of a run, a `Campaign`, a document or a file.
+
+    Raises:
+        TypeError: the source is none of these.
+        OSError: the file cannot be read.
+        CampaignError: the file is too large.
+    """
+    if isinstance(source, TabledRun):
+        return source.campaign.model_copy(update={"run": extract_run_options(source)})
+    if isinstance(source, Campaign):
+        return source
+    if isinstance(source, Mapping):
+        return encode_document(source)
+    return read_content(Path(source))
 
 
 def _identify_campaign(task: _Task, cancelled: Callable[[], bool] = lambda: False) -> TabledRun:

@@ -7,6 +7,7 @@ import json
 import threading
 from collections.abc import Coroutine, Mapping
 from concurrent.futures import Future
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self, TypeVar, cast
 from urllib.parse import quote
@@ -41,6 +42,7 @@ from jointstiff.service.live.declaration import Scales, declare_set, read_goal
 from jointstiff.service.live.sources import (
     PATIENCE,
     CheckedSource,
+    Place,
     Point,
     Setting,
     Source,
@@ -57,6 +59,7 @@ from jointstiff.service.problems import (
 )
 from jointstiff.service.resources.documents import parse_document, read_plan_source
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.mechanics.robot import Robot
 
 if TYPE_CHECKING:
     import httpx2
@@ -149,19 +152,27 @@ class _SetInProcess:
         """Close the set and identify its readings; return the run, and the state of the closed set."""
         from jointstiff.service.library.here import Here
 
-        with as_campaign_error(""):
-            closed_fields = self._campaign.fields_when_closed()
+        campaign = self._make_closed_campaign()
         if not self._campaign.closed:
             self._campaign = self._campaign.with_entry(Entry("closed", ""))
+        return Here().identify(campaign), self.state()
+
+    def _make_closed_campaign(self) -> Campaign:
+        """Return the ordinary campaign of the readings, without withdrawn ones.
+
+        Raises:
+            CampaignError: all readings were withdrawn.
+        """
+        with as_campaign_error(""):
+            closed_fields = self._campaign.fields_when_closed()
         # A closed set has more fields, such as its history, than the document of a campaign.
         set_fields = {name: closed_fields[name] for name in MeasurementSetDocument.model_fields}
         options = {name: value for name, value in self._campaign.run_options.items() if value}
-        campaign = Campaign(
+        return Campaign(
             robot=self._robot_document,
             measurement_set=MeasurementSetDocument.model_validate(set_fields),
             run=self._run_options.model_copy(update=options),
         )
-        return Here().identify(campaign), self.state()
 
 
 class LiveService(Protocol):
@@ -346,24 +357,20 @@ class LiveMeasurement:
         """
         units, matcher = self._units_of_caller, NameMatcher(self.joint_names, self._unit_names)
         with as_campaign_error(""):
-            unloaded, loaded = (
-                matcher.read_targets(positions, name)
-                for name, positions in (("unloaded", unloaded), ("loaded", loaded))
-            )
+            unloaded = matcher.read_targets(unloaded, "unloaded")
+            loaded = matcher.read_targets(loaded, "loaded")
             if joints is not None:
-                joints = to_number_array(matcher.read_joints(joints).values, "joints") * np.array(
-                    units.joints
-                )
-            force_rows = matcher.read_vectors(force, "force")
-            force_in_newtons = (
-                None if force_rows is None else to_number_array(force_rows.values, "force") * units.force
-            )
+                rows = matcher.read_joints(joints)
+                joints = to_number_array(rows.values, "joints") * np.array(units.joints)
+            forces = matcher.read_vectors(force, "force")
+            if forces is not None:
+                force = to_number_array(forces.values, "force") * units.force
         return self._add_observation_in_si(
             _scale_positions(unloaded, units.length),
             _scale_positions(loaded, units.length),
             label=label,
             joints=joints,
-            force=force_in_newtons,
+            force=force,
             sigma=None if sigma is None else {name: units.length * each for name, each in sigma.items()},
         )
 
@@ -377,32 +384,49 @@ class LiveMeasurement:
         force: Any,  # noqa: ANN401 - anything that numpy understands [N]
         sigma: Mapping[str, float] | None,
     ) -> LiveState:
-        """Add a reading in SI units; return the state that follows from all readings."""
+        """Add a reading in SI units; return the state that follows from all readings.
+
+        What is not stated of label, joints and force is that of the next planned reading.
+        """
         planned, units = self.next, self._scales
         if planned is None and (label is None or joints is None or force is None):
             remedy = "give `label`, `joints` and `force` of the reading"
             raise CampaignError(http_problem(422, "no planned reading is left", remedy))
-        angles = np.asarray(planned.joints if joints is None and planned else joints, dtype=np.float64)
-        force_newtons = np.asarray(planned.force if force is None and planned else force, dtype=np.float64)
-        unloaded_by_target = self._positions_by_target(unloaded)
-        loaded_by_target = self._positions_by_target(loaded)
-        readings = [
-            {
-                "target": name,
-                "unloaded": position,
-                **({"loaded": loaded_by_target[name]} if name in loaded_by_target else {}),
-                **({"sigma": sigma[name] / units.length} if sigma and name in sigma else {}),
-            }
-            for name, position in unloaded_by_target.items()
-        ]
+        if planned is not None:
+            label = label or planned.label
+            joints = planned.joints if joints is None else joints
+            force = planned.force if force is None else force
         document = {
-            "label": label or (planned.label if planned else ""),
-            "joints": (angles / np.array(units.joints)).tolist(),
-            "force": (force_newtons / units.force).tolist(),
-            "readings": readings,
+            "label": label or "",
+            "joints": (np.asarray(joints, dtype=np.float64) / np.array(units.joints)).tolist(),
+            "force": (np.asarray(force, dtype=np.float64) / units.force).tolist(),
+            "readings": self._list_target_readings(unloaded, loaded, sigma or {}),
         }
         self.state = self._set.observe(parse_document(document, Observation))
         return self.state
+
+    def _list_target_readings(
+        self,
+        unloaded: Any,  # noqa: ANN401 - an array or positions by target [m]
+        loaded: Any,  # noqa: ANN401 - an array or positions by target [m]
+        sigma: Mapping[str, float],
+    ) -> list[dict[str, Any]]:
+        """Return the reading of each target in the form of a document, in the units of the set.
+
+        A target without a position under load, or without a standard uncertainty `sigma` [m], has no such
+        field.
+        """
+        unloaded_by_target = self._positions_by_target(unloaded)
+        loaded_by_target = self._positions_by_target(loaded)
+        readings = list[dict[str, Any]]()
+        for name, position in unloaded_by_target.items():
+            reading: dict[str, Any] = {"target": name, "unloaded": position}
+            if name in loaded_by_target:
+                reading["loaded"] = loaded_by_target[name]
+            if name in sigma:
+                reading["sigma"] = sigma[name] / self._scales.length
+            readings.append(reading)
+        return readings
 
     def withdraw(self, label: str, reason: str) -> LiveState:
         """Withdraw a reading for a stated reason: the estimate ignores the reading, the record shows it."""
@@ -508,6 +532,23 @@ class LiveMeasurement:
         Raises:
             RequestError: the campaign has no source, or the source cannot give its readings.
         """
+        source = self._require_suitable_source()
+        if self._source_thread is not None:
+            return
+        self._source_thread = SourceThread()
+        self._checked_source = CheckedSource(source, self._make_source_setting(), self._wait)
+        try:
+            self._source_thread.run_coroutine(self._checked_source.open())
+        except BaseException:
+            self.release_source()
+            raise
+
+    def _require_suitable_source(self) -> Source:
+        """Return the source of readings.
+
+        Raises:
+            RequestError: the campaign has no source, or a source that simulates loads, without a load.
+        """
         if self.source is None:
             raise RequestError(
                 "the live measurement has no source of readings",
@@ -520,15 +561,7 @@ class LiveMeasurement:
                 where="source",
                 remedy="give a load, such as dead_weight:1500",
             )
-        if self._source_thread is not None:
-            return
-        self._source_thread = SourceThread()
-        self._checked_source = CheckedSource(self.source, self._make_source_setting(), self._wait)
-        try:
-            self._source_thread.run_coroutine(self._checked_source.open())
-        except BaseException:
-            self.release_source()
-            raise
+        return self.source
 
     def _read_posture(self, planned: PlannedReading, person: Person) -> Literal["read", "skip", "stop"]:
         """Read a posture until a reading is kept; return `read`, or the person's decision to skip or stop.
@@ -582,40 +615,37 @@ class LiveMeasurement:
         If the robot's own weight is the load, the targets are read only once. Return `read`, or the person's
         decision to skip the posture or to stop.
         """
-        source_thread = cast("SourceThread", self._source_thread)
-        checked_source = cast("CheckedSource", self._checked_source)
         points_by_load_state: list[dict[str, Point]] = []
         load_states = (False,) if isinstance(self._options.load, OwnWeight) else (False, True)
         for loaded in load_states:
             answer = person.ready(planned, loaded=loaded)
             if answer != "read":
                 return answer
-            stand = Stand(planned.label, tuple(planned.joints), planned.force, loaded)
-            self._confirm_line_format(stand, person)
-            points_by_load_state.append(source_thread.run_coroutine(checked_source.read(stand)))
+            points_by_load_state.append(self._read_points(planned, person, loaded=loaded))
         # The two are equal for the robot's own weight.
         first_points, last_points = points_by_load_state[0], points_by_load_state[-1]
-        sigma: dict[str, float] = {}
-        if self._declaration.noise is None or self._declaration.noise.sigma is None:
-            # A reading has one uncertainty for both of its positions: the greater of the two is stated.
-            sigmas = {name: (first_points[name][1], last_points[name][1]) for name in first_points}
-            sigma = {
-                name: max(first_sigma, last_sigma)
-                for name, (first_sigma, last_sigma) in sigmas.items()
-                if first_sigma is not None and last_sigma is not None
-            }
-        # A source gives (position, standard uncertainty) for each target.
-        unloaded_and_loaded = [
-            {name: position for name, (position, _) in each.items()} for each in points_by_load_state
-        ]
+        states_no_sigma = self._declaration.noise is None or self._declaration.noise.sigma is None
         self._add_observation_in_si(
-            *unloaded_and_loaded,
+            _take_positions(first_points),
+            _take_positions(last_points) if len(load_states) > 1 else None,
             label=planned.label,
             joints=planned.joints,
             force=planned.force,
-            sigma=sigma,
+            sigma=_find_greater_sigmas(first_points, last_points) if states_no_sigma else {},
         )
         return "read"
+
+    def _read_points(self, planned: PlannedReading, person: Person, *, loaded: bool) -> dict[str, Point]:
+        """Read all targets with the source, in a planned posture without or under load; return them by name.
+
+        Raises:
+            SourceError: the source has stopped, or nobody confirmed how its lines are read.
+        """
+        source_thread = cast("SourceThread", self._source_thread)
+        checked_source = cast("CheckedSource", self._checked_source)
+        stand = Stand(planned.label, tuple(planned.joints), planned.force, loaded)
+        self._confirm_line_format(stand, person)
+        return source_thread.run_coroutine(checked_source.read(stand))
 
     def _confirm_line_format(self, stand: Stand, person: Person) -> None:
         """Let a person confirm, before the first reading, how the lines of the source are read.
@@ -679,34 +709,90 @@ def measure(
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
+    robot_document, campaign = _robot_and_campaign(robot)
+    inherited = _Inherited.from_campaign(campaign)
+    with as_campaign_error(""):
+        stated_units = complete_units(units)
+        parsed_goal = _parse_goal(goal, force, stated_units)
+        prepared = prepare_robot(robot_document)
+        live_options = _parse_options(_convert_options(options, stated_units, prepared.robot), parsed_goal)
+        declaration = declare_set(
+            prepared, inherited.set_document, parsed_goal, live_options, inherited.own_weight
+        )
+        opened_source = make_source(source, source_options or {}) if isinstance(source, str) else source
+    measured_set: _SetInProcess | _SetInService
+    if client is None:
+        measured_set = _SetInProcess(prepared, declaration, inherited.run_options)
+    else:
+        measured_set = _SetInService(client, robot_document, declaration)
+    return LiveMeasurement(measured_set, prepared, declaration, opened_source, timeout, Units(**stated_units))
+
+
+@dataclass(frozen=True)
+class _Inherited:
+    """What a live measurement has from an earlier campaign of the robot."""
+
+    set_document: MeasurementSetDocument | None = None  # for loads, targets, noise and load point
+    run_options: RunOptions = field(default_factory=RunOptions)
+    own_weight: OwnWeight | None = None  # options of a run by the robot's own weight
+
+    @classmethod
+    def from_campaign(cls, campaign: Campaign | None) -> _Inherited:
+        """Return what a campaign states; without a campaign, nothing is inherited."""
+        if campaign is None:
+            return cls()
+        run_options = RunOptions(confidence=campaign.run.confidence)
+        return cls(campaign.measurement_set, run_options, campaign.run.weight)
+
+
+def _parse_goal(
+    goal: str | Goal | Mapping[str, Any],
+    force: Any,  # noqa: ANN401 - three numbers
+    units: dict[str, str],
+) -> Goal:
+    """Return a goal in SI units; `goal` and `force`, the force in the work area, are in the units of a call.
+
+    Raises:
+        RequestError: the goal or a unit is not understood.
+    """
+    force_size = FORCE[units["force"]]
+    area_force = None if force is None else tuple((force_size * np.asarray(force, np.float64)).tolist())
+    if isinstance(goal, Mapping):
+        goal = convert_to_si(LiveOptions, {"goal": goal}, units)["goal"]
+    return read_goal(goal, cast("Any", area_force))
+
+
+def _convert_options(options: Mapping[str, Any], units: dict[str, str], robot: Robot) -> dict[str, Any]:
+    """Return fields of `LiveOptions` by their full names, in SI units.
+
+    A load as text is parsed: "dead_weight:1500" is a weight of 1500 N.
+    """
     from jointstiff.schemas.fields import parse_planned_load
 
     full_options = {_FULL_NAMES.get(name, name): value for name, value in options.items()}
-    robot_document, campaign = _robot_and_campaign(robot)
-    with as_campaign_error(""):
-        stated_units = complete_units(units)
-        force_size = FORCE[stated_units["force"]]
-        area_force = None if force is None else tuple((force_size * np.asarray(force, np.float64)).tolist())
-        if isinstance(goal, Mapping):
-            goal = convert_to_si(LiveOptions, {"goal": goal}, stated_units)["goal"]
-        parsed_goal = read_goal(goal, cast("Any", area_force))
-        prepared = prepare_robot(robot_document)
-        kinds = dict(zip(prepared.robot.joint_names, prepared.robot.joint_kinds, strict=True))
-        full_options = convert_to_si(LiveOptions, full_options, stated_units, lambda: kinds)
-        if isinstance(full_options.get("load"), str):
-            full_options["load"] = parse_planned_load(full_options["load"])
-        set_document = None if campaign is None else campaign.measurement_set
-        run_options = RunOptions() if campaign is None else RunOptions(confidence=campaign.run.confidence)
-        own_weight = None if campaign is None else campaign.run.weight
-        live_options = _parse_options(full_options, parsed_goal)
-        declaration = declare_set(prepared, set_document, parsed_goal, live_options, own_weight)
-        opened_source = make_source(source, source_options or {}) if isinstance(source, str) else source
-    measured_set = (
-        _SetInProcess(prepared, declaration, run_options)
-        if client is None
-        else _SetInService(client, robot_document, declaration)
-    )
-    return LiveMeasurement(measured_set, prepared, declaration, opened_source, timeout, Units(**stated_units))
+    kinds = dict(zip(robot.joint_names, robot.joint_kinds, strict=True))
+    converted = convert_to_si(LiveOptions, full_options, units, lambda: kinds)
+    if isinstance(converted.get("load"), str):
+        converted["load"] = parse_planned_load(converted["load"])
+    return converted
+
+
+def _take_positions(points: Mapping[str, Point]) -> dict[str, Place]:
+    """Return target → position [m] of points that a source gave with their uncertainties."""
+    return {name: position for name, (position, _) in points.items()}
+
+
+def _find_greater_sigmas(first: Mapping[str, Point], last: Mapping[str, Point]) -> dict[str, float]:
+    """Return target → the greater standard uncertainty [m] of its two positions, without and under load.
+
+    A reading has one uncertainty for both of its positions. A target has none if the source states none.
+    """
+    sigmas = dict[str, float]()
+    for name, (_, first_sigma) in first.items():
+        _, last_sigma = last[name]
+        if first_sigma is not None and last_sigma is not None:
+            sigmas[name] = max(first_sigma, last_sigma)
+    return sigmas
 
 
 def _scale_positions(positions: Any, factor: float) -> Any:  # noqa: ANN401 - an array or positions by target

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from pydantic import ValidationError
@@ -73,6 +73,7 @@ def _build_log(
         MeasurementError: a column is missing, or the times are not equally spaced.
         RequestError: the unit of a column is not known.
     """
+    # Encoder → joint → positions
     encoders: dict[str, dict[str, list[float]]] = {"motor": {}, "link": {}}
     for header, values in columns.items():
         encoder, _, joint_text = split_unit(header)[0].partition("_")
@@ -85,10 +86,18 @@ def _build_log(
                 where=header,
                 remedy="keep one of both",
             )
-        is_angle = kinds[joint] == "revolute"
-        size = parse_unit_factor(header, ANGLE if is_angle else LENGTH)
-        encoders[encoder][joint] = (values * size / (angle if is_angle else length)).tolist()
-    period = _find_period(columns)
+        sizes, size_in_log = (ANGLE, angle) if kinds[joint] == "revolute" else (LENGTH, length)
+        size = parse_unit_factor(header, sizes)
+        encoders[encoder][joint] = (values * size / size_in_log).tolist()
+    return _check_log(label, _find_period(columns), encoders)
+
+
+def _check_log(label: str, period: float, encoders: Mapping[str, Any]) -> MotionLog:
+    """Return a log with a sampling period [s] and positions of each joint by both encoders.
+
+    Raises:
+        MeasurementError: an encoder has no positions, or the log does not suit an identification.
+    """
     if not encoders["motor"] or not encoders["link"]:
         raise MeasurementError(
             "the log has no columns with angles of motors and links",

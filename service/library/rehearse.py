@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from jointstiff.schemas.plan import Plan
+from jointstiff.schemas.plan import Plan, PlanResult
 from jointstiff.schemas.rehearsal import RehearsalResult
 from jointstiff.schemas.run import Campaign, RunResult
 from jointstiff.service.kinds.plan.kind import make_campaign_to_fill_in
@@ -158,26 +158,12 @@ def _read_plan(plan: Plan, robot: Any) -> tuple[Campaign, RunResult | None]:  # 
     Raises:
         RequestError: the plan failed, or its robot or the campaign that it continues is not known.
     """
-    request, result, origin = plan.request, plan.result, getattr(plan, "_origin", None)
-    if result is None:
+    if plan.result is None:
         raise RequestError("the plan has no result", where="plan", remedy="rehearse a plan that succeeded")
-    if request.measurement_set_id is None:
-        if robot is None:
-            raise RequestError("the plan has no robot", where="robot", remedy="give `robot`")
-        document = make_campaign_to_fill_in(describe_robot(robot), plan)
-        document["measurement_set"]["flange_targets"] = result.targets
-        return parse_document(fill_missing_readings(document)[0], Campaign), None
-    continued = None if origin is None else origin.read_campaign(plan)
-    if continued is None:
-        continued = read_plan_source(robot)
-        continued = continued.campaign if isinstance(continued, TabledRun) else continued
-        if not isinstance(continued, Campaign):
-            raise RequestError(
-                "the plan does not contain the campaign that the plan continues",
-                where="robot",
-                remedy="give this campaign as `robot`",
-            )
-    options = {"causes": request.causes, "leave_out": request.leave_out}
+    if plan.request.measurement_set_id is None:
+        return _begin_campaign(plan, plan.result, robot), None
+    options = {"causes": plan.request.causes, "leave_out": plan.request.leave_out}
+    continued = _find_continued_campaign(plan, robot)
     continued = continued.model_copy(update={"run": continued.run.model_copy(update=options)})
     measured = None
     # If the readings determine no stiffness, plausible stiffnesses are planted.
@@ -185,4 +171,39 @@ def _read_plan(plan: Plan, robot: Any) -> tuple[Campaign, RunResult | None]:  # 
         measured = Here().identify(continued).result
     with as_campaign_error("robot"):
         prepared = prepare_once(continued.robot)
-    return add_planned_readings(continued, result, prepared.robot), measured
+    return add_planned_readings(continued, plan.result, prepared.robot), measured
+
+
+def _begin_campaign(plan: Plan, result: PlanResult, robot: Any) -> Campaign:  # noqa: ANN401 - as of `rehearse`
+    """Return the campaign of a plan that begins one, with its missing readings filled in.
+
+    Raises:
+        RequestError: the robot is not known.
+    """
+    if robot is None:
+        raise RequestError("the plan has no robot", where="robot", remedy="give `robot`")
+    document = make_campaign_to_fill_in(describe_robot(robot), plan)
+    document["measurement_set"]["flange_targets"] = result.targets
+    filled, _ = fill_missing_readings(document)
+    return parse_document(filled, Campaign)
+
+
+def _find_continued_campaign(plan: Plan, robot: Any) -> Campaign:  # noqa: ANN401 - as of `rehearse`
+    """Return the campaign that a plan continues: the plan's own or, for a plan from a file, that of `robot`.
+
+    Raises:
+        RequestError: neither is known.
+    """
+    origin = getattr(plan, "_origin", None)
+    own: Campaign | None = None if origin is None else origin.read_campaign(plan)
+    if own is not None:
+        return own
+    stated = read_plan_source(robot)
+    campaign = stated.campaign if isinstance(stated, TabledRun) else stated
+    if not isinstance(campaign, Campaign):
+        raise RequestError(
+            "the plan does not contain the campaign that the plan continues",
+            where="robot",
+            remedy="give this campaign as `robot`",
+        )
+    return campaign

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import lru_cache, wraps
 from os import PathLike
@@ -175,6 +175,26 @@ def robot(
         CampaignError: the source does not describe a robot, or an argument does not concern this source.
         OSError: a file cannot be read.
     """
+    _refuse_scalar(source)
+    described = _StatedDescription(source, base, flange, convention, columns, units)
+    document = {"name": "robot", **described.read_fields()}
+    if joint_map is not None:
+        is_document = isinstance(joint_map, Message | Mapping)
+        document["joint_map"] = plain_fields(joint_map) if is_document else joint_map
+    if payload is not None:
+        document["payload"] = payload
+    if name:
+        document["name"] = name
+    parsed = parse_document(document, DescribedRobot)
+    return ModelledRobot.from_model(parsed, source, flange) if _is_pinocchio_model(source) else parsed
+
+
+def _refuse_scalar(source: object) -> None:
+    """Refuse a source that has no content, such as None or a number.
+
+    Raises:
+        CampaignError: the source describes no robot.
+    """
     if source is None or isinstance(source, bool | int | float):
         with as_campaign_error("robot"):
             raise RobotError(
@@ -182,32 +202,51 @@ def robot(
                 where="source",
                 remedy="give a file, the name of an arm of the catalogue, a URDF, or rows of a DH table",
             )
-    document: dict[str, Any]
-    of_frames: dict[str, object] = {"base": base, "flange": flange}
-    of_rows: dict[str, object] = {"convention": convention, "columns": columns, "units": units}
-    if isinstance(source, Message | Mapping):
-        _refuse_arguments("a robot document", of_frames | of_rows)
-        document = plain_fields(source)
-    elif isinstance(source, str | PathLike) and _is_urdf(str(source)):
-        _refuse_arguments("a URDF", of_rows)
-        document = _read_urdf_fields(str(source), base, flange)
-    elif isinstance(source, str | PathLike):
-        _refuse_arguments("a robot file or an arm of the catalogue", of_frames | of_rows)
-        document = plain_fields(read_robot(str(source)))
-    else:
-        if hasattr(source, "jointPlacements"):
-            _refuse_arguments("a model of Pinocchio", {"base": base} | of_rows)
-        else:
-            _refuse_arguments("a table", of_frames)
-        document = _make_robot_fields(source, flange, convention, columns, units)
-    if joint_map is not None:
-        document["joint_map"] = (
-            plain_fields(joint_map) if isinstance(joint_map, Message | Mapping) else joint_map
-        )
-    if payload is not None:
-        document["payload"] = payload
-    parsed = parse_document({"name": "robot", **document, **({"name": name} if name else {})}, DescribedRobot)
-    return ModelledRobot.from_model(parsed, source, flange) if hasattr(source, "jointPlacements") else parsed
+
+
+def _is_pinocchio_model(source: object) -> bool:
+    """Return whether a source is a `pinocchio.Model`; Pinocchio is not imported for it."""
+    return hasattr(source, "jointPlacements")
+
+
+@dataclass(frozen=True, eq=False)
+class _StatedDescription:
+    """Source of a robot's description, and arguments of `robot` that concern some forms of sources."""
+
+    source: object
+    base: str | None
+    flange: str | None
+    convention: str | None
+    columns: str | Sequence[str] | None
+    units: AnyUnits
+
+    def read_fields(self) -> dict[str, Any]:
+        """Return the fields of the robot's document.
+
+        Raises:
+            CampaignError: the source describes no robot, or an argument does not concern this form of source.
+        """
+        of_frames: dict[str, object] = {"base": self.base, "flange": self.flange}
+        of_rows: dict[str, object] = {
+            "convention": self.convention,
+            "columns": self.columns,
+            "units": self.units,
+        }
+        source = self.source
+        if isinstance(source, Message | Mapping):
+            _refuse_arguments("a robot document", of_frames | of_rows)
+            return plain_fields(source)
+        if isinstance(source, str | PathLike) and _is_urdf(str(source)):
+            _refuse_arguments("a URDF", of_rows)
+            return _read_urdf_fields(str(source), self.base, self.flange)
+        if isinstance(source, str | PathLike):
+            _refuse_arguments("a robot file or an arm of the catalogue", of_frames | of_rows)
+            return plain_fields(read_robot(str(source)))
+        if _is_pinocchio_model(source):
+            _refuse_arguments("a model of Pinocchio", {"base": self.base} | of_rows)
+            return _convert_model(source, self.flange)
+        _refuse_arguments("a table", of_frames)
+        return _convert_rows(source, self.convention, self.columns, self.units)
 
 
 def _refuse_arguments(what: str, arguments: Mapping[str, object]) -> None:
@@ -252,29 +291,41 @@ def _read_urdf_fields(text: str, base: str | None, flange: str | None) -> dict[s
         raise CampaignError(error.problem.model_copy(update={"remedy": remedy})) from error
 
 
-def _make_robot_fields(
-    source: Any,  # noqa: ANN401 - a model of Pinocchio, or rows
-    flange: str | None,
+def _convert_model(model: Any, flange: str | None) -> dict[str, Any]:  # noqa: ANN401 - a pinocchio.Model
+    """Return the fields of a robot from a Pinocchio model, with its bodies if they have masses.
+
+    Raises:
+        CampaignError: the model cannot be used, or several frames may be the flange.
+    """
+    from jointstiff.service.conversion.arrays import convert_pinocchio_model
+
+    with as_campaign_error("robot"):
+        converted, bodies = convert_pinocchio_model(model, flange)
+    fields = {"name": model.name or "robot", "model": converted}
+    return fields | {"bodies": bodies} if bodies else fields
+
+
+def _convert_rows(
+    rows: Any,  # noqa: ANN401 - a data frame, mappings or rows
     convention: str | None,
     columns: str | Sequence[str] | None,
     units: AnyUnits,
 ) -> dict[str, Any]:
-    """Return the fields of a robot: from a Pinocchio model, or from rows of Denavit-Hartenberg parameters."""
+    """Return the fields of a robot from rows of Denavit-Hartenberg parameters; arguments as of `robot`.
+
+    Raises:
+        CampaignError: the rows are not understood.
+    """
     from jointstiff.service.conversion.arguments import complete_units
-    from jointstiff.service.conversion.arrays import convert_pinocchio_model
     from jointstiff.service.conversion.dh_tables import convert_dh_rows
 
     if isinstance(units, str) and units.count(",") == 1:  # a robot has no forces
         units = f"{units}, N"
     with as_campaign_error("robot"):
-        if hasattr(source, "jointPlacements"):  # a Pinocchio model
-            model, bodies = convert_pinocchio_model(source, flange)
-            return {"name": source.name or "robot", "model": model, **({"bodies": bodies} if bodies else {})}
-        stated = isinstance(units, str) or {"length", "angle"} <= plain_fields(units or {}).keys()
-        model = convert_dh_rows(
-            source, convention, complete_units(units), columns=columns, units_are_stated=stated
-        )
-        return {"model": model}
+        are_stated = isinstance(units, str) or {"length", "angle"} <= plain_fields(units or {}).keys()
+        full_units = complete_units(units)
+        model = convert_dh_rows(rows, convention, full_units, columns=columns, units_are_stated=are_stated)
+    return {"model": model}
 
 
 def plain_fields(fields: Message | Mapping[str, Any]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.run import Budget, JointResult, Run, RunResult
 from jointstiff.service.runs.verdicts import refuse_unaccepted, require_result
 from jointstiff.service.tables.files import csv_text, xlsx_bytes
@@ -59,27 +60,35 @@ class ExportedModel:
 
     def remarks(self) -> list[str]:
         """Return lines about the whole file: robot, run, method, verdict, geometry, units and limits."""
-        provenance, request = self.run.provenance, self.run.request
-        constraint = "compliances not negative" if request.positive else "unconstrained"
+        provenance = self.run.provenance
         version = provenance.versions.get("jointstiff", "")
         time = provenance.created_at.isoformat()
-        method = METHOD_NAMES[request.method]
-        verdict = VERDICTS[self.result.assessment.verdict]
-        geometry = "as in the robot's model, not identified"
-        if self.geometry_id is not None:
-            geometry = f"as identified, geometry {self.geometry_id}"
         return [
             f"Joint stiffness of {self.name}, identified from laser-tracker readings by jointstiff "
             f"{version}.",
             f"Run {self.run.id} of {time}; SHA-256 of its input: {provenance.input_hash}.",
-            f"Method: {method}, {request.weighting} weights, {constraint}. "
-            f"Intervals at {100 * request.confidence:g} %.",
-            f"Verdict on the result: {verdict}.",
-            f"Geometry: {geometry}.",
+            self._describe_method(),
+            f"Verdict on the result: {VERDICTS[self.result.assessment.verdict]}.",
+            self._describe_geometry(),
             f"Lengths in m, angles in rad, stiffness in {self._stiffness_units()}. Angles are those of the "
             f"model, in the frame of the link {self.chain.base}.",
             *self._list_limits(),
         ]
+
+    def _describe_method(self) -> str:
+        """Return a line on method, weights and constraint of the fit, and on the level of its intervals."""
+        request = self.run.request
+        constraint = "compliances not negative" if request.positive else "unconstrained"
+        return (
+            f"Method: {METHOD_NAMES[request.method]}, {request.weighting} weights, {constraint}. "
+            f"Intervals at {100 * request.confidence:g} %."
+        )
+
+    def _describe_geometry(self) -> str:
+        """Return a line on the source of the lengths and axes of the robot's model."""
+        if self.geometry_id is None:
+            return "Geometry: as in the robot's model, not identified."
+        return f"Geometry: as identified, geometry {self.geometry_id}."
 
     def _stiffness_units(self) -> str:
         """Return the unit of stiffness as text; for a robot with prismatic joints also their unit."""
@@ -146,27 +155,36 @@ _FINDING: Final = ("code", "weight", "where", "message", "remedy")
 
 def tabulate_joints(model: ExportedModel) -> Sheet:
     """Return a sheet with one row per joint; a missing number is an empty cell, explained in `reason`."""
-    joints, run, budget = model.result.joints, model.run, model.result.budget
-    reasons = list[str | None]()
-    joints_with_limit = list[JointResult]()
-    for joint in joints:
-        has_number = positive_stiffness(joint) is not None
-        reasons.append(joint.reason if has_number else explain_missing_stiffness(joint))
-        joints_with_limit.append(joint.model_copy(update={"stiffness_at_least": lower_limit(joint)}))
+    joints, run = model.result.joints, model.run
     names_and_verdicts = {"joint": "name", "status": "status", "verdict": "verdict"}
     columns: dict[str, Any] = dict(Sheet.from_messages(joints, names_and_verdicts).columns)
-    columns["reason"] = reasons
-    columns |= Sheet.from_messages(joints_with_limit, _JOINT).columns
+    columns["reason"] = [_explain_joint(joint) for joint in joints]
+    with_limit = [joint.model_copy(update={"stiffness_at_least": lower_limit(joint)}) for joint in joints]
+    columns |= Sheet.from_messages(with_limit, _JOINT).columns
     columns["confidence of the intervals [1]"] = [run.request.confidence] * len(joints)
-    if budget is not None:
-        for header, values in _list_budget_columns(budget):
-            value_by_joint = dict(zip(budget.joints, values, strict=True))
-            columns[header] = [value_by_joint.get(joint.name) for joint in joints]
-        columns["coverage factor [1]"] = [budget.coverage_factor] * len(joints)
+    if model.result.budget is not None:
+        columns |= _make_budget_columns(model.result.budget, joints)
     columns["run"] = [run.id] * len(joints)
     columns["input SHA-256"] = [run.provenance.input_hash] * len(joints)
     sheet = Sheet.with_joint_kinds(Sheet(columns), [joint.kind for joint in joints])
     return with_overall_verdict(sheet, model.result.assessment)
+
+
+def _explain_joint(joint: JointResult) -> str | None:
+    """Return the remark on a joint's number or, if it has no positive stiffness, why not."""
+    if positive_stiffness(joint) is None:
+        return explain_missing_stiffness(joint)
+    return joint.reason
+
+
+def _make_budget_columns(budget: Budget, joints: Sequence[JointResult]) -> dict[str, list[float | None]]:
+    """Return header → numbers of the uncertainty budget, one for each joint; None for joints without one."""
+    columns = dict[str, list[float | None]]()
+    for header, values in _list_budget_columns(budget):
+        value_by_joint = dict(zip(budget.joints, values, strict=True))
+        columns[header] = [value_by_joint.get(joint.name) for joint in joints]
+    columns["coverage factor [1]"] = [budget.coverage_factor] * len(joints)
+    return columns
 
 
 def _list_budget_columns(budget: Budget) -> Iterator[tuple[str, Sequence[float | None]]]:
@@ -188,24 +206,18 @@ def tabulate_kinematics(model: ExportedModel) -> Sheet:
 
     The frame of a joint is stated at joint position zero, relative to the frame of the link that carries it.
     """
-    rows: list[dict[str, Value]] = []
-    joints = model.chain.joints
-    for joint in joints:
+    rows, kinds = list[dict[str, Value]](), list[JointKind | None]()
+    for joint in model.chain.joints:
         lower, upper = joint.limits or (None, None)
-        rows.append(
-            {
-                "joint": joint.name,
-                "type": joint.kind,
-                "child link": joint.child,
-                **dict(zip(_FRAME, [*joint.translation.tolist(), *joint.roll_pitch_yaw], strict=True)),
-                **dict(zip(_AXIS, joint.axis.tolist() if joint.is_moving else [None] * 3, strict=True)),
-                "lower limit [rad]": lower,
-                "upper limit [rad]": upper,
-            }
-        )
-    return Sheet.with_joint_kinds(
-        Sheet.from_rows(rows), [j.kind if j.kind != "fixed" else None for j in joints]
-    )
+        frame = [*joint.translation.tolist(), *joint.roll_pitch_yaw]
+        axis = joint.axis.tolist() if joint.is_moving else [None] * 3
+        row: dict[str, Value] = {"joint": joint.name, "type": joint.kind, "child link": joint.child}
+        row |= zip(_FRAME, frame, strict=True)
+        row |= zip(_AXIS, axis, strict=True)
+        row |= {"lower limit [rad]": lower, "upper limit [rad]": upper}
+        rows.append(row)
+        kinds.append(None if joint.kind == "fixed" else joint.kind)
+    return Sheet.with_joint_kinds(Sheet.from_rows(rows), kinds)
 
 
 def write_joints_csv(model: ExportedModel) -> bytes:
@@ -214,23 +226,30 @@ def write_joints_csv(model: ExportedModel) -> bytes:
 
 
 def write_workbook(model: ExportedModel) -> bytes:
-    """Return an Excel workbook with the sheets joints, kinematics, provenance and warnings."""
-    result = model.result
-    # Rows of the sheet `provenance`: remarks without a value, then quantities with their values.
-    remarks: dict[str, Value] = {
-        **dict.fromkeys(model.remarks()),
-        "compensation [1]": result.compensation,
-        "root mean square of the residuals [m]": result.rms_residual,
-        "standard uncertainty of a coordinate of a reading [m]": result.sigma,
-    }
-    findings = [*result.assessment.reasons, *result.warnings]
+    """Return an Excel workbook with the sheets joints, kinematics, provenance and warnings.
+
+    A sheet without content, such as that of warnings, is left out.
+    """
+    findings = [*model.result.assessment.reasons, *model.result.warnings]
+    fields_by_header = dict(zip(_FINDING, _FINDING, strict=True))
     sheets = {
         "joints": tabulate_joints(model),
         "kinematics": tabulate_kinematics(model),
-        "provenance": Sheet({"remark": list(remarks), "value": list(remarks.values())}),
-        "warnings": Sheet.from_messages(findings, dict(zip(_FINDING, _FINDING, strict=True))),
+        "provenance": _tabulate_provenance(model),
+        "warnings": Sheet.from_messages(findings, fields_by_header),
     }
     return xlsx_bytes({name: sheet for name, sheet in sheets.items() if sheet.columns})
+
+
+def _tabulate_provenance(model: ExportedModel) -> Sheet:
+    """Return a sheet with remarks, which have no value, and then with quantities and their values."""
+    rows: dict[str, Value] = {
+        **dict.fromkeys(model.remarks()),
+        "compensation [1]": model.result.compensation,
+        "root mean square of the residuals [m]": model.result.rms_residual,
+        "standard uncertainty of a coordinate of a reading [m]": model.result.sigma,
+    }
+    return Sheet({"remark": list(rows), "value": list(rows.values())})
 
 
 Element = ElementTree.Element
@@ -294,16 +313,22 @@ def write_mjcf(model: ExportedModel) -> bytes:
     for joint in model.chain.joints:
         body = _add_body(body, joint)
     add_element(body, "site", name=model.chain.flange)
+    _add_springs(root, model)
+    return xml_bytes(root)
+
+
+def _add_springs(root: ElementTree.Element, model: ExportedModel) -> None:
+    """Add a position actuator with the stiffness as gain `kp` for each elastic joint of a MuJoCo model.
+
+    A joint without a stiffness is rigid: a constraint holds its position at zero.
+    """
     actuators, constraints = add_element(root, "actuator"), add_element(root, "equality")
     for joint, _, stiffness in model.springs():
+        name = joint.name
         if stiffness is None:
-            constraint_name = f"{joint.name} held"
-            add_element(constraints, "joint", name=constraint_name, joint1=joint.name, polycoef="0 0 0 0 0")
+            add_element(constraints, "joint", name=f"{name} held", joint1=name, polycoef="0 0 0 0 0")
         else:
-            add_element(
-                actuators, "position", name=joint.name, joint=joint.name, kp=format_numbers([stiffness])
-            )
-    return xml_bytes(root)
+            add_element(actuators, "position", name=name, joint=name, kp=format_numbers([stiffness]))
 
 
 def _add_body(parent: Element, joint: ChainJoint) -> Element:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from rich.console import RenderableType
 
+from jointstiff.schemas.finding import Assessment, Finding
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.joints import JointKind
 from jointstiff.service.kinds.kind import AnyKind, File
@@ -22,12 +23,14 @@ from jointstiff.service.reports.document import (
     Attachment,
     Document,
     Fact,
+    Picture,
     Section,
     format_time,
     list_versions,
 )
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.tables.report import (
+    Report,
     View,
     hint_lines,
     list_request_fields,
@@ -96,27 +99,32 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
     """Return the lines, tables and charts that show a job: its result, or its error or state without one."""
     if job.result is None:
         return [problem_line(job.error) if job.error else Line(f"the {kind.name} is {job.state}")]
-    result: Any = job.result
-    report = kind.make_report(job, result, view)
-    assessment = getattr(result, "assessment", None)
+    report = kind.make_report(job, job.result, view)
+    charts = kind.make_charts(job.result)
+    assessment: Assessment | None = getattr(job.result, "assessment", None)
     if assessment is None:
-        return [*report.parts, *report.evidence, *kind.make_charts(result)]
-    details, warnings = view.details, getattr(result, "warnings", ())
-    is_accepted = assessment.verdict == getattr(job.request, "accept_verdict", None)
+        return [*report.parts, *report.evidence, *charts]
     report = replace(report, assumed=[*view.assumed, *report.assumed])
-    if details:
-        assumed = [Line(f"  assumed: {each}", "dim") for each in view.assumed]
-        further = [*report.further, *assumed, *note_lines(assessment), *warning_lines(assessment, warnings)]
-    else:
-        further = [*hint_lines(report, assessment, warnings, view.door)]
-    advice = [*remedies(assessment, applies=view.applies), *report.advice]
-    parts: list[Part] = [*verdict_lines(assessment, details=details)]
-    if is_accepted:
+    warnings: Sequence[Finding] = getattr(job.result, "warnings", ())
+    parts: list[Part] = [*verdict_lines(assessment, details=view.details)]
+    if assessment.verdict == getattr(job.request, "accept_verdict", None):
         parts.append(_ACCEPTED_VERDICT)
-    parts += [*report.parts, *further, *report.evidence]
-    parts += to_do_lines(advice, details=details)
-    parts += kind.make_charts(result)
-    return parts
+    parts += report.parts
+    parts += _list_further_parts(report, assessment, warnings, view)
+    parts += report.evidence
+    advice = [*remedies(assessment, applies=view.applies), *report.advice]
+    parts += to_do_lines(advice, details=view.details)
+    return [*parts, *charts]
+
+
+def _list_further_parts(
+    report: Report, assessment: Assessment, warnings: Sequence[Finding], view: View
+) -> list[Part]:
+    """Return what follows the results: with details all assumptions and warnings, otherwise hints."""
+    if not view.details:
+        return [*hint_lines(report, assessment, warnings, view.door)]
+    assumed = [Line(f"  assumed: {each}", "dim") for each in view.assumed]
+    return [*report.further, *assumed, *note_lines(assessment), *warning_lines(assessment, warnings)]
 
 
 def build_job_sheet(file: File, job: Job, work: Callable[[], Work]) -> Sheet:
@@ -138,41 +146,54 @@ def build_job_report(
 
     `document` is the JSON of the job, to be attached; `about` are further facts for the first section.
     """
-    from jointstiff.service.reports.pictures import draw_bars
-
-    title, provenance = kind.title, job.provenance
-    parts = job_parts(kind, job, View(details=True))
-    tables = [part for part in parts if isinstance(part, Table)]
-    pictures = [draw_bars(part) for part in parts if isinstance(part, Chart)]
-    stripped_lines = [
-        line.strip() for part in parts if isinstance(part, Line) for line in part.text.splitlines()
-    ]
-    notes = [line for line in stripped_lines if line]
+    attachment = Attachment(
+        f"{job.kind}.json", "application/json", "The job, with all its numbers", document.encode()
+    )
     identity: list[Fact] = [
-        ("Report", f"{title}, {job.id}"),
-        ("Computed", format_time(provenance.ended_at)),
+        ("Report", f"{kind.title}, {job.id}"),
+        ("Computed", format_time(job.provenance.ended_at)),
         *about,
     ]
-    attached_name = f"{job.kind}.json"
-    origin: list[Fact] = [
-        ("SHA-256 of the input", provenance.input_hash),
-        ("Versions", list_versions(job)),
-        ("Attached", f"{attached_name}, with all numbers"),
-    ]
-    about_job = "The job, with all its numbers"
     return Document(
-        title=title,
+        title=kind.title,
         number=job.id,
         letterhead=settings.letterhead(),
-        dated=provenance.ended_at or provenance.created_at,
+        dated=job.provenance.ended_at or job.provenance.created_at,
         sections=[
-            Section(RESULTS, tables=tables, pictures=pictures),
-            Section(ASSESSMENT, notes=notes, boxed=True),
+            *_build_result_sections(job_parts(kind, job, View(details=True))),
             Section(IDENTIFICATION, facts=identity),
             Section(REQUESTED, facts=list_request_fields(job.request, joint_kinds_in(job))),
             Section(STATED, paragraphs=[NOT_ISO_9283]),
-            Section(ORIGIN, facts=origin),
+            Section(ORIGIN, facts=_list_facts_of_origin(job, attachment)),
         ],
-        attachments=[Attachment(attached_name, "application/json", about_job, document.encode())],
+        attachments=[attachment],
         signs=False,
     )
+
+
+def _build_result_sections(parts: Sequence[Part]) -> list[Section]:
+    """Return two sections of a job's output: tables and pictures; and all lines of text, in a box."""
+    from jointstiff.service.reports.pictures import draw_bars
+
+    tables, pictures, notes = list[Table](), list[Picture](), list[str]()
+    for part in parts:
+        match part:
+            case Table():
+                tables.append(part)
+            case Chart():
+                pictures.append(draw_bars(part))
+            case Line():
+                notes += map(str.strip, part.text.splitlines())
+    return [
+        Section(RESULTS, tables=tables, pictures=pictures),
+        Section(ASSESSMENT, notes=[note for note in notes if note], boxed=True),
+    ]
+
+
+def _list_facts_of_origin(job: Job, attachment: Attachment) -> list[Fact]:
+    """Return the facts by which the numbers of a report can be traced and computed again."""
+    return [
+        ("SHA-256 of the input", job.provenance.input_hash),
+        ("Versions", list_versions(job)),
+        ("Attached", f"{attachment.name}, with all numbers"),
+    ]

@@ -92,7 +92,23 @@ def _read_logo(folder: Path, name: str) -> Logo:
     Raises:
         SettingsError: the name is not a plain file name, or the file is no PNG or JPEG, or too large.
     """
-    if name != PurePosixPath(name).name or name != PureWindowsPath(name).name or name in {".", ".."}:
+    _refuse_file_elsewhere(folder, name)
+    content = _read_limited(folder / name, MAX_LOGO_BYTES)
+    _refuse_unsuitable_picture(content, name)
+    kind: Literal["png", "jpg"] = "png" if content.startswith(_PNG) else "jpg"
+    logo = Logo(content, kind)
+    _refuse_undisplayable_logo(logo, name)
+    return logo
+
+
+def _refuse_file_elsewhere(folder: Path, name: str) -> None:
+    """Refuse a logo that is not a file in the folder of the settings itself, because of its path or a link.
+
+    Raises:
+        SettingsError: names what is not allowed.
+    """
+    is_plain_name = name == PurePosixPath(name).name == PureWindowsPath(name).name
+    if not is_plain_name or name in {".", ".."}:
         raise SettingsError(
             f"logo: {name!r} is not the name of a file", "put the logo into the folder of the settings"
         )
@@ -100,8 +116,14 @@ def _read_logo(folder: Path, name: str) -> Logo:
         raise SettingsError(
             f"logo: {name!r} is a link", "copy the picture file itself into the folder of the settings file"
         )
-    content = _read_limited(folder / name, MAX_LOGO_BYTES)
-    kind: Literal["png", "jpg"] = "png" if content.startswith(_PNG) else "jpg"
+
+
+def _refuse_unsuitable_picture(content: bytes, name: str) -> None:
+    """Refuse a logo that is no PNG or JPEG picture, or has too many pixels.
+
+    Raises:
+        SettingsError: names what is not allowed.
+    """
     size = _image_size(content)
     if size is None:
         raise SettingsError(
@@ -113,8 +135,6 @@ def _read_logo(folder: Path, name: str) -> Logo:
             f"logo: the size of {name!r}, {size[0]} × {size[1]} pixels, is not allowed",
             f"reduce width and height to at most {MAX_LOGO_SIDE} pixels",
         )
-    _refuse_undisplayable_logo(Logo(content, kind), name)
-    return Logo(content, kind)
 
 
 def _refuse_undisplayable_logo(logo: Logo, name: str) -> None:

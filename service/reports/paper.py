@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from jointstiff.schemas.comparison import Comparison, ComparisonResult
+from jointstiff.schemas.comparison import ComparedRun, ComparedSide, Comparison, ComparisonResult, Side
 from jointstiff.schemas.finding import Problem
 from jointstiff.service.kinds.comparison.kind import COMPARISON, make_charts
 from jointstiff.service.problems import CampaignError, http_problem
@@ -12,7 +13,7 @@ from jointstiff.service.reports.document import Document, Letterhead, Section, l
 from jointstiff.service.reports.job import job_parts
 from jointstiff.service.reports.pictures import draw_bars
 from jointstiff.service.tables.report import View
-from jointstiff.service.tables.table import NO_NUMBER, Line, Table, build_text_table
+from jointstiff.service.tables.table import NO_NUMBER, Line, Table, build_text_table, format_percent
 
 if TYPE_CHECKING:  # few comparisons have a geometry
     from jointstiff.schemas.geometry import Geometry, WristResult
@@ -35,16 +36,12 @@ def build_paper(job: Comparison, view: View | None = None, geometry: Geometry | 
         CampaignError: the comparison has no result, or the geometry has no wrist centre by targets.
     """
     result = require_result(job)
-    parts = job_parts(COMPARISON, job, view or View())
-    tables = [part for part in parts if isinstance(part, Table)]
-    lines = [part.text.strip() for part in parts if isinstance(part, Line)]
-    notes = [line for line in lines if line]
     sections = list[Section]()
     if geometry is not None:
         sections.append(_make_wrist_section(require_wrist(geometry)))
     deflections = _make_deflection_table(result)
     sections.append(Section("Measurement sets and explained deflection", tables=[deflections]))
-    sections.append(Section("Table II: stiffness", tables=tables, notes=notes))
+    sections.append(_make_stiffness_section(job, view or View()))
     pictures = [draw_bars(chart) for chart in make_charts(result)]
     sections.append(Section("Figures 7 and 8", pictures=pictures))
     sections.append(Section("Origin", facts=[("Versions", list_versions(job))]))
@@ -56,6 +53,17 @@ def build_paper(job: Comparison, view: View | None = None, geometry: Geometry | 
         sections=sections,
         signs=False,
     )
+
+
+def _make_stiffness_section(job: Comparison, view: View) -> Section:
+    """Return Table II: the stiffnesses by each method, with the notes of the comparison."""
+    tables, notes = list[Table](), list[str]()
+    for part in job_parts(COMPARISON, job, view):
+        if isinstance(part, Table):
+            tables.append(part)
+        elif isinstance(part, Line) and part.text.strip():
+            notes.append(part.text.strip())
+    return Section("Table II: stiffness", tables=tables, notes=notes)
 
 
 def require_result(job: Comparison) -> ComparisonResult:
@@ -93,29 +101,42 @@ def _make_wrist_section(wrist: WristResult) -> Section:
 
 
 def _make_deflection_table(result: ComparisonResult) -> Table:
-    """Return the table that compares both sets.
+    """Return the table that compares both sets, with a row for each set.
 
-    The table has the number of configurations, the mean deflection, and the fraction of the deflection that
-    each method explains.
+    A row has the number of configurations, the mean deflection [mm], and for each method the fraction of the
+    deflection that the method explains.
     """
-    methods: dict[str, dict[str, str]] = {}
-    for entry in result.entries:
-        name = entry.method.replace("_", " ")
-        if entry.weighting != "covariance":
-            name += f", {entry.weighting.replace('_', ' ')}"
-        # A method with and without the constraint of positive stiffness has two entries: the constrained
-        # entry is the last, and replaces the other.
-        explained = entry.compensation
-        methods.setdefault(name, {})[entry.side] = (
-            NO_NUMBER if explained is None else f"{100 * explained:.1f} %"
-        )
-    rows = []
+    methods = list(dict.fromkeys(_name_method(entry) for entry in result.entries))
+    rows = list[list[str]]()
     for side in result.sides:
-        lengths = [length for length in side.deflection if length is not None]
-        mean = f"{1e3 * sum(lengths) / len(lengths):.3f}" if lengths else NO_NUMBER
-        shares = [cells.get(side.side, NO_NUMBER) for cells in methods.values()]
-        rows.append([side.side, str(len(side.configurations)), mean, *shares])
+        explained = _list_explained(result.entries, side.side)
+        fractions = [explained.get(method, NO_NUMBER) for method in methods]
+        rows.append([side.side, str(len(side.configurations)), _format_mean_deflection(side), *fractions])
     head = ["set", "configurations", "mean deflection [mm]", *methods]
-    return build_text_table(
-        head, rows, caption="of each method: fraction of the mean deflection that the method explains"
-    )
+    caption = "of each method: fraction of the mean deflection that the method explains"
+    return build_text_table(head, rows, caption=caption)
+
+
+def _name_method(entry: ComparedRun) -> str:
+    """Return method and weighting in words: "partial pose", or "partial pose, uniform"."""
+    name = entry.method.replace("_", " ")
+    if entry.weighting == "covariance":
+        return name
+    return f"{name}, {entry.weighting.replace('_', ' ')}"
+
+
+def _list_explained(entries: Sequence[ComparedRun], side: Side) -> dict[str, str]:
+    """Return method → the fraction of the deflection that it explains on a side, as text.
+
+    A method with and without the constraint of positive stiffness has two entries: the constrained entry is
+    the last, and replaces the other.
+    """
+    return {
+        _name_method(entry): format_percent(entry.compensation) for entry in entries if entry.side == side
+    }
+
+
+def _format_mean_deflection(side: ComparedSide) -> str:
+    """Return the mean deflection [mm] of a side's configurations; a dash if it is not known."""
+    lengths = [length for length in side.deflection if length is not None]
+    return f"{1e3 * sum(lengths) / len(lengths):.3f}" if lengths else NO_NUMBER

@@ -345,9 +345,19 @@ def _error_bar_lengths(
 
 
 def _draw_area(axis: Axes, area: Area) -> None:
-    """Draw an area seen from above as filled contours with a colour bar; crosses where there is no number.
+    """Draw an area seen from above, with a colour bar: an area of places [x, y] with a number for each."""
+    axis.figure.colorbar(_draw_places(axis, area), ax=axis, label=area.names[2])
+    axis.set_xlabel(area.names[0])
+    axis.set_ylabel(area.names[1])
+    axis.set_title(area.title, fontsize="medium")
+    axis.set_aspect("equal")
 
-    Places that are no grid of two rows and columns at least are drawn as squares.
+
+def _draw_places(axis: Axes, area: Area) -> Any:  # noqa: ANN401 - of matplotlib, without types
+    """Draw the places of an area, and return what the colour bar explains.
+
+    A grid of two rows and columns at least is drawn as filled contours, other places as squares; places
+    without a number as crosses.
     """
     x, y = np.array(area.x, dtype=float), np.array(area.y, dtype=float)
     values = area.factor * np.array(area.values, dtype=float)
@@ -359,12 +369,7 @@ def _draw_area(axis: Axes, area: Area) -> None:
         drawn = axis.scatter(x[known], y[known], c=values[known], marker="s", cmap="viridis")
     if not known.all():
         axis.scatter(x[~known], y[~known], c="0.4", marker="x", s=10, linewidths=0.6)
-    label_of_x, label_of_y, label_of_values = area.names
-    axis.figure.colorbar(drawn, ax=axis, label=label_of_values)
-    axis.set_xlabel(label_of_x)
-    axis.set_ylabel(label_of_y)
-    axis.set_title(area.title, fontsize="medium")
-    axis.set_aspect("equal")
+    return drawn
 
 
 class _AreaGrid(NamedTuple):

@@ -6,7 +6,7 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from datetime import UTC
 from functools import cache
@@ -15,7 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final
 
-from jointstiff.service.reports.document import TO_SIGN, Document, Letterhead, Section
+from jointstiff.service.reports.document import TO_SIGN, Document, Letterhead, Logo, Section
 from jointstiff.service.tables.table import Line, Table
 from jointstiff.solver.errors import RequestError
 
@@ -54,12 +54,12 @@ def render_html(document: Document) -> bytes:
         _letterhead_html(document.letterhead),
         f"<h1>{title}</h1><p>{number}</p>",
         "</header>",
-        *(_section_html(position, section) for position, section in enumerate(document.sections, 1)),
     ]
+    for position, section in enumerate(document.sections, 1):
+        parts.append(_section_html(position, section))
     if document.signs:
-        parts.append('<div class="sign">')
-        parts += [f"<p>{line}</p>" for line in TO_SIGN]
-        parts.append("</div>")
+        lines = [f"<p>{line}</p>" for line in TO_SIGN]
+        parts += ['<div class="sign">', *lines, "</div>"]
     parts.append(f'<p class="end">— End of report {number} —</p></body></html>\n')
     return "\n".join(parts).encode()
 
@@ -93,22 +93,28 @@ def _section_html(number: int, section: Section) -> str:
 def _table_html(table: Table) -> str:
     """Return the HTML of a table; columns of texts are aligned to the left."""
     text_columns = table.text_columns()
-
-    def row_html(cells: Iterable[Line], tag: str) -> str:
-        """Return the HTML of a row whose cells have the tag `td` or `th`."""
-        row_cells = []
-        for column, cell in enumerate(cells):
-            classes = ["text"] if column in text_columns else []
-            classes += ["dim"] if cell.style == "dim" else []
-            css_class = f' class="{" ".join(classes)}"' if classes else ""
-            row_cells.append(f"<{tag}{css_class}>{escape(cell.text)}</{tag}>")
-        return f"<tr>{''.join(row_cells)}</tr>"
-
     caption = f"<caption>{escape(table.legend)}</caption>" if table.legend else ""
-    rows = "".join(row_html(cells, "td") for cells in table.rows())
-    head = row_html(map(Line, table.head()), "th")
+    head = _row_html(map(Line, table.head()), "th", text_columns)
+    rows = "".join(_row_html(cells, "td", text_columns) for cells in table.rows())
     body = f"{caption}<thead>{head}</thead><tbody>{rows}</tbody>"
     return f'<div class="wide"><table>{body}</table></div>'
+
+
+def _row_html(cells: Iterable[Line], tag: str, text_columns: Sequence[int]) -> str:
+    """Return the HTML of a row whose cells have the tag `td` or `th`.
+
+    `text_columns` are the indices of columns with text, which the style sheet aligns to the left.
+    """
+    row_cells = list[str]()
+    for column, cell in enumerate(cells):
+        classes = list[str]()
+        if column in text_columns:
+            classes.append("text")
+        if cell.style == "dim":
+            classes.append("dim")
+        css_class = f' class="{" ".join(classes)}"' if classes else ""
+        row_cells.append(f"<{tag}{css_class}>{escape(cell.text)}</{tag}>")
+    return f"<tr>{''.join(row_cells)}</tr>"
 
 
 _TEMPLATE: Final = Path(__file__).with_name("template.typ")
@@ -193,26 +199,33 @@ def _load_fonts() -> typst.Fonts:
 
 def _template_data(document: Document) -> dict[str, Any]:
     """Return the content of a report as JSON values, in the form that the template reads."""
-    dated, head = document.dated.astimezone(UTC), document.letterhead
+    head = document.letterhead
+    dated = document.dated.astimezone(UTC)
     parts_of_time = ("year", "month", "day", "hour", "minute", "second")
-    logo = None
-    if head.logo is not None:
-        logo = {"content": list(head.logo.content), "kind": head.logo.kind}
-    sections = list[dict[str, Any]]()
-    for section in document.sections:
-        shown_tables = [table.shown() for table in section.tables]
-        sections.append(asdict(replace(section, tables=[])) | {"tables": shown_tables})
     attachments = [asdict(each) | {"content": each.content.decode()} for each in document.attachments]
     return {
         "title": document.title,
         "number": document.number,
         "letterhead": {"name": head.name, "lines": head.lines},
-        "logo": logo,
+        "logo": _logo_data(head.logo),
         "dated": {part: getattr(dated, part) for part in parts_of_time},
-        "sections": sections,
+        "sections": [_section_data(section) for section in document.sections],
         "to_sign": TO_SIGN if document.signs else [],
         "attachments": attachments,
     }
+
+
+def _logo_data(logo: Logo | None) -> dict[str, Any] | None:
+    """Return a logo as JSON values: the numbers of its bytes, and its kind."""
+    if logo is None:
+        return None
+    return {"content": list(logo.content), "kind": logo.kind}
+
+
+def _section_data(section: Section) -> dict[str, Any]:
+    """Return a section as JSON values, with its tables as they are shown."""
+    shown_tables = [table.shown() for table in section.tables]
+    return asdict(replace(section, tables=[])) | {"tables": shown_tables}
 
 
 def _replace_unusual_characters(value: Any) -> Any:  # noqa: ANN401 - JSON

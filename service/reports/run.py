@@ -29,6 +29,8 @@ from jointstiff.service.reports.document import (
     STATED,
     Attachment,
     Document,
+    Fact,
+    Picture,
     Section,
     format_percent,
     format_time,
@@ -152,46 +154,57 @@ class RunSubject:
 
 def build_run_report(subject: RunSubject) -> Document:
     """Build the report of a run; equal runs, measurement sets and settings give equal documents."""
-    model, run, settings = subject.model, subject.model.run, subject.settings
+    run = subject.model.run
+    return Document(
+        title=TITLE,
+        number=run.id,
+        letterhead=subject.settings.letterhead(),
+        dated=run.provenance.ended_at or run.provenance.created_at,
+        sections=_build_sections(subject),
+        attachments=_build_attachments(subject),
+    )
+
+
+def _build_sections(subject: RunSubject) -> list[Section]:
+    """Return the sections of the report of a run, in order."""
+    model, laboratory = subject.model, subject.settings.laboratory
     items = build_text_table(["item", "requirement", "place in this report"], ITEMS, left_aligned=[0, 1, 2])
-    sections = [
+    return [
         build_results_section(model, subject.readings),
         build_assessment_section(model.result),
         _build_identification_section(subject),
         *_build_prediction_section(subject),
         build_uncertainty_section(model),
-        build_method_section(model, settings.laboratory),
-        Section(REQUESTED, facts=list_request_fields(run.request)),
+        build_method_section(model, laboratory),
+        Section(REQUESTED, facts=list_request_fields(model.run.request)),
         _build_adjustment_section(model),
-        _build_traceability_section(subject.readings, settings.laboratory),
+        _build_traceability_section(subject.readings, laboratory),
         Section(STATED, paragraphs=list(STATEMENTS)),
         _build_origin_section(subject),
         Section("Items of ISO/IEC 17025:2017 and their places in this report", tables=[items]),
     ]
+
+
+def _build_attachments(subject: RunSubject) -> list[Attachment]:
+    """Return the files within the report of a run: the run as JSON, and its joints as CSV."""
     about_run = "The run; a large one without its residuals"
-    attached_run = Attachment("run.json", "application/json", about_run, subject.run_json())
-    attached_joints = Attachment("joints.csv", "text/csv", "The joints as a table", write_joints_csv(model))
-    return Document(
-        title=TITLE,
-        number=run.id,
-        letterhead=settings.letterhead(),
-        dated=run.provenance.ended_at or run.provenance.created_at,
-        sections=sections,
-        attachments=[attached_run, attached_joints],
-    )
+    joints = write_joints_csv(subject.model)
+    return [
+        Attachment("run.json", "application/json", about_run, subject.run_json()),
+        Attachment("joints.csv", "text/csv", "The joints as a table", joints),
+    ]
 
 
 def _build_identification_section(subject: RunSubject) -> Section:
     """Return the section that identifies report, customer, place, robot and measurement."""
-    readings, run, robot = subject.readings, subject.model.run, subject.model.robot
+    readings, run = subject.readings, subject.model.run
     laboratory = subject.settings.laboratory or Laboratory(name=NOT_STATED)
     location = laboratory.place or ", ".join(laboratory.address)
-    joint_names = ", ".join(robot.joint_names)
     facts = [
         ("Report", run.id),
         ("Customer", _describe_customer(laboratory)),
         ("Location of the measurement", location or NOT_STATED),
-        ("Item", f"Industrial robot {subject.model.name}, {robot.n} joints: {joint_names}"),
+        ("Item", _describe_robot(subject.model)),
         ("Serial number", readings.serial_number or NOT_STATED),
         ("Condition of the item", readings.item_condition or NOT_STATED),
         ("Measured", format_time(readings.measured_at)),
@@ -200,7 +213,13 @@ def _build_identification_section(subject: RunSubject) -> Section:
         ("Operator", readings.operator or NOT_STATED),
         ("Notes on the measurement", readings.notes or ""),
     ]
-    return Section(IDENTIFICATION, facts=[fact for fact in facts if fact[1]])
+    return Section(IDENTIFICATION, facts=[(name, value) for name, value in facts if value])
+
+
+def _describe_robot(model: ExportedModel) -> str:
+    """Return the robot in words: its name, and the names of its joints."""
+    joint_names = ", ".join(model.robot.joint_names)
+    return f"Industrial robot {model.name}, {model.robot.n} joints: {joint_names}"
 
 
 def _describe_customer(laboratory: Laboratory) -> str:
@@ -224,22 +243,32 @@ def _repeatability_facts(goodness: Goodness) -> list[tuple[str, str]]:
 
 def build_results_section(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
     """Return the section with the stiffness of each joint and its interval, and with pictures."""
-    result = model.result
     confidence = model.run.request.confidence
-    first_posture = joint_factors(model.robot, readings.units) * readings.observations[0].joints
-    pictures = [
-        draw_intervals(result.joints, confidence),
-        draw_deflections(result),
-        draw_arm(model.robot, first_posture.tolist()),
-    ]
-    without_number = [joint for joint in result.joints if joint.stiffness is None]
+    notes = list[str]()
+    for joint in model.result.joints:
+        if joint.stiffness is None:
+            notes.append(f"{joint.name}: no number: {explain_missing_stiffness(joint)}.")
     return Section(
         RESULTS,
-        tables=[_build_joint_table(result, confidence)],
-        notes=[f"{joint.name}: no number: {explain_missing_stiffness(joint)}." for joint in without_number],
-        facts=_list_facts_of_fit(result),
-        pictures=[picture for picture in pictures if picture is not None],
+        tables=[_build_joint_table(model.result, confidence)],
+        notes=notes,
+        facts=_list_facts_of_fit(model.result),
+        pictures=_draw_results(model, readings),
     )
+
+
+def _draw_results(model: ExportedModel, readings: MeasurementSetDocument) -> list[Picture]:
+    """Return the pictures of stiffnesses, of deflections, and of the arm in its first posture.
+
+    A picture without numbers is left out.
+    """
+    first_posture = joint_factors(model.robot, readings.units) * readings.observations[0].joints
+    pictures = [
+        draw_intervals(model.result.joints, model.run.request.confidence),
+        draw_deflections(model.result),
+        draw_arm(model.robot, first_posture.tolist()),
+    ]
+    return [picture for picture in pictures if picture is not None]
 
 
 def _build_joint_table(result: RunResult, confidence: float) -> Table:
@@ -426,28 +455,35 @@ def _format_share(fraction: float | None) -> str:
 def _make_budget_rows(budget: Budget, result: RunResult) -> list[list[str]]:
     """Return the rows of the budget's table: each source, then the combined and expanded uncertainties.
 
-    A row has source, type of evaluation (A: by statistics, B: otherwise), and a cell for each joint.
+    A row has source, type of evaluation (A: by statistics, B: otherwise), and a cell for each joint: an
+    uncertainty in % of the joint's compliance.
     """
     compliances = {joint.name: abs(joint.compliance or 0.0) for joint in result.joints}
     sizes = [compliances[name] for name in budget.joints]
     rows = list[list[str]]()
     for component in budget.components:
-        source = component.source.replace("_", " ")
         remark = "" if component.included else " (not included)"
-        cells = _format_fractions(component.contributions, sizes)
-        rows.append([f"{source}{remark}", component.evaluation, *cells])
-    # The stored expanded uncertainty is divided by its own factor, and expanded again by the printed factor.
-    printed_factor = _coverage_factor(budget)
-    combined = [expanded / budget.coverage_factor for expanded in budget.expanded_with_model_error]
-    expanded = [printed_factor * u for u in combined]
-    extent = "partial" if budget.missing else "all sources"
-    for source, uncertainties in (
-        ("combined, only sources that the intervals include", budget.standard_uncertainty),
-        ("combined, all sources", combined),
-        (f"expanded, {extent}, k = {figure(printed_factor)}", expanded),
-    ):
+        source = component.source.replace("_", " ") + remark
+        rows.append([source, component.evaluation, *_format_fractions(component.contributions, sizes)])
+    for source, uncertainties in _list_combined_uncertainties(budget).items():
         rows.append([source, "", *_format_fractions(uncertainties, sizes)])
     return rows
+
+
+def _list_combined_uncertainties(budget: Budget) -> dict[str, Sequence[float]]:
+    """Return text of the source → combined uncertainty of each joint's compliance.
+
+    The stored expanded uncertainty is divided by its own factor, and expanded again by the printed factor,
+    because the printed factor has fewer digits.
+    """
+    printed_factor = _coverage_factor(budget)
+    combined = [expanded / budget.coverage_factor for expanded in budget.expanded_with_model_error]
+    extent = "partial" if budget.missing else "all sources"
+    return {
+        "combined, only sources that the intervals include": budget.standard_uncertainty,
+        "combined, all sources": combined,
+        f"expanded, {extent}, k = {figure(printed_factor)}": [printed_factor * u for u in combined],
+    }
 
 
 def _format_fractions(numbers: Sequence[float], wholes: Sequence[float]) -> list[str]:
@@ -572,15 +608,15 @@ def _list_mean_deflections(result: RunResult) -> list[tuple[str, str]]:
 
 
 def _build_traceability_section(readings: MeasurementSetDocument, laboratory: Laboratory | None) -> Section:
-    """Return the section with conditions, instrument, traceability, loads and targets."""
-    conditions, traceability = readings.conditions, None
-    if laboratory is not None:
-        conditions = conditions or laboratory.conditions
-        traceability = laboratory.traceability
-    facts = [
-        ("Conditions", conditions or NOT_STATED),
+    """Return the section with conditions, instrument, traceability, loads and targets.
+
+    Conditions of the readings replace the usual conditions of the laboratory.
+    """
+    known = laboratory or Laboratory(name=NOT_STATED)
+    facts: list[Fact] = [
+        ("Conditions", readings.conditions or known.conditions or NOT_STATED),
         ("Instrument", readings.instrument or NOT_STATED),
-        ("Metrological traceability", traceability or NOT_STATED),
+        ("Metrological traceability", known.traceability or NOT_STATED),
         ("Uncertainty of readings and load", " ".join(_describe_noise(readings))),
         ("Position loop closed by", f"{readings.encoders} encoders"),
         ("Observations", f"{len(readings.observations)}"),

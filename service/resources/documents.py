@@ -203,29 +203,42 @@ def _explain_other_document(
     Returns:
         The problem; None if the document is of no other known kind.
     """
-    import_hint = "to read tables and point lists use `jointstiff import FILE`"
     if error.keys is NOT_JSON:
-        if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
-            return http_problem(
-                422, f"{name} is a text in UTF-16, not a JSON document", "save the file as UTF-8"
-            )
-        from jointstiff.service.importing.grid import file_type  # imported only for such a file
-
-        if content.lstrip()[:1] not in (b"{", b"["):
-            if content.lstrip()[:1] == b"<" and b"<robot" in content:
-                file = shlex.quote(name)
-                remedy = f"identify needs readings: `jointstiff plan {file}` plans them, and "
-                remedy += f"`jointstiff import FILE --robot {file}` reads them"
-                return http_problem(422, f"{name} is a URDF, not a campaign", remedy)
-            type_of_file = file_type(content) or "a text"
-            return http_problem(422, f"{name} is {type_of_file}, not a JSON document", import_hint)
-        return http_problem(
-            422, f"{name}: {error.faults[0]['msg']}", f"correct the JSON at this place; {import_hint}"
-        )
+        return _explain_text(content, error, name)
     for keys, kind, remedy in _OTHER_DOCUMENTS:
         if keys <= error.keys and not keys <= set(message_class.model_fields):
             return http_problem(422, f"{name} is {kind}", remedy)
     return None
+
+
+_IMPORT_HINT: Final = "to read tables and point lists use `jointstiff import FILE`"
+
+
+def _explain_text(content: bytes, error: MalformedError, name: str) -> Problem:
+    """Return a problem that names what a text that is not JSON is: UTF-16, a URDF, a table, or broken JSON.
+
+    Args:
+        content: bytes of the text.
+        error: failure of reading the text as JSON.
+        name: name of the file, for people.
+    """
+    if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        return http_problem(422, f"{name} is a text in UTF-16, not a JSON document", "save the file as UTF-8")
+    first = content.lstrip()[:1]
+    if first in (b"{", b"["):
+        remedy = f"correct the JSON at this place; {_IMPORT_HINT}"
+        return http_problem(422, f"{name}: {error.faults[0]['msg']}", remedy)
+    if first == b"<" and b"<robot" in content:
+        file = shlex.quote(name)
+        remedy = (
+            f"identify needs readings: `jointstiff plan {file}` plans them, and "
+            f"`jointstiff import FILE --robot {file}` reads them"
+        )
+        return http_problem(422, f"{name} is a URDF, not a campaign", remedy)
+    from jointstiff.service.importing.grid import file_type  # imported only for such a file
+
+    type_of_file = file_type(content) or "a text"
+    return http_problem(422, f"{name} is {type_of_file}, not a JSON document", _IMPORT_HINT)
 
 
 _OTHER_DOCUMENTS: Final = (

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import hypot, sqrt
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any, Final, cast
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
 
 from pydantic import ValidationError
 
@@ -14,24 +16,26 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.geometry import MAX_GEOMETRY_READINGS, MAX_GEOMETRY_TARGETS, GeometryRequest
 from jointstiff.schemas.imports import (
     MAX_PREVIEW_ROWS,
-    FilePreview,
+    ColumnMeaning,
     ImportAnswer,
     ImportFault,
     ImportRequest,
     MissingField,
+    State,
 )
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place
 from jointstiff.service.importing.grammar import Kind, Quantity, joint_number, split_along_target
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
-from jointstiff.service.importing.rows import ObservationRecord
+from jointstiff.service.importing.rows import ObservationRecord, Value
 from jointstiff.service.problems import FilesError, reword_fault
 from jointstiff.solver.errors import MeasurementError
 
 if TYPE_CHECKING:
     from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 
+T = TypeVar("T")
 _LENGTHS: Final = frozenset(
     ("sigma", "station", "constant", "load_point", "target_places", "drift", "position")
 )
@@ -53,6 +57,57 @@ def _place_text(place: Place) -> str:
     return ":".join(str(part) for part in place if part is not None) or "files"
 
 
+@dataclass(frozen=True)
+class _StatedReadings:
+    """Readings of files without faults, with what a request states about them."""
+
+    understood: Understood  # readings of the files
+    request: ImportRequest  # statements that the files do not contain
+    first_file: str  # name of the first file
+    by_own_weight: bool  # whether the robot's own weight is the load: no force, no loaded positions needed
+
+    @property
+    def name(self) -> str:
+        """Name of the set: from the request, else the name of the first file without its ending."""
+        stem = "".join(letter for letter in PurePath(self.first_file).stem if letter.isprintable())
+        return self.request.name or stem.strip()[:MAX_NAME_LENGTH].strip() or "readings"
+
+    @property
+    def unit_of_files(self) -> str:
+        """Unit of length of the files: m or mm."""
+        return self.understood.units.get("length", "mm")
+
+    @property
+    def unit_of_request(self) -> str:
+        """Unit of the lengths in the request: the unit of the files unless `length_unit` states another."""
+        return self.request.length_unit or self.unit_of_files
+
+    @property
+    def force(self) -> Vector3 | None:
+        """Force of observations whose files have none: zero if the robot's own weight is the load."""
+        return (0.0, 0.0, 0.0) if self.by_own_weight else self.request.force
+
+    def first_has(self, kind: Kind) -> bool:
+        """Return whether the first observation has numbers of a kind, such as `joint` or `load point`."""
+        return self.understood.observations[0].vector(kind) is not None
+
+    def convert_to_files(self, value: Any, field: str = "") -> Any:  # noqa: ANN401 - JSON
+        """Return a part of the request with its lengths in the unit of the files; `field` is its name."""
+        return _convert_lengths(value, self.unit_of_request, self.unit_of_files, field)
+
+
+@dataclass(frozen=True)
+class _Results:
+    """What files without faults are good for; all fields are empty if the files have faults."""
+
+    unusual: list[str] = field(default_factory=list)  # values that a person must confirm, in sentences
+    missing: dict[MissingField, str] = field(default_factory=dict)  # missing field → its description
+    document: MeasurementSetDocument | None = None  # None if a field is missing
+    findings: list[Finding] | None = None  # None without a robot or without a document
+    template: ImportRequest | None = None  # options that accept further files of this form
+    geometry: GeometryRequest | None = None  # unloaded poses for a geometry
+
+
 def import_files(
     files: Sequence[SourceFile],
     request: ImportRequest,
@@ -72,71 +127,114 @@ def import_files(
             request does not have `show_faults`.
     """
     understood = understand_files(files, request, () if robot is None else robot.joint_names)
-    faults, first_file = list(understood.faults), files[0].name if files else ""
+    if understood.weight_step is not None:
+        return _answer_weight_step(understood)
+    faults = list(understood.faults)
     bodies: list[Body] = []
+    results = _Results()
     try:
         bodies = _name_joints_of_bodies(understood.bodies, robot)
+        if not faults:
+            by_own_weight = _is_loaded_by_own_weight(understood, request, bodies, robot)
+            readings = _StatedReadings(understood, request, files[0].name, by_own_weight)
+            results = _make_results(readings, robot, other_robots)
     except ImportFileError as fault:
         faults.append(fault)
-    if understood.weight_step is not None:
-        return ImportAnswer(
-            **dict(understood.preview),
-            missing=[],
-            leave_out=[],
-            measurement_set=None,
-            weight_step=understood.weight_step,
-        )
-    # Readings without any load serve to identify by the robot's own weight, if the masses are known.
-    is_by_own_weight = bool(bodies or (robot and robot.bodies)) and _is_unloaded(understood, request)
-    unusual: list[str] = []
-    if not faults and not request.accept_unusual:
-        unusual = _describe_unusual_values(understood, request)[:MAX_PREVIEW_ROWS]
-    missing = (
-        {} if faults else _list_missing_fields(understood, request, unusual, own_weight=is_by_own_weight)
-    )
-    document, findings, template, geometry = None, None, None, None
-    if not faults and not missing:
-        try:
-            document = _build_measurement_set(understood, request, first_file, own_weight=is_by_own_weight)
-            findings = None if robot is None else _inspect_set(document, robot, other_robots)
-            template = _build_template(understood, request)
-        except ImportFileError as fault:
-            document = None
-            faults.append(fault)
-    # A geometry needs only unloaded poses: forces, load point and encoders may be missing.
-    lacks_for_geometry = {"joints", "accept_unusual"} & missing.keys()
-    if not faults and understood.preview.states == ["unloaded"] and not lacks_for_geometry:
-        geometry = _build_geometry_request(understood, request, first_file)
     if faults and not request.show_faults:
         raise ImportRefusedError(faults)
+    return _build_answer(understood, faults, bodies, results)
+
+
+def _answer_weight_step(understood: Understood) -> ImportAnswer:
+    """Return the answer for a table of a weight step, which has readings of encoders and no positions."""
     return ImportAnswer(
         **dict(understood.preview),
-        faults=[
-            ImportFault(
-                **fault.place._asdict(),
-                reason=fault.reason,
-                remedy=fault.remedy,
-                option=fault.option,
-                words=list(fault.words),
-            )
-            for fault in faults
-        ],
-        missing_fields=list(missing),
-        missing=list(missing.values()),
-        unusual=unusual,
-        bodies=bodies,
-        leave_out=[observation.label for observation in understood.observations if observation.held_out],
-        measurement_set=document,
-        findings=findings,
-        template=template,
-        geometry=geometry,
+        missing=[],
+        leave_out=[],
+        measurement_set=None,
+        weight_step=understood.weight_step,
     )
 
 
-def _is_unloaded(understood: Understood, request: ImportRequest) -> bool:
-    """Return whether all positions were read without load, and no force is stated in files or request."""
+def _build_answer(
+    understood: Understood, faults: Sequence[ImportFileError], bodies: list[Body], results: _Results
+) -> ImportAnswer:
+    """Return the message for the preview of files, their faults, and the results made from them."""
+    return ImportAnswer(
+        **dict(understood.preview),
+        faults=[_build_fault_message(fault) for fault in faults],
+        missing_fields=list(results.missing),
+        missing=list(results.missing.values()),
+        unusual=results.unusual,
+        bodies=bodies,
+        leave_out=[observation.label for observation in understood.observations if observation.held_out],
+        measurement_set=results.document,
+        findings=results.findings,
+        template=results.template,
+        geometry=results.geometry,
+    )
+
+
+def _build_fault_message(fault: ImportFileError) -> ImportFault:
+    """Return the message for a fault: file, line and column, reason, remedy, and the option that helps."""
+    return ImportFault(
+        **fault.place._asdict(),
+        reason=fault.reason,
+        remedy=fault.remedy,
+        option=fault.option,
+        words=list(fault.words),
+    )
+
+
+def _make_results(
+    readings: _StatedReadings, robot: Robot | None, other_robots: Iterable[KnownRobot] | None
+) -> _Results:
+    """Return what the readings are good for: a measurement set, a geometry, or only a list of missing fields.
+
+    Args:
+        readings: readings of files without faults.
+        robot: robot that was measured; if given, the set is inspected for mistakes.
+        other_robots: robots that may have been measured instead; None takes the arms of the catalogue.
+
+    Raises:
+        ImportFileError: request and files contradict each other, or the readings do not fit the robot.
+    """
+    unusual: list[str] = []
+    if not readings.request.accept_unusual:
+        unusual = _describe_unusual_values(readings)[:MAX_PREVIEW_ROWS]
+    results = _Results(unusual, _list_missing_fields(readings, unusual))
+    if not results.missing:
+        document = _build_measurement_set(readings)
+        findings = None if robot is None else _inspect_set(document, robot, other_robots)
+        template = _build_template(readings)
+        results = replace(results, document=document, findings=findings, template=template)
+    if _has_geometry(readings, results.missing):
+        results = replace(results, geometry=_build_geometry_request(readings))
+    return results
+
+
+def _has_geometry(readings: _StatedReadings, missing: Collection[MissingField]) -> bool:
+    """Return whether the readings are unloaded poses, from which the geometry of a robot can be identified.
+
+    A geometry needs only unloaded poses: forces, load point and encoders may be missing.
+    """
+    lacks_poses = "joints" in missing or "accept_unusual" in missing
+    return readings.understood.preview.states == ["unloaded"] and not lacks_poses
+
+
+def _is_loaded_by_own_weight(
+    understood: Understood, request: ImportRequest, bodies: Sequence[Body], robot: Robot | None
+) -> bool:
+    """Return whether the robot's own weight is the only load of the readings.
+
+    Readings without any load serve to identify by the robot's own weight, if the masses are known: from the
+    files (`bodies`) or from the robot.
+    """
+    has_masses = bool(bodies) or (robot is not None and bool(robot.bodies))
+    if not has_masses or understood.preview.states != ["unloaded"] or request.force is not None:
+        return False
     forces = (observation.vector("force") or () for observation in understood.observations)
-    return understood.preview.states == ["unloaded"] and request.force is None and not any(map(any, forces))
+    return not any(any(force) for force in forces)
 
 
 def _name_joints_of_bodies(bodies: Sequence[Body], robot: Robot | None) -> list[Body]:
@@ -163,76 +261,101 @@ def _name_joints_of_bodies(bodies: Sequence[Body], robot: Robot | None) -> list[
     return bodies_with_names
 
 
-def _list_missing_fields(
-    understood: Understood, request: ImportRequest, unusual: Sequence[str], *, own_weight: bool
-) -> dict[MissingField, str]:
+def _list_missing_fields(readings: _StatedReadings, unusual: Sequence[str]) -> dict[MissingField, str]:
     """Return field → description for people, for the fields that a measurement set still needs.
 
-    `unusual` has the values that a person must confirm. With `own_weight` the robot's own weight is the load:
-    no force and no loaded positions are needed then.
+    `unusual` has the values that a person must confirm. Only the first observation is looked at, because
+    earlier checks have refused files whose observations have different quantities.
     """
-    first_observation, states = understood.observations[0], understood.preview.states
-    confirmation = f"a confirmation (`accept_unusual`) that these values are correct: {'; '.join(unusual)}"
-    force_is_stated = request.force is not None
-    force_unit = None if request.units is None else request.units.force
-    joints = "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, … (lengths as `J3 [mm]`)"
-    forces = "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force`"
-    readings = "readings: columns such as `P10 unloaded x [mm]`, or lists of points"
-    places = "the targets' positions in the flange frame (`flange_targets`), for deflections"
-    lacks_places = not set(understood.places.values()) <= set(request.flange_targets)
-    loaded = "the positions under load"
-    if first_observation.vector("joint") is not None:
-        loaded += ", or the robot's masses (`bodies`, or a table of masses), for its own weight"
-    has_point = (
-        first_observation.vector("load point") is not None
-        or request.load_point is not None
-        or request.load_point_target is not None
-    )
-    has_force = first_observation.vector("force") is not None or force_is_stated
-    encoders = "the encoders that close the position loop (`encoders`): motor or secondary"
-    lacks_force_unit = force_is_stated and "force" not in understood.units and force_unit is None
-    # (True if the field is missing, name of the field, description)
-    needed_fields: list[tuple[bool, MissingField, str]] = [
-        (first_observation.vector("joint") is None, "joints", joints),
-        (not has_force and not own_weight, "force", forces),
-        (not states, "readings", readings),
-        (states == ["unloaded"] and not own_weight, "loaded", loaded),
-        (states == ["loaded"], "unloaded", "the positions without load"),
-        (lacks_places, "flange_targets", places),
-        (
-            not has_point and not own_weight,
-            "load_point",
-            "the load point (`load_point`), in the flange frame, or the target at the hook "
-            "(`load_point_target`)",
+    request, states = readings.request, readings.understood.preview.states
+    needs_load = not readings.by_own_weight
+    is_missing: dict[MissingField, bool] = {
+        "joints": not readings.first_has("joint"),
+        "force": needs_load and not (readings.first_has("force") or request.force is not None),
+        "readings": not states,
+        "loaded": needs_load and states == ["unloaded"],
+        "unloaded": states == ["loaded"],
+        "flange_targets": not set(readings.understood.places.values()) <= set(request.flange_targets),
+        "load_point": needs_load and not _has_load_point(readings),
+        "accept_unusual": bool(unusual),
+        "units.force": _lacks_unit_of_force(readings),
+        "encoders": request.encoders is None,
+    }
+    missing_fields = [name for name in is_missing if is_missing[name]]
+    return {name: _describe_missing_field(name, readings, unusual) for name in missing_fields}
+
+
+def _has_load_point(readings: _StatedReadings) -> bool:
+    """Return whether files or request state the load point, or the target whose readings show it."""
+    request = readings.request
+    is_stated = request.load_point is not None or request.load_point_target is not None
+    return is_stated or readings.first_has("load point")
+
+
+def _lacks_unit_of_force(readings: _StatedReadings) -> bool:
+    """Return whether the request states a force whose unit neither the files nor the request give."""
+    request = readings.request
+    unit = None if request.units is None else request.units.force
+    return request.force is not None and unit is None and "force" not in readings.understood.units
+
+
+_DESCRIPTIONS: Final[Mapping[MissingField, str]] = MappingProxyType(
+    {
+        "joints": (
+            "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, … (lengths as `J3 [mm]`)"
         ),
-        (bool(unusual), "accept_unusual", confirmation),
-        (lacks_force_unit, "units.force", "the unit of `force` (`units`): N, kN, kgf or lbf"),
-        (request.encoders is None, "encoders", encoders),
-    ]
-    return {field: text for is_missing, field, text in needed_fields if is_missing}
+        "force": "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force`",
+        "readings": "readings: columns such as `P10 unloaded x [mm]`, or lists of points",
+        "loaded": "the positions under load",
+        "unloaded": "the positions without load",
+        "flange_targets": "the targets' positions in the flange frame (`flange_targets`), for deflections",
+        "load_point": (
+            "the load point (`load_point`), in the flange frame, or the target at the hook "
+            "(`load_point_target`)"
+        ),
+        "accept_unusual": "a confirmation (`accept_unusual`) that these values are correct: ",
+        "units.force": "the unit of `force` (`units`): N, kN, kgf or lbf",
+        "encoders": "the encoders that close the position loop (`encoders`): motor or secondary",
+    }
+)
+"""Descriptions of missing fields; those of `loaded` and `accept_unusual` may continue."""
 
 
-def _describe_unusual_values(understood: Understood, request: ImportRequest) -> list[str]:
+def _describe_missing_field(name: MissingField, readings: _StatedReadings, unusual: Sequence[str]) -> str:
+    """Return the description of a missing field; `unusual` has the values that a person must confirm.
+
+    Loaded positions are not needed if the masses of the robot are known: its own weight then is the load.
+    """
+    text = _DESCRIPTIONS[name]
+    if name == "accept_unusual":
+        return text + "; ".join(unusual)
+    if name == "loaded" and readings.first_has("joint"):
+        return f"{text}, or the robot's masses (`bodies`, or a table of masses), for its own weight"
+    return text
+
+
+def _describe_unusual_values(readings: _StatedReadings) -> list[str]:
     """Describe in sentences the values that a person must confirm.
 
     These are numbers far from all others of their column, and a load point far from the flange.
     """
-    unit_of_request, unit_of_files = _length_units(understood, request)
-    points_in_files = [
-        point for observation in understood.observations if (point := observation.vector("load point"))
+    distance = _find_farthest_load_point(readings)
+    if distance <= FAR_POINT:
+        return [*readings.understood.unusual]
+    far_point = f"the load point is {distance:g} m from the flange (up to {FAR_POINT:g} m is plausible)"
+    return [far_point, *readings.understood.unusual]
+
+
+def _find_farthest_load_point(readings: _StatedReadings) -> float:
+    """Return the greatest distance of a load point from the flange [m]; 0 without load points."""
+    points = [observation.vector("load point") for observation in readings.understood.observations]
+    in_metres = [
+        _convert_lengths(point, readings.unit_of_files, "m", "load_point") for point in points if point
     ]
-    distances = [
-        hypot(*_convert_lengths(point, unit_of_files, "m", "load_point")) for point in points_in_files
-    ]
-    if request.load_point is not None:
-        distances.append(hypot(*_convert_lengths(request.load_point, unit_of_request, "m", "load_point")))
-    greatest = max(distances, default=0.0)  # [m]
-    far_point = (
-        [f"the load point is {greatest:g} m from the flange (up to {FAR_POINT:g} m is plausible)"]
-        if greatest > FAR_POINT
-        else []
-    )
-    return [*far_point, *understood.unusual]
+    stated = readings.request.load_point
+    if stated is not None:
+        in_metres.append(_convert_lengths(stated, readings.unit_of_request, "m", "load_point"))
+    return max((hypot(*point) for point in in_metres), default=0.0)
 
 
 def _inspect_set(
@@ -264,18 +387,6 @@ def _inspect_set(
         raise ImportFileError(NOWHERE, reason, error.remedy or "check robot and readings") from error
 
 
-# ---- lengths of the request, in the files' unit
-
-
-def _length_units(understood: Understood, request: ImportRequest) -> tuple[str, str]:
-    """Return (unit of length of the request, unit of length of the files).
-
-    A request without `length_unit` has the unit of the files.
-    """
-    unit_of_files = understood.units.get("length", "mm")
-    return request.length_unit or unit_of_files, unit_of_files
-
-
 def _convert_lengths(value: Any, old_unit: str, new_unit: str, name: str = "") -> Any:  # noqa: ANN401 - JSON
     """Convert the lengths in a part of the request from one unit to the other, m or mm.
 
@@ -299,67 +410,92 @@ def _convert_lengths(value: Any, old_unit: str, new_unit: str, name: str = "") -
 # ---- results made from the files
 
 
-def _choose_name(request: ImportRequest, first_file: str) -> str:
-    """Return the name of the set: from the request, else the name of the first file without its ending."""
-    stem = "".join(character for character in PurePath(first_file).stem if character.isprintable())
-    return request.name or stem.strip()[:MAX_NAME_LENGTH].strip() or "readings"
-
-
-def _build_measurement_set(
-    understood: Understood, request: ImportRequest, first_file: str, *, own_weight: bool
-) -> MeasurementSetDocument:
-    """Return the measurement set of the files; with `own_weight` its forces are zero.
-
-    `first_file` is the name of the first file, which names the set if the request does not.
+def _build_measurement_set(readings: _StatedReadings) -> MeasurementSetDocument:
+    """Return the measurement set of the files, in the units of the files.
 
     Raises:
         ImportFileError: files and request state the same thing twice, or the set exceeds a limit.
     """
-    noise, places = request.noise, understood.places
-    noise_is_stated = noise is not None and (noise.sigma is not None or noise.instrument)
-    # A gauge measures along one axis: its target names place and axis, so that it differs from its place.
-    has_gauges = any(target != place for target, place in places.items())
-    if understood.preview.uncertainty and noise_is_stated and not has_gauges:
-        reason = "the files give the uncertainty of each reading, and `noise` states another uncertainty"
-        remedy = "omit `noise`, or skip the columns of U(95) with `ignore`"
-        raise ImportFileError(NOWHERE, reason, remedy, "noise")
-    if request.force is not None and "force" in understood.units:
-        reason = "the files have forces, and `force` states another force"
-        raise ImportFileError(NOWHERE, reason, "omit `force`", "force")
-    force = (0.0, 0.0, 0.0) if own_weight else request.force
-    # The set is in the unit of the files: the lengths of the request are converted.
-    old_unit, new_unit = _length_units(understood, request)
-    lengths = _convert_lengths(
-        request.model_dump(include={"noise", "load_point"}, exclude_unset=True), old_unit, new_unit
-    )
-    # Target → key of its place in `flange_targets`: its own name, or that of the place of a gauge.
-    place_of_target = {**{name: name for name in request.flange_targets}, **places}
+    _refuse_two_uncertainties(readings)
+    _refuse_two_forces(readings)
     try:
-        return MeasurementSetDocument.model_validate(
-            {
-                "name": _choose_name(request, first_file),
-                "units": {
-                    "force": (request.units and request.units.force) or ("N" if own_weight else None),
-                    **understood.units,
-                },
-                "encoders": request.encoders,
-                "joint_kinds": understood.preview.joint_kinds,
-                "noise": lengths.get("noise") or None,
-                "flange_targets": {
-                    target: _convert_lengths(request.flange_targets[place], old_unit, new_unit, "load_point")
-                    for target, place in place_of_target.items()
-                },
-                "load_point": lengths.get("load_point"),
-                "load_point_target": request.load_point_target,
-                "measured_at": understood.times_and_roundings.measured_at,
-                "observations": [_build_observation(record, force) for record in understood.observations],
-            }
-        )
+        return MeasurementSetDocument.model_validate(_list_set_fields(readings))
     except ValidationError as error:
         fault = error.errors(include_url=False, include_context=False, include_input=False)[0]
         path = ".".join(map(str, fault["loc"]))
         reason = f"the readings do not make a valid measurement set: {path} {reword_fault(fault)}"
         raise ImportFileError(NOWHERE, reason, "check the limits of measurement sets") from error
+
+
+def _refuse_two_uncertainties(readings: _StatedReadings) -> None:
+    """Refuse an uncertainty of readings that both files and request state, except in sets with gauges.
+
+    With gauges, `noise` is the uncertainty of the gauges. A gauge measures along one axis: its target names
+    place and axis (`P1 x`), so that it differs from its place (`P1`).
+
+    Raises:
+        ImportFileError: both state an uncertainty of the positions.
+    """
+    noise = readings.request.noise
+    is_stated = noise is not None and (noise.sigma is not None or noise.instrument)
+    if not is_stated or not readings.understood.preview.uncertainty:
+        return
+    has_gauges = any(target != place for target, place in readings.understood.places.items())
+    if not has_gauges:
+        reason = "the files give the uncertainty of each reading, and `noise` states another uncertainty"
+        remedy = "omit `noise`, or skip the columns of U(95) with `ignore`"
+        raise ImportFileError(NOWHERE, reason, remedy, "noise")
+
+
+def _refuse_two_forces(readings: _StatedReadings) -> None:
+    """Raise an `ImportFileError` if both files and request state the force."""
+    if readings.request.force is not None and "force" in readings.understood.units:
+        reason = "the files have forces, and `force` states another force"
+        raise ImportFileError(NOWHERE, reason, "omit `force`", "force")
+
+
+def _list_set_fields(readings: _StatedReadings) -> dict[str, object]:
+    """Return field → value of the measurement set; lengths of the request get the unit of the files."""
+    request, understood = readings.request, readings.understood
+    stated = request.model_dump(include={"noise", "load_point"}, exclude_unset=True)
+    lengths = readings.convert_to_files(stated)
+    return {
+        "name": readings.name,
+        "units": _choose_units(readings),
+        "encoders": request.encoders,
+        "joint_kinds": understood.preview.joint_kinds,
+        "noise": lengths.get("noise") or None,
+        "flange_targets": _list_flange_targets(readings),
+        "load_point": lengths.get("load_point"),
+        "load_point_target": request.load_point_target,
+        "measured_at": understood.times_and_roundings.measured_at,
+        "observations": [_build_observation(each, readings.force) for each in understood.observations],
+    }
+
+
+def _choose_units(readings: _StatedReadings) -> dict[str, str | None]:
+    """Return dimension → unit, such as `length` → `mm`; the unit of force is from the files or the request.
+
+    If the robot's own weight is the load, all forces are zero, so that their unit does not matter: it is N.
+    """
+    request = readings.request
+    stated = request.units and request.units.force
+    default = "N" if readings.by_own_weight else None
+    return {"force": stated or default, **readings.understood.units}
+
+
+def _list_flange_targets(readings: _StatedReadings) -> dict[str, Vector3]:
+    """Return target → position (3,) in the flange frame, in the unit of the files.
+
+    The request states places. A target has the place of its own name; the target of a gauge, which measures
+    along one axis, has the place at which the gauge was: `P1 x` → `P1`.
+    """
+    stated = readings.request.flange_targets
+    place_of_target = {name: name for name in stated} | readings.understood.places
+    return {
+        target: readings.convert_to_files(stated[place], "load_point")
+        for target, place in place_of_target.items()
+    }
 
 
 def _build_observation(record: ObservationRecord, force: Vector3 | None) -> Observation:
@@ -380,103 +516,152 @@ def _build_observation(record: ObservationRecord, force: Vector3 | None) -> Obse
 
 
 def _build_reading(record: ObservationRecord, target: str) -> Reading:
-    """Return the reading of a target in an observation.
-
-    Uncertainties of single coordinates become covariances. Uncertainties of whole points become one sigma for
-    all positions of the reading, their root mean square.
-    """
+    """Return the reading of a target in an observation: of a gauge along one axis, or of positions."""
     gauge = record.values.get(Quantity("along", target, "deflection"))
     if gauge is not None:
-        gauge_axis = split_along_target(target)[1]
-        direction = tuple(float(axis == gauge_axis) for axis in range(3))
-        displacement = None if gauge.vector is None else gauge.vector[0]
-        reading = {"target": target, "displacement": displacement, "direction": direction}
-        return Reading.model_validate(reading)
-    points = {state: point for state, point in record.points[target].items() if point.vector is not None}
-    fields: dict[str, object] = {state: point.vector for state, point in points.items()}
+        return _build_gauge_reading(target, gauge)
+    states = record.points[target]
+    points = {state: point for state, point in states.items() if point.vector is not None}
+    vectors = {state: point.vector for state, point in points.items()}
+    return Reading.model_validate({"target": target, **vectors, **_list_uncertainties(points)})
+
+
+def _build_gauge_reading(target: str, gauge: Value) -> Reading:
+    """Return the reading of a gauge, whose target names its axis: `P1 x` has the direction (1, 0, 0)."""
+    gauge_axis = split_along_target(target)[1]
+    direction = tuple(float(axis == gauge_axis) for axis in range(3))
+    displacement = None if gauge.vector is None else gauge.vector[0]
+    reading = {"target": target, "displacement": displacement, "direction": direction}
+    return Reading.model_validate(reading)
+
+
+def _list_uncertainties(points: Mapping[State, Value]) -> dict[str, object]:
+    """Return field → value of the uncertainty of a reading; {} if its positions have none.
+
+    Uncertainties of single coordinates become covariances. Uncertainties of whole points become one sigma for
+    all positions of the reading, their root mean square. `points` has the position of each state.
+    """
     sigmas = {state: point.sigma for state, point in points.items() if point.sigma is not None}
-    if sigmas and all(point.by_point for point in points.values()):
-        fields["sigma"] = sqrt(sum(sigma[0] ** 2 for sigma in sigmas.values()) / len(sigmas))
-    elif sigmas:
-        for state, sigma in sigmas.items():
-            if state == "unloaded_after":  # as uncertain as the first position without load
-                continue
-            covariance = [
-                [sigma[row] ** 2 if row == column else 0.0 for column in range(3)] for row in range(3)
-            ]
-            fields[f"{state}_covariance"] = covariance
-    return Reading.model_validate({"target": target, **fields})
+    if not sigmas:
+        return {}
+    if all(point.by_point for point in points.values()):
+        squares = [sigma[0] ** 2 for sigma in sigmas.values()]
+        return {"sigma": sqrt(sum(squares) / len(squares))}
+    sigmas.pop("unloaded_after", None)  # as uncertain as the first position without load
+    return {f"{state}_covariance": _build_covariance(sigma) for state, sigma in sigmas.items()}
 
 
-def _build_geometry_request(
-    understood: Understood, request: ImportRequest, first_file: str
-) -> GeometryRequest | None:
+def _build_covariance(sigma: Sequence[float]) -> list[list[float]]:
+    """Return the covariance (3, 3) of a position whose coordinates have the uncertainties `sigma` (3,)."""
+    covariance = [[0.0, 0.0, 0.0] for _ in range(3)]
+    for axis in range(3):
+        covariance[axis][axis] = sigma[axis] ** 2
+    return covariance
+
+
+def _build_geometry_request(readings: _StatedReadings) -> GeometryRequest | None:
     """Return a request to identify a geometry from the unloaded poses of the files.
 
     None if there are more readings or targets than a geometry accepts.
     """
-    unit_of_request, unit_of_files = _length_units(understood, request)
-    readings = [
+    understood = readings.understood
+    positions = [
         states["unloaded"]
         for observation in understood.observations
         for states in observation.points.values()
     ]
-    if len(readings) > MAX_GEOMETRY_READINGS or len(understood.preview.targets) > MAX_GEOMETRY_TARGETS:
+    has_many_targets = len(understood.preview.targets) > MAX_GEOMETRY_TARGETS
+    if has_many_targets or len(positions) > MAX_GEOMETRY_READINGS:
         return None
-    sigma = None
-    if request.noise is not None:
-        sigma = _convert_lengths(request.noise.sigma, unit_of_request, unit_of_files, "sigma")
-    squares = [value**2 for point in readings for value in point.sigma or ()]
-    if sigma is None and squares:
-        sigma = sqrt(sum(squares) / len(squares))  # a geometry has one sigma for all readings
-    poses = []
-    for observation in understood.observations:
-        positions = {target: states["unloaded"].vector for target, states in observation.points.items()}
-        read_targets = {target: position for target, position in positions.items() if position}
-        if read_targets:
-            poses.append({"joints": list(observation.vector("joint") or ()), "targets": read_targets})
+    sigma = _choose_sigma(readings, positions)
     return GeometryRequest.model_validate(
         {
-            "name": _choose_name(request, first_file),
-            "units": {"length": unit_of_files, "angle": understood.units.get("angle")},
+            "name": readings.name,
+            "units": {"length": readings.unit_of_files, "angle": understood.units.get("angle")},
             "noise": None if sigma is None else {"sigma": sigma},
-            "poses": poses,
+            "poses": _list_poses(understood.observations),
         }
     )
 
 
-def _build_template(understood: Understood, request: ImportRequest) -> ImportRequest | None:
+def _choose_sigma(readings: _StatedReadings, positions: Sequence[Value]) -> float | None:
+    """Return the one sigma of all coordinates of a geometry, in the unit of the files; None if unknown.
+
+    It is the sigma that the request states, else the root mean square of the positions' uncertainties.
+    """
+    noise = readings.request.noise
+    stated: float | None = None if noise is None else readings.convert_to_files(noise.sigma, "sigma")
+    if stated is not None:
+        return stated
+    squares = [value**2 for position in positions for value in position.sigma or ()]
+    return sqrt(sum(squares) / len(squares)) if squares else None
+
+
+def _list_poses(observations: Sequence[ObservationRecord]) -> list[dict[str, object]]:
+    """Return the poses of a geometry: joint angles, and target → position, without targets not read."""
+    poses: list[dict[str, object]] = []
+    for observation in observations:
+        positions = {target: states["unloaded"].vector for target, states in observation.points.items()}
+        read_targets = {target: position for target, position in positions.items() if position}
+        if read_targets:
+            poses.append({"joints": list(observation.vector("joint") or ()), "targets": read_targets})
+    return poses
+
+
+def _build_template(readings: _StatedReadings) -> ImportRequest | None:
     """Return import options that accept files with the same columns and refuse other files.
 
     None if the files have more columns, or longer headers, than options can hold.
     """
-    files: list[FilePreview] = understood.preview.files
-    text_files = [file for file in files if file.format == "text"]
-    delimiters = {file.delimiter for file in text_files}
-    decimal_marks = {file.decimal_mark for file in text_files}
-    columns = [column for file in files for column in file.columns]
-    has_inches = any(column.unit == "in" for column in columns)
-    stated_units = {} if request.units is None else request.units.model_dump(exclude_none=True)
-    layouts = {tuple(column.header for column in file.columns): None for file in files}
-    changes = {
-        "units": {**stated_units, **understood.units, **({"length": "in"} if has_inches else {})},
-        "columns": {
-            column.header: column.meaning + (f" [{column.unit}]" if column.unit else "")
-            for column in columns
-            if column.header
-        },
-        "layouts": [list(layout) for layout in layouts],
+    options = {
+        **readings.request.model_dump(),
+        **_list_table_options(readings),
+        "length_unit": readings.unit_of_request,
         "ignore": [],
-        # Files that differ are detected anew.
-        "delimiter": delimiters.pop() if len(delimiters) == 1 else None,
-        "decimal_mark": decimal_marks.pop() if len(decimal_marks) == 1 else None,
-        "length_unit": _length_units(understood, request)[0],
         "name": None,
         "robot_id": None,
         "show_faults": False,
         "accept_unusual": False,  # the values of another file must be confirmed again
     }
     try:
-        return ImportRequest.model_validate(request.model_dump() | changes)
+        return ImportRequest.model_validate(options)
     except ValidationError:
         return None
+
+
+def _list_table_options(readings: _StatedReadings) -> dict[str, object]:
+    """Return option → value for the options that say how the tables of the files were read."""
+    files = readings.understood.preview.files
+    columns = [column for file in files for column in file.columns]
+    headers_of_files = [tuple(column.header for column in file.columns) for file in files]
+    text_files = [file for file in files if file.format == "text"]
+    return {
+        "units": _list_units_of_columns(readings, columns),
+        "columns": {column.header: _name_meaning(column) for column in columns if column.header},
+        "layouts": [list(headers) for headers in dict.fromkeys(headers_of_files)],
+        "delimiter": _find_common_value([file.delimiter for file in text_files]),
+        "decimal_mark": _find_common_value([file.decimal_mark for file in text_files]),
+    }
+
+
+def _list_units_of_columns(readings: _StatedReadings, columns: Sequence[ColumnMeaning]) -> dict[str, str]:
+    """Return dimension → unit of the numbers in the columns, as the request or the headers state them.
+
+    Inches were converted to mm when the files were read, so only their columns still say inches.
+    """
+    units = readings.request.units
+    stated: dict[str, str] = {} if units is None else units.model_dump(exclude_none=True)
+    has_inches = any(column.unit == "in" for column in columns)
+    inches = {"length": "in"} if has_inches else {}
+    return {**stated, **readings.understood.units, **inches}
+
+
+def _name_meaning(column: ColumnMeaning) -> str:
+    """Return the meaning of a column with its unit, as in a header: `P1 unloaded x [mm]`."""
+    return f"{column.meaning} [{column.unit}]" if column.unit else column.meaning
+
+
+def _find_common_value(values: Iterable[T]) -> T | None:
+    """Return the value that all files have; None if files differ, so that it is detected anew in each."""
+    different = set(values)
+    return different.pop() if len(different) == 1 else None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -17,6 +17,7 @@ from jointstiff.service.importing.rewriting import NamedReading, name_readings, 
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
 from jointstiff.solver.meaning.proposal import Proposal, propose
 from jointstiff.solver.meaning.states import order_states
+from jointstiff.solver.meaning.table import JointColumns
 from jointstiff.solver.meaning.words import describe, remark
 from jointstiff.solver.mechanics.robot import KnownRobot
 
@@ -100,47 +101,112 @@ def propose_import(
     """
     known = list(robots)
     names = known[0].robot.joint_names if len(known) == 1 else ()
-    tables = _read_tables(files, request, names)
-    if isinstance(tables, NoProposal):
-        return tables
-    if template is not None:
-        if not _has_columns(tables, template):
-            return NoProposal("the files have fewer columns than those of the template")
-        tables = _restrict_columns(tables, template)
-    found = propose([table.table for table in tables], known)
-    if found.best is None:
-        return NoProposal(found.reason)
-    if reason := _find_contradiction(found.best, request):
-        return NoProposal(reason)
-    proposal = _order_by_forces(found.best, tables)
+    try:
+        tables = _read_tables(files, request, names)
+        if template is None:
+            return _propose_importable(tables, request, known)
+        return _propose_as_template(tables, request, known, template)
+    except _NoProposalError as error:
+        return NoProposal(error.reason)
+
+
+class _NoProposalError(Exception):
+    """Error that no robot has a proposal for the meaning of files; `propose_import` answers its reason."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason)
+        self.reason = reason  # why there is no proposal, in words
+
+
+def _propose_importable(
+    tables: Sequence[NumberTable], request: ImportRequest, robots: Sequence[KnownRobot]
+) -> ProposedImport:
+    """Return the proposal of the robots for tables of numbers; a person can accept it.
+
+    Raises:
+        _NoProposalError: no meaning fits, or the import refuses the table with the proposed meaning.
+    """
+    proposal = _find_proposal(tables, request, robots)
     named = name_readings(proposal, tables, request.state_words)
-    if template is not None:
-        named = _name_by_template(named, template)
-        if reason := _find_difference(_build_meaning(proposal, named, tables), template):
-            return NoProposal(reason)
-    table = write_readings(proposal, named, tables)
-    kept = request.model_copy(update={**_clear_headers(), **_state_units(request)})
-    proposed = ProposedImport(proposal, tuple(named), table, kept, _build_meaning(proposal, named, tables))
-    return proposed if template is not None else _require_importable(proposed)
-
-
-def _require_importable(proposed: ProposedImport) -> ProposedImport | NoProposal:
-    """Return a proposal that a person can accept; else the reason why its table is refused."""
+    proposed = _build_import(proposal, named, tables, request)
     fault = proposed.find_fault()
-    if fault is None:
-        return proposed
-    return NoProposal(f"{proposed.sentence}, but the import of these columns is refused: {fault.reason}")
+    if fault is not None:
+        sentence = proposed.sentence
+        raise _NoProposalError(f"{sentence}, but the import of these columns is refused: {fault.reason}")
+    return proposed
+
+
+def _propose_as_template(
+    tables: Sequence[NumberTable],
+    request: ImportRequest,
+    robots: Sequence[KnownRobot],
+    template: TableMeaning,
+) -> ProposedImport:
+    """Return the proposal of the robots for tables of numbers, with the meaning and names of a template.
+
+    Raises:
+        _NoProposalError: no meaning fits, or another meaning than that of the template.
+    """
+    if not _has_columns(tables, template):
+        raise _NoProposalError("the files have fewer columns than those of the template")
+    tables = _restrict_columns(tables, template)
+    proposal = _find_proposal(tables, request, robots)
+    named = _name_by_template(name_readings(proposal, tables, request.state_words), template)
+    if reason := _find_difference(_build_meaning(proposal, named, tables), template):
+        raise _NoProposalError(reason)
+    return _build_import(proposal, named, tables, request)
+
+
+def _find_proposal(
+    tables: Sequence[NumberTable], request: ImportRequest, robots: Sequence[KnownRobot]
+) -> Proposal:
+    """Return the meaning of tables by the robot that fits best; its first state has no load.
+
+    Raises:
+        _NoProposalError: no robot fits, several meanings fit alike, or the request states other units.
+    """
+    found = propose([each.table for each in tables], robots)
+    if found.best is None:
+        raise _NoProposalError(found.reason)
+    if reason := _find_contradiction(found.best, request):
+        raise _NoProposalError(reason)
+    return _order_by_forces(found.best, tables)
+
+
+def _build_import(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
+) -> ProposedImport:
+    """Return a proposal with the table that the import understands, and the options left for this table.
+
+    Options about columns are left out, because the written table has headers that explain its columns.
+
+    Args:
+        proposal: meaning of the columns by the robot that fits.
+        named: names of targets and states of the positions.
+        tables: numbers of the files.
+        request: options of the import of the files.
+    """
+    table = write_readings(proposal, named, tables)
+    options = request.model_copy(update={**_clear_headers(), **_state_units(request)})
+    meaning = _build_meaning(proposal, named, tables)
+    return ProposedImport(proposal, tuple(named), table, options, meaning)
 
 
 def _read_tables(
     files: Sequence[SourceFile], request: ImportRequest, joints: Sequence[str]
-) -> list[NumberTable] | NoProposal:
-    """Return the tables of numbers of the files, or why there are none; `joints` are names of joints."""
+) -> list[NumberTable]:
+    """Return the tables of numbers of the files; `joints` are names of joints.
+
+    Raises:
+        _NoProposalError: a file cannot be read, or no file has rows of numbers.
+    """
     try:
         tables = read_number_tables(files, request, joints)
     except ImportFileError as fault:
-        return NoProposal(str(fault))
-    return tables or NoProposal("the files have no rows of numbers")
+        raise _NoProposalError(str(fault)) from fault
+    if not tables:
+        raise _NoProposalError("the files have no rows of numbers")
+    return tables
 
 
 def import_or_propose(
@@ -166,20 +232,29 @@ def import_or_propose(
         return import_files(files, request, None, others)
     try:
         answer = import_files(files, request, robot.robot, others)
-        refusal = None
-    except ImportRefusedError as error:
-        refusal = error
-    if refusal is None and not answer.faults:
+    except ImportRefusedError:
+        proposed = propose_import(files, request, [robot])
+        if isinstance(proposed, ProposedImport) and request.accept_proposal:
+            return _accept_proposal(proposed)
+        raise
+    if not answer.faults:
         return answer
     proposed = propose_import(files, request, [robot])
-    if isinstance(proposed, ProposedImport) and request.accept_proposal:
-        answer = proposed.accept()
-        template = answer.template and answer.template.model_copy(update=_clear_headers())
-        return answer.model_copy(update={"proposal": proposed.text, "template": template})
-    if refusal is not None:
-        raise refusal
-    sentence = None if isinstance(proposed, NoProposal) else proposed.text
-    return answer.model_copy(update={"proposal": sentence})
+    if isinstance(proposed, NoProposal):
+        return answer.model_copy(update={"proposal": None})
+    if request.accept_proposal:
+        return _accept_proposal(proposed)
+    return answer.model_copy(update={"proposal": proposed.text})
+
+
+def _accept_proposal(proposed: ProposedImport) -> ImportAnswer:
+    """Import files as a proposal says; a template of them has no options about columns.
+
+    Files of the same form have no known headers either, so that the robot has to find their meaning, too.
+    """
+    answer = proposed.accept()
+    template = answer.template and answer.template.model_copy(update=_clear_headers())
+    return answer.model_copy(update={"proposal": proposed.text, "template": template})
 
 
 def _find_contradiction(proposal: Proposal, request: ImportRequest) -> str:
@@ -203,14 +278,16 @@ def _has_columns(tables: Sequence[NumberTable], template: TableMeaning) -> bool:
 
 
 def _restrict_columns(tables: Sequence[NumberTable], template: TableMeaning) -> list[NumberTable]:
-    """Return the tables with no other columns than those of a template."""
+    """Return the tables with no other columns than those of a template, whose columns count from 1."""
     restricted = []
     for number, each in enumerate(tables, 1):
-        joints, points = template.joints, [points for points in template.points if points.file == number]
-        own = tuple(column - 1 for column in joints.columns) if joints.file == number else ()
-        used = {column - 1 for each_points in points for column in each_points.columns} | set(own)
+        points = [points for points in template.points if points.file == number]
+        joints: tuple[int, ...] = ()
+        if template.joints.file == number:
+            joints = tuple(column - 1 for column in template.joints.columns)
+        used = {column - 1 for group in points for column in group.columns} | set(joints)
         others = frozenset(range(each.table.size[1])) - used
-        restricted.append(replace(each, table=replace(each.table, joints=own, others=others)))
+        restricted.append(replace(each, table=replace(each.table, joints=joints, others=others)))
     return restricted
 
 
@@ -252,46 +329,63 @@ def _state_units(request: ImportRequest) -> dict[str, object]:
 def _order_by_forces(proposal: Proposal, tables: Sequence[NumberTable]) -> Proposal:
     """Return the proposal with the state first that has no load, if columns of forces show which one."""
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    columns = {
-        meaning.axis: column
-        for column, meaning in enumerate(joints.meanings)
-        if meaning is not None and meaning.kind == "force"
-    }
-    if sorted(axis for axis in columns if axis is not None) != [0, 1, 2]:
+    columns = _find_force_columns(joints)
+    if columns is None:
         return proposal
     groups = proposal.joints.groups
-    forces = groups.split(joints.table.numbers[:, [columns[axis] for axis in (0, 1, 2)]])[:, 0]
+    forces = groups.split(joints.table.numbers[:, columns])[:, 0]
     return order_states(proposal, [table.table for table in tables], np.nan_to_num(forces))
+
+
+def _find_force_columns(table: NumberTable) -> list[int] | None:
+    """Return the columns of Fx, Fy and Fz of a table, by their headers; None unless there are all three."""
+    column_of_axis = {}
+    for column, meaning in enumerate(table.meanings):
+        if meaning is not None and meaning.kind == "force" and meaning.axis is not None:
+            column_of_axis[meaning.axis] = column
+    if sorted(column_of_axis) != [0, 1, 2]:
+        return None
+    return [column_of_axis[axis] for axis in (0, 1, 2)]
 
 
 def _build_meaning(
     proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable]
 ) -> TableMeaning:
-    """Return the meaning of the columns for a template."""
-    joints = proposal.joints
-    numbers = {table.name: number for number, table in enumerate(tables, 1)}
+    """Return the meaning of the columns for a template: files, columns and rows count from 1."""
+    file_numbers = {table.name: number for number, table in enumerate(tables, 1)}
     return TableMeaning(
         robot=proposal.robots[0].name,
-        joints=JointsMeaning(
-            file=numbers[joints.table],
-            columns=[column + 1 for column in joints.columns],
-            unit=joints.unit,
-            counting=joints.counting.name,
-            order=joints.groups.order,
-            count=joints.groups.count,
-        ),
-        points=[
-            PointsMeaning(
-                file=numbers[each.reading.points.table],
-                columns=[column + 1 for column in each.reading.points.columns],
-                order=each.reading.points.groups.order,
-                count=each.reading.points.groups.count,
-                row=each.reading.index + 1,
-                target=each.target,
-                state=each.state,
-            )
-            for each in named
-        ],
+        joints=_build_joints_meaning(proposal.joints, file_numbers),
+        points=[_build_points_meaning(each, file_numbers) for each in named],
         unit=proposal.unit,
         residual=proposal.residual,
+    )
+
+
+def _build_joints_meaning(joints: JointColumns, file_numbers: Mapping[str, int]) -> JointsMeaning:
+    """Return which columns are the joints, for a template; `file_numbers` is table → number of its file."""
+    return JointsMeaning(
+        file=file_numbers[joints.table],
+        columns=[column + 1 for column in joints.columns],
+        unit=joints.unit,
+        counting=joints.counting.name,
+        order=joints.groups.order,
+        count=joints.groups.count,
+    )
+
+
+def _build_points_meaning(named: NamedReading, file_numbers: Mapping[str, int]) -> PointsMeaning:
+    """Return which columns are the positions of a target in a state, for a template.
+
+    `file_numbers` is table → number of its file.
+    """
+    points = named.reading.points
+    return PointsMeaning(
+        file=file_numbers[points.table],
+        columns=[column + 1 for column in points.columns],
+        order=points.groups.order,
+        count=points.groups.count,
+        row=named.reading.index + 1,
+        target=named.target,
+        state=named.state,
     )

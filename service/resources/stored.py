@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import lru_cache, partial
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Final, Generic, NamedTuple, TypeVar
 from uuid import uuid4
 
 import numpy as np
@@ -25,6 +25,7 @@ from jointstiff.schemas.measurement import Frame, MeasurementSetRequest, Resolve
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.catalogue import find_arm
 from jointstiff.service.conversion.prepared import (
+    PreparedRobot,
     PreparedSet,
     build_robot,
     check_set,
@@ -53,6 +54,7 @@ from jointstiff.service.store.tables import (
     RobotEntry,
     RobotRecord,
 )
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.geometry.identification import report_drift
 from jointstiff.solver.mechanics.postures import find_wrist
@@ -143,30 +145,9 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         """
         if key is not None and (earlier_record := self._store.robots.find(key)) is not None:
             return earlier_record
-        document, origin = self._describe_robot(request)
-        prepared = prepare_robot(document)
-        checked, robot = prepared.document, prepared.robot
-        wrist, created_at = find_wrist(robot), datetime.now(UTC)
-        robot_message = robots.StoredRobot(
-            **checked.model_dump(exclude={"model"}),
-            model=checked.model,
-            id=uuid4().hex,
-            joints=describe_joints(robot),
-            spherical_wrist=wrist is not None and wrist.spherical,
-            wrist_miss_distance=None if wrist is None else wrist.miss_distance,
-            **origin,
-            content_hash=prepared.content_hash,
-            created_at=created_at,
-        )
-        record = RobotRecord(
-            id=robot_message.id,
-            name=robot_message.name,
-            created_at=created_at,
-            content_hash=robot_message.content_hash,
-            summary=robot_message.model_dump(mode="json", include={"joints", "nominal_arm"}),
-            document=robot_message.model_dump_json(exclude={"last_campaign"}),
-        )
-        return self._store.robots.add(record, key)
+        described = self._describe_robot(request)
+        prepared = prepare_robot(described.document)
+        return self._store.robots.add(_build_robot_record(prepared, described.origin), key)
 
     def load(self, robot_id: str) -> tuple[Robot, str]:
         """Return (robot prepared for computation, hash of its content).
@@ -194,7 +175,7 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
             RobotError: the description of the robot cannot be used.
         """
         if document is not None:
-            return prepare_robot(self._describe_robot(document)[0]).robot
+            return prepare_robot(self._describe_robot(document).document).robot
         return self.load(robot_id or "")[0]
 
     def list_confusable_robots(self) -> Iterator[KnownRobot]:
@@ -235,9 +216,7 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         if change.reference_set_ids is not None:
             columns["reference_set_ids"] = change.reference_set_ids
         if change.payload is not None:
-            stored = robots.StoredRobot.model_validate_json(record.document)
-            changed = stored.model_copy(update={"payload": change.payload})
-            columns["document"] = changed.model_dump_json(exclude={"last_campaign"})
+            columns["document"] = _change_payload(record, change.payload)
         return columns
 
     def _refuse_foreign_references(self, robot_id: str, set_ids: Sequence[str]) -> None:
@@ -256,38 +235,101 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
                     where="reference_set_ids",
                 )
 
-    def _describe_robot(self, request: robots.RobotDocument) -> tuple[robots.RobotDocument, dict[str, str]]:
-        """Return (complete document of a requested robot, origin of its model).
-
-        The origin is {"geometry_id": id}, {"nominal_arm": name of the arm}, or {} for a model in the request.
+    def _describe_robot(self, request: robots.RobotDocument) -> _DescribedRobot:
+        """Return the complete document of a requested robot, whose model may be a geometry or an arm's name.
 
         Raises:
             RequestError: the geometry or the arm that the request names does not exist.
         """
         model = request.model
         if isinstance(model, robots.GeometryModel):
-            field = "model.geometry_id"
-            _, result = load_succeeded_geometry(self._store, model.geometry_id, field)
-            payload = result.robot.payload if request.payload is None else request.payload
-            stated = {"name": request.name, "bodies": request.bodies, "payload": payload}
-            document = result.robot.model_copy(update=stated)
-            return document, {"geometry_id": model.geometry_id}
-        joint_map, payload, origin = request.joint_map, request.payload, {}
+            return self._describe_by_geometry(request, model.geometry_id)
         if isinstance(model, robots.CatalogueModel):
-            arm = find_arm(model.arm, "model.arm")
-            model = arm.model
-            joint_map = joint_map or arm.joint_map
-            origin = {"nominal_arm": arm.name}
-            payload = arm.payload if payload is None else payload
-        document = robots.RobotDocument(
-            name=request.name, model=model, joint_map=joint_map, bodies=request.bodies, payload=payload
-        )
-        return document, origin
+            return _describe_by_catalogue(request, model.arm)
+        return _DescribedRobot(_complete_document(request, model, request.joint_map, request.payload), {})
+
+    def _describe_by_geometry(self, request: robots.RobotDocument, geometry_id: str) -> _DescribedRobot:
+        """Return the robot that a geometry identified, with name, bodies and payload of the request."""
+        _, result = load_succeeded_geometry(self._store, geometry_id, "model.geometry_id")
+        payload = result.robot.payload if request.payload is None else request.payload
+        stated = {"name": request.name, "bodies": request.bodies, "payload": payload}
+        document = result.robot.model_copy(update=stated)
+        return _DescribedRobot(document, {"geometry_id": geometry_id})
 
     def _load_robot(self, robot_id: str) -> tuple[Robot, str]:
         """Build a stored robot; return (robot, hash of its content)."""
         record = self._store.robots.get(robot_id)
         return build_robot(robot_from_record(record)), record.content_hash
+
+
+class _DescribedRobot(NamedTuple):
+    """Complete document of a requested robot, and from where its model is."""
+
+    document: robots.RobotDocument
+    # {"geometry_id": id}, {"nominal_arm": name of the arm}, or {} for a model in the request
+    origin: dict[str, str]
+
+
+def _describe_by_catalogue(request: robots.RobotDocument, name: str) -> _DescribedRobot:
+    """Return a robot with the model of a catalogue arm; joint map and payload are the arm's unless stated.
+
+    Raises:
+        RequestError: the catalogue has no arm of this name.
+    """
+    arm = find_arm(name, "model.arm")
+    joint_map = request.joint_map or arm.joint_map
+    payload = arm.payload if request.payload is None else request.payload
+    document = _complete_document(request, arm.model, joint_map, payload)
+    return _DescribedRobot(document, {"nominal_arm": arm.name})
+
+
+def _complete_document(
+    request: robots.RobotDocument,
+    model: robots.Model,
+    joint_map: robots.JointMap | None,
+    payload: float | None,
+) -> robots.RobotDocument:
+    """Return the document of a requested robot with a model, a joint map and a payload; it is validated."""
+    return robots.RobotDocument(
+        name=request.name, model=model, joint_map=joint_map, bodies=request.bodies, payload=payload
+    )
+
+
+def _build_robot_record(prepared: PreparedRobot, origin: Mapping[str, str]) -> RobotRecord:
+    """Return the record of a new robot, with a new id; `origin` is from where its model is."""
+    message = _build_robot_message(prepared, origin)
+    return RobotRecord(
+        id=message.id,
+        name=message.name,
+        created_at=message.created_at,
+        content_hash=message.content_hash,
+        summary=message.model_dump(mode="json", include={"joints", "nominal_arm"}),
+        document=message.model_dump_json(exclude={"last_campaign"}),
+    )
+
+
+def _build_robot_message(prepared: PreparedRobot, origin: Mapping[str, str]) -> robots.StoredRobot:
+    """Return the message of a new robot, with what its kinematics show: its joints and its wrist."""
+    document, robot = prepared.document, prepared.robot
+    wrist = find_wrist(robot)
+    return robots.StoredRobot(
+        **document.model_dump(exclude={"model"}),
+        model=document.model,
+        id=uuid4().hex,
+        joints=describe_joints(robot),
+        spherical_wrist=wrist is not None and wrist.spherical,
+        wrist_miss_distance=None if wrist is None else wrist.miss_distance,
+        **origin,
+        content_hash=prepared.content_hash,
+        created_at=datetime.now(UTC),
+    )
+
+
+def _change_payload(record: RobotRecord, payload: float) -> str:
+    """Return the document of a stored robot, in JSON, with another payload [kg]."""
+    stored = robots.StoredRobot.model_validate_json(record.document)
+    changed = stored.model_copy(update={"payload": payload})
+    return changed.model_dump_json(exclude={"last_campaign"})
 
 
 def _change_marks(record: RobotRecord, change: robots.RobotChange) -> list[dict[str, Any]]:
@@ -298,22 +340,34 @@ def _change_marks(record: RobotRecord, change: robots.RobotChange) -> list[dict[
     """
     marks = [robots.Mark.model_validate(mark) for mark in record.marks or ()]
     if change.remove_mark is not None:
-        if change.remove_mark not in marks:
-            raise RequestError(
-                "the robot has no such mark",
-                remedy="read the robot again: another user may have removed the mark",
-                where="remove_mark",
-            )
-        marks.remove(change.remove_mark)
+        marks = _remove_mark(marks, change.remove_mark)
     if change.add_mark is not None:
-        marks.append(change.add_mark)
+        marks = [*marks, change.add_mark]
     if len(marks) > robots.MAX_MARKS:
         raise RequestError(
             f"the robot already has {robots.MAX_MARKS} marks, and more marks cannot be stored",
             remedy="remove a mark by `remove_mark` first",
             where="add_mark",
         )
-    return [mark.model_dump(mode="json") for mark in sorted(marks, key=lambda mark: mark.at)]
+    oldest_first = sorted(marks, key=lambda mark: mark.at)
+    return [mark.model_dump(mode="json") for mark in oldest_first]
+
+
+def _remove_mark(marks: Sequence[robots.Mark], removed: robots.Mark) -> list[robots.Mark]:
+    """Return the marks of a robot without one of them; other marks that are equal to it remain.
+
+    Raises:
+        RequestError: it is not among the marks.
+    """
+    if removed not in marks:
+        raise RequestError(
+            "the robot has no such mark",
+            remedy="read the robot again: another user may have removed the mark",
+            where="remove_mark",
+        )
+    remaining = list(marks)
+    remaining.remove(removed)
+    return remaining
 
 
 def robot_from_record(record: RobotRecord) -> robots.Robot:
@@ -392,13 +446,10 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
         """
         if key is not None and (earlier_record := self._store.sets.find(key)) is not None:
             return earlier_record
-        try:
-            robot, _ = self._robots.load(request.robot_id)
-        except NotFoundError as error:
-            raise MeasurementError(error.reason, remedy=error.remedy, where="robot_id") from error
+        robot = self._load_robot(request.robot_id)
         resolved, drift = resolve_frame(self._store, request)
         checked = check_set(request, robot, resolved, drift, self._robots.list_confusable_robots())
-        set_message = messages.StoredMeasurementSet(
+        message = messages.StoredMeasurementSet(
             **request.model_dump(exclude={"observations", "open"}),
             id=identifier or uuid4().hex,
             **frame_fields(resolved),
@@ -406,22 +457,18 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
             content_hash=checked.content_hash,
             created_at=datetime.now(UTC),
         )
-        return self._store.sets.add(
-            MeasurementSetRecord(
-                id=set_message.id,
-                robot_id=set_message.robot_id,
-                name=set_message.name,
-                encoders=set_message.encoders,
-                observation_count=len(checked.readings.labels),
-                warning_count=len(set_message.warnings),
-                created_at=set_message.created_at,
-                content_hash=checked.content_hash,
-                document=set_message.model_dump_json(exclude=set(_METADATA)),
-                arrays=checked.readings.pack(),
-                **{name: getattr(set_message, name) for name in _METADATA},
-            ),
-            key,
-        )
+        return self._store.sets.add(_build_set_record(message, checked), key)
+
+    def _load_robot(self, robot_id: str) -> Robot:
+        """Return the robot of a set to be stored.
+
+        Raises:
+            MeasurementError: no robot has this id.
+        """
+        try:
+            return self._robots.load(robot_id)[0]
+        except NotFoundError as error:
+            raise MeasurementError(error.reason, remedy=error.remedy, where="robot_id") from error
 
     def document(self, set_id: str) -> MeasurementSet:
         """Return a measurement set as it was posted, together with the warnings that were stored with it.
@@ -442,24 +489,32 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
             NotFoundError: no set has this id.
             RequestError: the set has no observation with such a label, or no observation remains.
         """
-        if not leave_out:
-            prepared = self.load_prepared(set_id)
-            robot = prepared.robot.with_payload(self._robots.read_payload(prepared.robot_id))
-            return replace(prepared, robot=robot)
-        stored = self.document(set_id)
-        kept_observations = leave_out_observations(stored.observations, frozenset(leave_out))
+        if leave_out:
+            return self._prepare_part(self.document(set_id), frozenset(leave_out))
+        prepared = self.load_prepared(set_id)
+        robot = prepared.robot.with_payload(self._robots.read_payload(prepared.robot_id))
+        return replace(prepared, robot=robot)
+
+    def _prepare_part(self, stored: MeasurementSet, leave_out: frozenset[str]) -> PreparedSet:
+        """Return a stored set without some observations, checked anew and prepared for computation.
+
+        The observations keep their numbers in the whole set.
+
+        Raises:
+            RequestError: the set has no observation with such a label, or no observation remains.
+        """
+        kept = leave_out_observations(stored.observations, leave_out)
         robot, robot_hash = self._robots.load(stored.robot_id)
-        frame_warnings = [warning for warning in stored.warnings if warning.code in FRAME_CODES]
-        shorter = check_set(
-            stored.model_copy(update={"observations": kept_observations}),
+        part = check_set(
+            stored.model_copy(update={"observations": kept}),
             robot,
             stored.resolved,
-            frame_warnings,
+            [warning for warning in stored.warnings if warning.code in FRAME_CODES],
             self._robots.list_confusable_robots(),
             robot_id=stored.robot_id,
             robot_hash=robot_hash,
         )
-        return shorter.number_as_in(stored.observations)
+        return part.number_as_in(stored.observations)
 
     def _prepare(self, set_id: str) -> PreparedSet:
         """Load a stored set and prepare it for computation, without the checks made when it was stored."""
@@ -526,32 +581,33 @@ class Resources:
                     raise NotFoundError(MEASUREMENT_SET, set_id)
         return [
             NamedSet(
-                id=row.id,
-                name=row.name,
-                robot_id=row.robot_id,
-                robot_name=row.robot_name,
-                content=hash_texts(row.robot_hash, row.content_hash),
+                id=set_id,
+                name=rows[set_id].name,
+                robot_id=rows[set_id].robot_id,
+                robot_name=rows[set_id].robot_name,
+                content=hash_texts(rows[set_id].robot_hash, rows[set_id].content_hash),
             )
-            for row in map(rows.__getitem__, chosen_ids)
+            for set_id in chosen_ids
         ]
 
     def _find_last_sets_with_loads(self) -> list[str]:
         """Return the ids of the last measured sets with loads, one for each robot that has such a set."""
-        # Robot → ids of its sets, newest first, that were not examined yet.
-        sets_to_examine, last_set_of_robot = self.store.sets.list_by_robot(), dict[str, str]()
-        robot_ids = list(sets_to_examine)
-        # Each round examines one set of each robot for which no set with loads was found yet.
-        while sets_to_examine:
-            robot_of_set = {sets[0]: robot_id for robot_id, sets in sets_to_examine.items()}
+        sets_of_robot = self.store.sets.list_by_robot()  # robot → ids of its sets, newest first
+        found: dict[str, str] = {}  # robot → its last set with loads
+        most_sets = max(map(len, sets_of_robot.values()), default=0)
+        # Each round reads the next set of every robot without such a set: few sets are read, in few queries.
+        for age in range(most_sets):
+            robot_of_set = {
+                sets[age]: robot_id
+                for robot_id, sets in sets_of_robot.items()
+                if robot_id not in found and age < len(sets)
+            }
+            if not robot_of_set:
+                break
             for set_id, arrays in self.store.sets.iterate_arrays(list(robot_of_set)):
                 if has_loads(arrays):
-                    last_set_of_robot[robot_of_set[set_id]] = set_id
-            sets_to_examine = {
-                robot_id: sets[1:]
-                for robot_id, sets in sets_to_examine.items()
-                if robot_id not in last_set_of_robot and sets[1:]
-            }
-        return [last_set_of_robot[robot_id] for robot_id in robot_ids if robot_id in last_set_of_robot]
+                    found[robot_of_set[set_id]] = set_id
+        return [found[robot_id] for robot_id in sets_of_robot if robot_id in found]
 
     def job_summaries(self, message: type[Job], robot_id: str) -> Iterator[Mapping[str, Any]]:
         """Yield the summaries of the newest jobs of a kind on a robot, at most 1,000.
@@ -585,6 +641,27 @@ def _refuse_at_field(field: str) -> Iterator[None]:
         raise RequestError(error.reason, remedy=error.remedy, where=field) from error
 
 
+def _build_set_record(message: messages.StoredMeasurementSet, checked: PreparedSet) -> MeasurementSetRecord:
+    """Return the record of a new measurement set, whose message has no readings; `checked` has these.
+
+    Fields that can be changed later have columns of their own.
+    """
+    changeable = {name: getattr(message, name) for name in _METADATA}
+    return MeasurementSetRecord(
+        id=message.id,
+        robot_id=message.robot_id,
+        name=message.name,
+        encoders=message.encoders,
+        observation_count=len(checked.readings.labels),
+        warning_count=len(message.warnings),
+        created_at=message.created_at,
+        content_hash=checked.content_hash,
+        document=message.model_dump_json(exclude=set(_METADATA)),
+        arrays=checked.readings.pack(),
+        **changeable,
+    )
+
+
 def set_from_record(record: MeasurementSetRecord) -> MeasurementSet:
     """Return the API message of a stored measurement set, with its observations."""
     stored = messages.StoredMeasurementSet.model_validate_json(record.document)
@@ -608,18 +685,17 @@ def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[Resolve
     frame = request.frame
     if frame is None:
         return None, []
-    length = LENGTH[request.units.length]
     if frame.geometry_id is None:
-        return to_resolved_frame(read_stated_transform(frame, length)), []
+        stated = read_stated_transform(frame, LENGTH[request.units.length])
+        return to_resolved_frame(stated), []
     geometry, result = load_succeeded_geometry(store, frame.geometry_id, "frame.geometry_id")
     transform = _to_rigid_motion(result.transform_tracker_to_base)
     warnings: list[Finding] = []
     if frame.base_targets is not None:
         drift, warnings = _estimate_drift(geometry.request, result, request, frame.base_targets)
         transform = transform * _to_rigid_motion(drift.transform_after_to_before)
-    return to_resolved_frame(
-        transform, _find_targets_in_flange(store, frame, request.robot_id, geometry, result)
-    ), warnings
+    flange_targets = _find_targets_in_flange(store, frame, request.robot_id, geometry, result)
+    return to_resolved_frame(transform, flange_targets), warnings
 
 
 def _to_rigid_motion(stated: Rigid) -> pin.SE3:
@@ -644,43 +720,47 @@ def _estimate_drift(
     Raises:
         MeasurementError: the geometry has no base targets.
     """
-    # Positions of the set in the unit of length of the geometry.
     unit_ratio = LENGTH[request.units.length] / LENGTH[geometry.units.length]
-    converted = {
-        name: (unit_ratio * x, unit_ratio * y, unit_ratio * z) for name, (x, y, z) in positions_after.items()
-    }
-    base_targets = to_base_targets(geometry, result.sigma, converted)
+    after = _scale_positions(positions_after, unit_ratio)  # in the unit of length of the geometry
+    base_targets = to_base_targets(geometry, result.sigma, after)
     if base_targets is None:
         raise MeasurementError(
             "the geometry has no base targets for the comparison",
             where="frame.base_targets",
             remedy="omit `base_targets`, or give `base_targets_before` with the geometry",
         )
-    positions = [
-        reading.unloaded
-        for observation in request.observations
-        for reading in observation.readings
-        if reading.unloaded is not None
-    ]
-    # The drift is stated at the middle (3,) [m] of the readings, where it matters.
-    metres = LENGTH[request.units.length]
-    middle_of_readings = metres * np.mean(positions, axis=0) if positions else base_targets.after.mean(axis=0)
-    drift = base_targets.fit_drift(result.sigma, middle_of_readings)
-    warnings = [
-        finding.model_copy(
-            update={
-                "weight": "use",
-                "remedy": (
-                    "the drift is corrected in this set; let the tracker warm up, and mount the "
-                    "tracker more rigidly"
-                ),
-            }
-        )
-        if finding.code == "base_drifted"  # no reason against the set, as its transform corrects the drift
-        else finding
-        for finding in report_drift(drift, base_targets)
-    ]
-    return drift, warnings
+    middle = _find_middle_of_readings(request)
+    # The drift is stated at the middle of the readings, where it matters.
+    drift = base_targets.fit_drift(
+        result.sigma, base_targets.after.mean(axis=0) if middle is None else middle
+    )
+    findings = report_drift(drift, base_targets)
+    return drift, [_state_correction(finding) for finding in findings]
+
+
+def _scale_positions(positions: Mapping[str, Vector3], factor: float) -> dict[str, Vector3]:
+    """Return name → position (3,) times a factor."""
+    return {name: (factor * x, factor * y, factor * z) for name, (x, y, z) in positions.items()}
+
+
+def _find_middle_of_readings(request: MeasurementSetRequest) -> FloatArray | None:
+    """Return the mean position (3,) [m] without load of all readings of a set; None without positions."""
+    readings = (reading for observation in request.observations for reading in observation.readings)
+    positions = [reading.unloaded for reading in readings if reading.unloaded is not None]
+    if not positions:
+        return None
+    return np.asarray(LENGTH[request.units.length] * np.mean(positions, axis=0))
+
+
+def _state_correction(finding: Finding) -> Finding:
+    """Return a finding about drift that says that the set's transform corrects the drift.
+
+    A drift that is corrected is no reason against the set; findings about single targets remain as they are.
+    """
+    if finding.code != "base_drifted":
+        return finding
+    remedy = "the drift is corrected in this set; let the tracker warm up, and mount the tracker more rigidly"
+    return finding.model_copy(update={"weight": "use", "remedy": remedy})
 
 
 def _find_targets_in_flange(

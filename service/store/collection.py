@@ -304,17 +304,25 @@ class Collection(Generic[Record, Entry]):
             raise ValueError(f"cannot list {limit} {self.resource.collection} filtered by {names}")
         if not all(map(is_indexable, [*filters.values(), q or ""])):
             return RecordPage((), None, 0)
-        columns = self._table.c
-        conditions = [
-            *self._own_conditions,
-            *self._listing_conditions,
-            self._is_deleted if deleted else self._is_visible,
-        ]
-        conditions += [columns[name] == value for name, value in sorted(filters.items())]
-        conditions += [columns[name] >= begin for name, (begin, _) in spans.items() if begin is not None]
-        conditions += [columns[name] < end for name, (_, end) in spans.items() if end is not None]
+        is_listed = self._is_deleted if deleted else self._is_visible
+        conditions = [*self._own_conditions, *self._listing_conditions, is_listed]
+        conditions += [self._table.c[name] == value for name, value in sorted(filters.items())]
+        conditions += self._limit_times(spans)
         order = Order(limit, cursor, q, sort, counted, self._rank)
         return read_page(self._database, self._table, self._entry_query, self._entry, conditions, order)
+
+    def _limit_times(
+        self, spans: Mapping[str, tuple[datetime | None, datetime | None]]
+    ) -> list[sa.ColumnElement[bool]]:
+        """Return the conditions that times are in spans: first all begins (included), then ends (excluded).
+
+        `spans` is column of times → (begin, end); None for no limit.
+        """
+        columns = self._table.c
+        conditions: list[sa.ColumnElement[bool]] = []
+        conditions += [columns[name] >= begin for name, (begin, _) in spans.items() if begin is not None]
+        conditions += [columns[name] < end for name, (_, end) in spans.items() if end is not None]
+        return conditions
 
     def delete(self, identifier: str, deletion_time: datetime | None = None) -> None:
         """Hide a resource, which can be restored for the time `KEEP_DELETED`; a repeated call does nothing.
@@ -390,7 +398,7 @@ class Collection(Generic[Record, Entry]):
         Returns:
             Ids of the removed resources.
         """
-        keys, columns = idempotency_keys.c, self._table.c
+        columns = self._table.c
         unreferenced: list[sa.ColumnElement[bool]] = [
             ~sa.exists().where(column == columns.id) for column in self._children
         ]
@@ -399,16 +407,19 @@ class Collection(Generic[Record, Entry]):
         candidate_ids = [str(row.id) for row in self._database.rows(oldest)]
         if not candidate_ids:
             return []
+        # Conditions are checked again in the transaction: a resource may have been restored meanwhile.
+        removal = sa.delete(self._table).where(columns.id.in_(candidate_ids), *removable)
         with self._database.writing() as connection:
-            # Conditions are checked again in the transaction: a resource may have been restored meanwhile.
-            removal = (
-                sa.delete(self._table).where(columns.id.in_(candidate_ids), *removable).returning(columns.id)
-            )
-            removed_ids = [str(row.id) for row in connection.execute(removal).all()]
-            is_of_removed = [keys.resource == self.resource.collection, keys.resource_id.in_(removed_ids)]
-            connection.execute(sa.delete(idempotency_keys).where(*is_of_removed))
+            removed_ids = [str(row.id) for row in connection.execute(removal.returning(columns.id)).all()]
+            self._delete_keys(connection, removed_ids)
             self._delete_related(connection, removed_ids)
         return removed_ids
+
+    def _delete_keys(self, connection: sa.Connection, identifiers: Sequence[str]) -> None:
+        """Delete the idempotency keys of removed resources."""
+        keys = idempotency_keys.c
+        is_of_removed = [keys.resource == self.resource.collection, keys.resource_id.in_(identifiers)]
+        connection.execute(sa.delete(idempotency_keys).where(*is_of_removed))
 
     def _hide_or_restore_related(
         self, connection: sa.Connection, identifier: str, deleted_at: datetime | None

@@ -232,33 +232,41 @@ class Steps:
         Returns:
             False if the job has ended or has results of another version, else True.
         """
-        columns, version = job_steps.c, version or jointstiff_version()
-        step = sa.select(
-            jobs.c.id,
-            sa.literal(span[0]),
-            sa.literal(span[1] - span[0]),
-            sa.literal(result, columns.result.type),
-            self._database.make_now(),
-            sa.literal(version),
-        )
-        others = sa.alias(job_steps)
-        has_others = sa.exists().where(others.c.job_id == job_id, others.c.version.is_distinct_from(version))
-        # The lock of the job's row keeps the job from ending before the step is stored; the end then removes
-        # the step.
-        of_open_job = step.where(jobs.c.id == job_id, is_open, ~has_others).with_for_update(
-            read=True, of=jobs
-        )
+        version = version or jointstiff_version()
+        start, end = span
+        new_row = self._select_step(job_id, start, end - start, result, version)
         insert = make_insert(self._database.dialect, job_steps).from_select(
-            ["job_id", "start", "units", "result", "stored_at", "version"], of_open_job
+            ["job_id", "start", "units", "result", "stored_at", "version"], new_row
         )
         # A result that was stored before is kept. The row is written all the same, as only rows that a
         # statement writes are returned.
         kept = insert.on_conflict_do_update(
             index_elements=["job_id", "start"],
             set_={"units": insert.excluded.units},
-            where=columns.version == version,
+            where=job_steps.c.version == version,
         )
-        return bool(self._database.change_returning(kept.returning(columns.start)))
+        return bool(self._database.change_returning(kept.returning(job_steps.c.start)))
+
+    def _select_step(
+        self, job_id: str, start: int, units: int, result: bytes, version: str
+    ) -> sa.Select[Any]:
+        """Return the query of a new row of `job_steps`: none if the job ended or has other versions' results.
+
+        The lock of the job's row keeps the job from ending before the step is stored; the end then removes
+        the step.
+        """
+        columns, others = job_steps.c, sa.alias(job_steps)
+        step = sa.select(
+            jobs.c.id,
+            sa.literal(start),
+            sa.literal(units),
+            sa.literal(result, columns.result.type),
+            self._database.make_now(),
+            sa.literal(version),
+        )
+        has_others = sa.exists().where(others.c.job_id == job_id, others.c.version.is_distinct_from(version))
+        of_open_job = step.where(jobs.c.id == job_id, is_open, ~has_others)
+        return of_open_job.with_for_update(read=True, of=jobs)
 
     def list_versions(self, job_id: str) -> set[str | None]:
         """Return the versions that computed a job's stored results; None for a program of layout 0018."""

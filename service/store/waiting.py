@@ -170,6 +170,23 @@ _ENDING_QUERY: Final = sa.text(
 )
 
 
+def _build_part(row: sa.Row[Any], now: float) -> _PartRow:
+    """Return a row of the table of DBOS as a part of a job; `now` is the present time since 1970 [ms].
+
+    The id of a part begins with that of its job, with a hyphen behind it.
+    """
+    is_claimed = row.status == "PENDING"
+    return _PartRow(
+        part_id=row.workflow_uuid,
+        job_id=row.workflow_uuid.partition("-")[0],
+        state=row.status,
+        worker=str(row.executor_id or "") if is_claimed else "",
+        seconds=max(0.0, (now - row.created_at) / 1000.0),
+        seconds_left=max(0.0, ((row.delay_until_epoch_ms or 0.0) - now) / 1000.0),
+        priority=row.priority or 0,
+    )
+
+
 class Waits:
     """Reader of what waits in a database. Only one thread at a time calls `read`."""
 
@@ -228,22 +245,14 @@ class Waits:
             return []
         beats = self._read_beats(now)
         self._note_locks(parts, beats)
-        parts_by_job = _group_by_job(parts)
-        waiting_priorities = sorted(part.priority for part in parts if part.state == "ENQUEUED")
         median_steps = self._read_median_steps([job.job_id for job in candidates[:_MOST_EXPLAINED]])
+        queue = _Queue(parts, beats, unwritable)
         still = list[StillJob]()
         for job in candidates:
-            own_parts = parts_by_job[job.job_id]
             longest = _STEPS_WITHOUT * median_steps.get(job.job_id, 0.0)
-            if job.seconds < longest:
-                continue
-            noted = self._last_locks.get(job.job_id)
-            why = unwritable or explain(own_parts, beats, None if noted is None else noted.wait)
-            if why is None and job.seconds >= max(COMPUTING_SECONDS, longest):
-                why = _explain_computing(own_parts)
-            turn = _explain_turn(own_parts, waiting_priorities) if why is None else None
-            if reason := why or turn:
-                still.append(StillJob(job.job_id, job.kind, job.seconds, reason, is_stuck=turn is None))
+            if job.seconds >= longest:
+                noted = self._last_locks.get(job.job_id)
+                still += queue.explain_stillness(job, longest, None if noted is None else noted.wait)
         return still
 
     def _read_parts(self, now: datetime) -> list[_PartRow]:
@@ -255,18 +264,7 @@ class Waits:
                 return []
             rows = connection.execute(self._parts_query).all()
         milliseconds = 1000.0 * now.timestamp()
-        return [
-            _PartRow(
-                part_id=row.workflow_uuid,
-                job_id=row.workflow_uuid.partition("-")[0],
-                state=row.status,
-                worker=str(row.executor_id or "") if row.status == "PENDING" else "",
-                seconds=max(0.0, (milliseconds - row.created_at) / 1000.0),
-                seconds_left=max(0.0, ((row.delay_until_epoch_ms or 0.0) - milliseconds) / 1000.0),
-                priority=row.priority or 0,
-            )
-            for row in rows
-        ]
+        return [_build_part(row, milliseconds) for row in rows]
 
     def _find_parts_query(self, connection: sa.Connection) -> sa.Select[Any] | None:
         """Return the query of the parts; None as long as there is no table of them."""
@@ -288,15 +286,20 @@ class Waits:
         }
         if self._database.dialect == "sqlite":
             return
-        workers = {connection_name(worker): worker for worker in beats}
-        locks = {
-            workers[row.waiting]: LockWait(workers[row.waiting], _describe_blocker(row, workers))
-            for row in self._database.rows(_LOCKS_QUERY)
-            if row.waiting in workers
-        }
+        locks = self._read_locks(beats)
         for part in parts:
             if part.worker in locks:
                 self._last_locks[part.job_id] = _NotedWait(locks[part.worker], at)
+
+    def _read_locks(self, workers: Iterable[str]) -> dict[str, LockWait]:
+        """Return worker → the lock for which it waits now, for some of the `workers`."""
+        worker_of_connection = {connection_name(worker): worker for worker in workers}
+        locks = {}
+        for row in self._database.rows(_LOCKS_QUERY):
+            worker = worker_of_connection.get(row.waiting)
+            if worker is not None:
+                locks[worker] = LockWait(worker, _describe_blocker(row, worker_of_connection))
+        return locks
 
     def _read_median_steps(self, job_ids: Sequence[str]) -> dict[str, float]:
         """Return job's id → median time between two steps that were stored one after the other [s]."""
@@ -316,12 +319,39 @@ class Waits:
         }
 
 
-def _group_by_job(parts: Iterable[_PartRow]) -> defaultdict[str, list[_PartRow]]:
-    """Return job's id → parts of the job; an empty list for jobs without parts."""
-    parts_by_job = defaultdict[str, list[_PartRow]](list)
-    for part in parts:
-        parts_by_job[part.job_id].append(part)
-    return parts_by_job
+class _Queue:
+    """Parts of all jobs in the queue, and signs of life of the workers."""
+
+    def __init__(self, parts: Sequence[_PartRow], beats: Mapping[str, float], unwritable: str | None) -> None:
+        """Describe a queue at a time.
+
+        Args:
+            parts: parts of all jobs.
+            beats: worker → time since its last heartbeat [s].
+            unwritable: reason why the database cannot be written; None if it can be written.
+        """
+        self._beats, self._unwritable = beats, unwritable
+        self._parts_by_job = defaultdict[str, list[_PartRow]](list)
+        for part in parts:
+            self._parts_by_job[part.job_id].append(part)
+        self._waiting_priorities = sorted(part.priority for part in parts if part.state == "ENQUEUED")
+
+    def explain_stillness(self, job: _OpenJob, longest: float, lock: LockWait | None) -> list[StillJob]:
+        """Return the job with the reason why it does not move; nothing if it moves as soon as it can.
+
+        Args:
+            job: job that has not moved for some time.
+            longest: time without a step that is usual for this job [s].
+            lock: lock for which its worker waits, or waited lately; None if for none.
+        """
+        parts = self._parts_by_job[job.job_id]
+        reason = self._unwritable or explain(parts, self._beats, lock)
+        if reason is None and job.seconds >= max(COMPUTING_SECONDS, longest):
+            reason = _explain_computing(parts)
+        if reason:
+            return [StillJob(job.job_id, job.kind, job.seconds, reason)]
+        turn = _explain_turn(parts, self._waiting_priorities)
+        return [StillJob(job.job_id, job.kind, job.seconds, turn, is_stuck=False)] if turn else []
 
 
 def explain(parts: Sequence[_PartRow], beats: Mapping[str, float], lock: LockWait | None) -> str | None:

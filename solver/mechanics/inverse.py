@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, are_regular
 from jointstiff.solver.errors import CasesError, RobotError
 from jointstiff.solver.mechanics.postures import Postures, flange_poses, rotation_vectors
 from jointstiff.solver.mechanics.robot import Robot, fix_prismatic_joints
@@ -190,7 +190,7 @@ class InverseKinematics:
             for i in range(1, BRANCHES):
                 gaps = compute_angle_gaps(angles[:, i:], angles[:, :-i])
                 complete &= ~(np.nan_to_num(gaps, nan=np.inf) < _SAME_SOLUTION).any(axis=1)
-            is_singular = self.least_singular_value(refined[is_reached]) < _SINGULAR
+            is_singular = ~self.keep_clearance(refined[is_reached], _SINGULAR)
             complete[pose_of_solution[is_reached][is_singular]] = False
         return angles, complete
 
@@ -234,18 +234,25 @@ class InverseKinematics:
         change = np.abs(angles - reference).max(axis=1, initial=0.0)
         solved = np.flatnonzero(np.isfinite(change))
         is_same = np.zeros(len(angles), dtype=np.bool_)
-        least_singular_values = self.least_singular_value(angles[solved])
-        is_same[solved] = (change[solved] <= 0.5 * least_singular_values) & (
-            least_singular_values > _SINGULAR
-        )
+        is_same[solved] = self.keep_clearance(angles[solved], np.maximum(2.0 * change[solved], _SINGULAR))
         return is_same
+
+    def keep_clearance(self, angles: FloatArray, clearance: FloatArray | float) -> BoolArray:
+        """Return a mask (m,) of joint angles (m, 6) whose `least_singular_value` is at least a clearance.
+
+        Args:
+            angles: (m, 6) angles of the arm's joints [rad].
+            clearance: one clearance, or (m,) of them, positive; SI units.
+        """
+        if not len(angles):
+            return np.zeros(0, dtype=np.bool_)
+        return are_regular(Postures(self.arm, angles).flange_jacobian, clearance)
 
     def least_singular_value(self, angles: FloatArray) -> FloatArray:
         """Return the least singular value (m,) of the flange's Jacobian at joint angles (m, 6), SI units."""
         if not len(angles):
             return np.zeros(0)
-        postures = Postures(self.arm, angles)
-        jacobian = postures.pose_jacobian_at(postures.flange_translation[:, None])
+        jacobian = Postures(self.arm, angles).flange_jacobian
         return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[:, -1])
 
     def follow_branches(self, poses: FloatArray, start_angles: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -302,7 +309,7 @@ class InverseKinematics:
             pose_gaps = np.empty((len(unfinished), 6))  # displacement and rotation vector to the poses
             pose_gaps[:, :3] = poses[unfinished, :3, 3] - postures.flange_translation
             pose_gaps[:, 3:] = rotation_vectors(poses[unfinished, :3, :3], postures.flange_rotation)
-            jacobian = postures.pose_jacobian_at(postures.flange_translation[:, None])
+            jacobian = postures.flange_jacobian
             normal = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING * np.eye(6)
             step = (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, pose_gaps[..., None]))[..., 0]
             # Near singularities the damped step does not close the gap completely.

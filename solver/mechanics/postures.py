@@ -162,6 +162,13 @@ class Postures:
         """(N, 3) origin of the flange frame in R0 [m]."""
         return self._kinematics[2]
 
+    @cached_property
+    def flange_jacobian(self) -> FloatArray:
+        """(N, 6, n) Jacobian of the flange's origin [m], then of the flange's rotation; axes of R0."""
+        jacobian = self.pose_jacobian_at(self.flange_translation[:, None])
+        jacobian.setflags(write=False)
+        return jacobian
+
     def flange_placement(self, posture: int) -> pin.SE3:
         """Return the transform from the flange frame to R0 in the posture of this index [m]."""
         return pin.SE3(self.flange_rotation[posture], self.flange_translation[posture])

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, are_regular
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import Postures, find_wrist
@@ -44,9 +44,9 @@ class Candidates:
     angles: FloatArray  #: (K, n) the model's joints [rad or m]
     shift: FloatArray  #: (K, n) motion of the joints by the correction [rad or m]; zero for models with links
     size: FloatArray  #: (K,) length of the deflection, to first order in the load [m]; zero without a load
-    #: (K,) least singular value of the flange's Jacobian, in m and rad, with the sign of its determinant:
-    #: the arm crosses a singularity between two postures of different signs
-    regularity: FloatArray
+    #: (K,) sign of the determinant of the flange's Jacobian: the arm crosses a singularity between two
+    #: postures of different signs
+    side: FloatArray
 
     def select(self, kept: BoolArray) -> Candidates:
         """Return those candidates only that a mask (K,) keeps."""
@@ -93,8 +93,7 @@ def list_candidates(
     model_angles = np.concatenate([model_angles, robot.joint_map.model_angles(path.given[given])])
     postures = Postures(robot, model_angles)
     size, shift = _compute_sizes(model, path, point, postures)
-    regularity = compute_regularity(inverse, postures)
-    usable = np.abs(regularity) >= clearance
+    side, usable = find_sides(inverse, postures, clearance)
     if path.near is not None:
         near = Postures(robot, robot.joint_map.model_angles(path.near))
         usable &= find_branches(inverse, postures) == find_branches(inverse, near)[point]
@@ -108,7 +107,7 @@ def list_candidates(
     order = np.argsort(point[index], kind="stable")
     index, joints = index[order], joints[order]
     found = Candidates(
-        point[index], turn[index], joints, angles[order], shift[index], size[index], regularity[index]
+        point[index], turn[index], joints, angles[order], shift[index], size[index], side[index]
     )
     _refuse_unreached(found, path, solved, point)
     return found
@@ -165,15 +164,24 @@ def _compute_sizes(
     return size, shift
 
 
-def compute_regularity(inverse: InverseKinematics, postures: Postures) -> FloatArray:
-    """Return the signed least singular values (K,) of the flange's Jacobian of the arm's joints."""
+def find_sides(
+    inverse: InverseKinematics, postures: Postures, clearance: float
+) -> tuple[FloatArray, BoolArray]:
+    """Return on which side of its singularities the arm is, and where the arm keeps its clearance.
+
+    Args:
+        inverse: inverse kinematics of the arm.
+        postures: K postures of the robot.
+        clearance: least singular value of the flange's Jacobian that is wanted, in m and rad.
+
+    Returns:
+        (K,) signs of the determinant of the flange's Jacobian of the arm's joints, and a mask (K,) of the
+        postures whose least singular value is at least the clearance.
+    """
     if not len(postures):
-        return np.zeros(0)
-    jacobian = postures.pose_jacobian_at(postures.flange_translation[:, None])
-    arm = jacobian[:, :, inverse.revolute]
-    # The least eigenvalue of J Jᵀ would lose half of the digits: the singular values keep them.
-    least = np.linalg.svd(arm, compute_uv=False)[:, -1]
-    return np.asarray(np.sign(np.linalg.det(arm)) * least)
+        return np.zeros(0), np.zeros(0, dtype=np.bool_)
+    jacobian = postures.flange_jacobian[:, :, inverse.revolute]
+    return np.sign(np.linalg.det(jacobian)), are_regular(jacobian, clearance)
 
 
 def find_branches(inverse: InverseKinematics, postures: Postures) -> IndexArray:
@@ -193,7 +201,7 @@ def find_branches(inverse: InverseKinematics, postures: Postures) -> IndexArray:
         centre = postures.to_base(np.broadcast_to(wrist.centre, (len(postures), 1, 3)))[:, 0]
     of_wrist = np.einsum("ki,ki->k", np.cross(axis[3], axis[4]), axis[5])
     of_elbow = np.einsum("ki,ki->k", axis[1], np.cross(foot[2] - foot[1], centre - foot[2]))
-    full = postures.pose_jacobian_at(postures.flange_translation[:, None])[:, :, inverse.revolute]
+    full = postures.flange_jacobian[:, :, inverse.revolute]
     signs = (of_wrist > 0.0, of_elbow > 0.0, np.linalg.det(full) > 0.0)
     return np.asarray(sum(sign.astype(np.intp) << bit for bit, sign in enumerate(signs)))
 

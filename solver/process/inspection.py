@@ -13,7 +13,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import Postures, rotation_vectors
 from jointstiff.solver.predict.forward import ForwardModel
-from jointstiff.solver.process.candidates import compute_regularity
+from jointstiff.solver.process.candidates import find_sides
 from jointstiff.solver.process.path import ProcessPath
 
 _DISTANCE: Final = 0.002
@@ -62,14 +62,14 @@ class Inspector:
             turn: (m,) turns about the spindle axis [rad].
         """
         path, arm = self.path, self.inverse.select_arm_joints(angles)
-        regularity = compute_regularity(self.inverse, Postures(self.model.robot, angles))
+        side, is_clear = find_sides(self.inverse, Postures(self.model.robot, angles), self.clearance)
         free = np.isnan(path.given[:, 0])
-        beyond = ~self._are_within(angles) | (np.abs(regularity) < self.clearance)
+        beyond = ~(self._are_within(angles) & is_clear)
         added = np.zeros_like(angles)
         if self.corrects:
             corrected = self._correct(angles)
-            corrected_regularity = compute_regularity(self.inverse, corrected)
-            beyond |= ~self._are_within(corrected.q) | (np.abs(corrected_regularity) < self.clearance)
+            _, is_clear = find_sides(self.inverse, corrected, self.clearance)
+            beyond |= ~(self._are_within(corrected.q) & is_clear)
             added = self._find_added(angles, corrected)
         beyond &= free
         rests = np.flatnonzero(path.continuous[1:] & (path.steps[1:] == 0.0)) + 1
@@ -84,7 +84,7 @@ class Inspector:
             )
             needed, is_left = self._follow(lines, arm)
             motion[np.ix_(lines, self.inverse.revolute)] = needed
-            crossed = np.sign(regularity[lines]) != np.sign(regularity[lines - 1])
+            crossed = side[lines] != side[lines - 1]
             beyond[lines] |= (is_left | crossed) & free[lines] & free[lines - 1]
         return Inspection(motion, added, turned, beyond)
 
@@ -143,7 +143,7 @@ class Inspector:
             low, high = robot.limits.T
             kept = reached & ((inner >= low) & (inner <= high)).all(axis=1)
             kept &= np.abs(inner - guess).max(axis=1) <= _FOLLOWED
-            kept &= self.inverse.least_singular_value(inner) >= self.clearance
+            kept &= self.inverse.keep_clearance(inner, self.clearance)
             is_left[owner[~kept]] = True
         # All places along the lines in order: start, inner places and end of each line.
         ends = np.cumsum(parts + 1)
@@ -165,7 +165,7 @@ class Inspector:
         """Return the greatest motion of the joints for a length (l, 6) [rad/m], at ends of lines and inside.
 
         Means between two places miss the peaks at the ends of lines. At a singularity, where the motion has
-        no bound, a place counts as at rest: `least_singular_value` finds it.
+        no bound, a place counts as at rest: `keep_clearance` finds it.
 
         Args:
             lines: (l,) points to which the lines lead.

@@ -27,6 +27,8 @@ MOST_LINKS: Final = 20_000_000
 MOST_TRIALS: Final = 40
 """Greatest number of trials, each with one posture for a target that is visited again, along a path."""
 _ROUNDING: Final = 1e-9
+_APART: Final = 1e3
+"""Distance that exceeds each difference of two turns [rad]."""
 """Part of a limit that is kept free, so that differences of rounded angles do not exceed the limit."""
 _RAISED: Final = (1.0, 1.5, 2.5, 5.0, np.inf)
 """Factors by which the limits of the joints are raised on a line on which no motion keeps these limits."""
@@ -353,16 +355,22 @@ def _pair_by_turn(
 ) -> _Pairs:
     """Return all pairs whose turns differ by at most `most` [rad], and between which no singularity lies.
 
-    A given posture has the turn zero.
+    A given posture has the turn zero, and may be on any side of a singularity.
     """
-    starts, ends = (np.where(each < 0, 0.0, angles[each]) for each in _turns(candidates, before, here))
-    order = np.argsort(ends, kind="stable")
+    start_turns, end_turns = _turns(candidates, before, here)
+    starts, ends = (np.where(each < 0, 0.0, angles[each]) for each in (start_turns, end_turns))
+    any_side = (start_turns < 0).any() or (end_turns < 0).any()
+    apart = 0.0 if any_side else _APART
+    # With turns of different sides far apart, a search by turn finds those of the same side alone.
+    start_shift, end_shift = (apart * candidates.side[part] for part in (before, here))
+    order = np.argsort(ends + end_shift, kind="stable")
+    sorted_ends = (ends + end_shift)[order]
     shifts = (0.0, 2.0 * np.pi, -2.0 * np.pi) if closed and most < np.pi else (0.0,)
     firsts, lasts, changes = [], [], []
     for shift in shifts:
         wanted = starts + shift
-        low = np.searchsorted(ends[order], wanted - most - _ROUNDING)
-        high = np.searchsorted(ends[order], wanted + most + _ROUNDING, side="right")
+        low = np.searchsorted(sorted_ends, wanted + start_shift - most - _ROUNDING)
+        high = np.searchsorted(sorted_ends, wanted + start_shift + most + _ROUNDING, side="right")
         count = high - low
         first = np.repeat(np.arange(len(starts)), count)
         place = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count) + low[first]
@@ -374,11 +382,7 @@ def _pair_by_turn(
     if closed and len(shifts) == 1:
         wrapped = pairs.change - 2.0 * np.pi * np.round(pairs.change / (2.0 * np.pi))
         pairs = replace(pairs, change=wrapped)
-    sides = (np.sign(candidates.regularity[part]) for part in (before, here))
-    start_side, end_side = next(sides)[pairs.first], next(sides)[pairs.last]
-    turns = _turns(candidates, before, here)
-    given = (turns[0][pairs.first] < 0) | (turns[1][pairs.last] < 0)
-    return pairs.select((start_side == end_side) | given)
+    return pairs
 
 
 def _turns(candidates: Candidates, before: slice, here: slice) -> tuple[IndexArray, IndexArray]:

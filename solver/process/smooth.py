@@ -181,7 +181,7 @@ class TurnSmoother:
 
     def _measure(self, q: FloatArray) -> float:
         """Return the deflection of joints q (k, 6) at the places, to first order in the load [m]."""
-        sizes = self._sizes(q)
+        sizes = self._sizes(Postures(self.inverse.arm, q))
         if self.greatest:
             return float(sizes[self._weights > 0.0].max())
         return float(np.sqrt(self._weights @ np.square(sizes)))
@@ -346,16 +346,18 @@ class TurnSmoother:
         numbers = np.arange(len(places))
         rate = self._find_rates(turn)
         try:
-            by_turn, along = self._differentiate(q)
+            at = Postures(self.inverse.arm, q)
+            by_turn, along = self._differentiate(at)
             step = _STEP * by_turn
-            plus, plus_reached = self.inverse.refine(places.turn(numbers, here + _STEP), q + step)
-            minus, minus_reached = self.inverse.refine(places.turn(numbers, here - _STEP), q - step)
+            q_plus, plus_reached = self.inverse.refine(places.turn(numbers, here + _STEP), q + step)
+            q_minus, minus_reached = self.inverse.refine(places.turn(numbers, here - _STEP), q - step)
             if not (plus_reached & minus_reached).all():
                 return None
+            plus, minus = (Postures(self.inverse.arm, each) for each in (q_plus, q_minus))
             change = self._find_motion(plus, rate) - self._find_motion(minus, rate)
         except np.linalg.LinAlgError:
             return None
-        sizes = [np.square(self._sizes(each)) for each in (minus, q, plus)]
+        sizes = [np.square(self._sizes(each)) for each in (minus, at, plus)]
         mean = max(float(self._weights @ sizes[1]), np.finfo(float).tiny)
         slope = (sizes[2] - sizes[0]) / (2.0 * _STEP * mean)
         curvature = (sizes[2] - 2.0 * sizes[1] + sizes[0]) / (_STEP**2 * mean)
@@ -365,8 +367,8 @@ class TurnSmoother:
         motion = _Motion(here, rate, by_turn, along, change / (2.0 * _STEP))
         self._limit_speeds(limits, motion, self._spread(parts.speed), trust)
         limits.keep(rate_basis[lines], self._spread(parts.rate)[lines] * self.rate)
-        self._limit_positions(limits, here, q, by_turn, trust)
-        self._limit_singularity(limits, here, (minus, q, plus))
+        self._limit_positions(limits, here, at, by_turn, trust)
+        self._limit_singularity(limits, here, (minus, at, plus))
         limits.within(basis, here - trust, here + trust)
         if self.range is not None:
             low, high = self.range
@@ -394,20 +396,19 @@ class TurnSmoother:
         change = np.where(self._is_line, turn[last] - turn[before], 0.0)
         return np.asarray(change / np.where(self._is_line, self.path.steps[last], 1.0))
 
-    def _differentiate(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the motions (k, 6) of joints q (k, 6) by the turn [rad/rad], and along the path [rad/m]."""
+    def _differentiate(self, at: Postures) -> tuple[FloatArray, FloatArray]:
+        """Return the motions (k, 6) of the arm's joints by the turn [rad/rad], and along the path [rad/m]."""
         places = self._places
-        at = Postures(self.inverse.arm, q)
         jacobian = at.pose_jacobian_at(at.to_base(places.place[:, None]))
-        motion = np.zeros((len(q), 6, 2))
+        motion = np.zeros((len(at), 6, 2))
         motion[:, 3:, 0] = places.axes
         motion[:, :, 1] = self._twists
         solved = np.linalg.solve(jacobian, motion)
         return np.asarray(solved[..., 0], np.float64), np.asarray(solved[..., 1], np.float64)
 
-    def _find_motion(self, q: FloatArray, rate: FloatArray) -> FloatArray:
-        """Return the motions (k, 6) of joints q (k, 6) for a length, at rates (k,) of turn [rad/m]."""
-        by_turn, along = self._differentiate(q)
+    def _find_motion(self, at: Postures, rate: FloatArray) -> FloatArray:
+        """Return the motions (k, 6) of the arm's joints for a length, at rates (k,) of turn [rad/m]."""
+        by_turn, along = self._differentiate(at)
         return along + by_turn * rate[:, None]
 
     @cached_property
@@ -421,14 +422,19 @@ class TurnSmoother:
         turned = rotation_vectors(rotation[last], rotation[before]) / step
         return np.concatenate([moved, turned], axis=1)
 
-    def _sizes(self, q: FloatArray) -> FloatArray:
+    def _sizes(self, at: Postures) -> FloatArray:
         """Return the lengths (k,) of the deflections at the places, to first order in the load [m]."""
+        whole = self._add_held_joints(at)
+        joints = self.model.robot.joint_map.controller_angles(whole.q)
+        cases = self._places.cases(np.arange(len(at)), joints)
+        return np.asarray(np.linalg.norm(self.model.linear_displacement(cases, whole), axis=1))
+
+    def _add_held_joints(self, at: Postures) -> Postures:
+        """Return postures of the whole robot: those of the arm, and its linear axes where they are held."""
         robot = self.model.robot
-        angles = self.inverse.insert_held_joints(q, of_model=True)
-        cases = self._places.cases(np.arange(len(q)), robot.joint_map.controller_angles(angles))
-        return np.asarray(
-            np.linalg.norm(self.model.linear_displacement(cases, Postures(robot, angles)), axis=1)
-        )
+        if robot.n == self.inverse.arm.n:
+            return at
+        return Postures(robot, self.inverse.insert_held_joints(at.q, of_model=True))
 
     def _limit_speeds(self, limits: _Rows, motion: _Motion, part: FloatArray, trust: float) -> None:
         """Limit ``|∂q/∂s + ∂q/∂φ φ'|``, to first order in φ and φ'; where it exceeds the limit, by steps."""
@@ -446,15 +452,14 @@ class TurnSmoother:
             limits.within(csr_array(matrix), -most[rows] - offset, most[rows] - offset)
 
     def _limit_positions(
-        self, limits: _Rows, here: FloatArray, q: FloatArray, by_turn: FloatArray, trust: float
+        self, limits: _Rows, here: FloatArray, at: Postures, by_turn: FloatArray, trust: float
     ) -> None:
         """Keep joints, and corrected joints, within their limits with room."""
-        robot = self.model.robot
-        shift = np.zeros_like(q)
+        q, shift = at.q, np.zeros_like(at.q)
         if self.corrects:
-            angles = self.inverse.insert_held_joints(q, of_model=True)
-            cases = self._places.cases(np.arange(len(q)), robot.joint_map.controller_angles(angles))
-            goal = Postures(robot, angles)
+            goal = self._add_held_joints(at)
+            joints = self.model.robot.joint_map.controller_angles(goal.q)
+            cases = self._places.cases(np.arange(len(q)), joints)
             commanded = self.model.compute_commands(cases, goal, np.ones(len(q)))
             shift = self.inverse.select_arm_joints(commanded) - q
         low, high = self.inverse.arm.limits.T
@@ -470,10 +475,10 @@ class TurnSmoother:
             limits.within(matrix, lower + offset, upper + offset)
 
     def _limit_singularity(
-        self, limits: _Rows, here: FloatArray, q: tuple[FloatArray, FloatArray, FloatArray]
+        self, limits: _Rows, here: FloatArray, near: tuple[Postures, Postures, Postures]
     ) -> None:
         """Keep the least singular value beyond the clearance, to first order in the turn."""
-        minus, value, plus = (self.inverse.least_singular_value(each) for each in q)
+        minus, value, plus = (np.linalg.svd(each.flange_jacobian, compute_uv=False)[:, -1] for each in near)
         slope = (plus - minus) / (2.0 * _STEP)
         rows = np.flatnonzero(value < _NEAR * self.clearance)
         room = np.maximum(value[rows] - CLEARANCE_ROOM * self.clearance, 0.0)

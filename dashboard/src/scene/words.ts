@@ -27,7 +27,7 @@ export const sceneWords = {
 };
 
 export const boxWords = {
-  view: "Robot with the box; the field below has its corners. Arrow keys orbit, plus and minus zoom.",
+  view: "Robot with the work area; the field below has the corners of the area. Arrow keys orbit, plus and minus zoom.",
   hint: "Drag a face or the middle of the box, or type its corners.",
   begin: "Draw a box at the flange",
 };

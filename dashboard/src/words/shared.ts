@@ -151,7 +151,7 @@ export const en = {
       empty: ["This file is empty", "Export the file again."],
       mixed: [
         "A campaign and tables together",
-        "A campaign already has its readings: drop the campaign or the tables, not both.",
+        "A campaign already contains readings. Drop either the campaign or the tables.",
       ],
       several: ["Several JSON files at once", "Drop one campaign at a time; you can drop several tables together."],
       not_object: [

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from jointstiff.schemas.comparison import (
     AvoidedDeflection,
@@ -42,6 +42,7 @@ from jointstiff.service.tables.table import (
     Part,
     Sheet,
     Table,
+    Value,
     as_line,
     format_percent,
     format_rounded,
@@ -50,6 +51,7 @@ from jointstiff.service.tables.table import (
 from jointstiff.solver.text import figure
 
 if TYPE_CHECKING:
+    from jointstiff.schemas.options import Resampling
     from jointstiff.service.kinds.work import Work
     from jointstiff.service.resources.inputs import Inputs
 
@@ -62,6 +64,9 @@ _METHODS_PER_TABLE: Final = 2
 _DRAWN_PER_TABLE: Final = 4
 """Greatest number of methods in a table of resampled fits, whose cells are shorter."""
 _LONGEST_NAME: Final = 24
+_DRAWN_IN_WORDS: Final = (
+    "drawn: explained share of all configurations, mean & standard deviation over the drawn fits"
+)
 
 Cell = Callable[[ComparedRun, int], Line]
 """Function that formats a cell of a table, for a run and the index of a joint."""
@@ -118,15 +123,19 @@ def _ratio_table(
         Column("ratio", [_show_ratio(joint) for joint in joints], show_cell),
         Column("p", [joint.p_value for joint in joints], _format_p_value),
     ]
-    title = "Two sides"
-    if _method_abbreviation(first_run) == _method_abbreviation(second_run):
-        title = f"Two sides, {METHOD_NAMES[first_run.method]}"
     caption = (
         f"{unit.quantity} in {unit.label_of(first_run.joints)} and ratio of the stiffnesses, "
         f"second to first; in brackets: {100 * result.confidence:g} % interval; p: p-value of equal "
         "stiffnesses"
     )
-    return Table(columns, title=title, caption=caption)
+    return Table(columns, title=_make_ratio_title(first_run, second_run), caption=caption)
+
+
+def _make_ratio_title(first_run: ComparedRun, second_run: ComparedRun) -> str:
+    """Return the title of the table of ratios; it names the method if both runs have the same."""
+    if _method_abbreviation(first_run) == _method_abbreviation(second_run):
+        return f"Two sides, {METHOD_NAMES[first_run.method]}"
+    return "Two sides"
 
 
 def _format_p_value(p_value: float) -> str:
@@ -174,26 +183,34 @@ def _show_ratio(joint: JointRatio) -> ShownEstimate:
 
 
 def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
-    """Return a table of both sides' joints, fitted so that no joint is softer on the second side."""
+    """Return a table of both sides' joints, fitted so that no joint is softer on the second side.
+
+    The remark "made equal" marks a joint that would be softer on the second side without the constraint.
+    """
     joints = ordered.joints
-    first = [
-        unit.show_compliance(joint.compliance_first, joint.compliance_interval_first, joint.kind)
-        for joint in joints
+    first, second = list[ShownEstimate](), list[ShownEstimate]()
+    for joint in joints:
+        first.append(
+            unit.show_compliance(joint.compliance_first, joint.compliance_interval_first, joint.kind)
+        )
+        second.append(
+            unit.show_compliance(joint.compliance_second, joint.compliance_interval_second, joint.kind)
+        )
+    columns = [
+        Column("joint", [joint.name for joint in joints], text=True),
+        Column("first", first, show_cell),
+        Column("second", second, show_cell),
+        Column("remark", ["made equal" if joint.equal else "" for joint in joints], text=True),
     ]
-    second = [
-        unit.show_compliance(joint.compliance_second, joint.compliance_interval_second, joint.kind)
-        for joint in joints
-    ]
-    return Table(
-        [
-            Column("joint", [joint.name for joint in joints], text=True),
-            Column("first", first, show_cell),
-            Column("second", second, show_cell),
-            Column("remark", ["made equal" if joint.equal else "" for joint in joints], text=True),
-        ],
-        title="Both sides identified together, no joint softer on the second side",
-        caption=f"{unit.quantity} (interval) in {unit.label_of(joints)}, all constraints; the constraint "
-        f"that no joint is softer increases χ² by {ordered.chi_square_increase:.3g}",
+    title = "Both sides identified together, no joint softer on the second side"
+    return Table(columns, title=title, caption=_make_ordered_caption(ordered, unit))
+
+
+def _make_ordered_caption(ordered: OrderedResult, unit: StiffnessUnit) -> str:
+    """Return the caption of the table of the ordered fit: its unit, and what the constraint costs in χ²."""
+    return (
+        f"{unit.quantity} (interval) in {unit.label_of(ordered.joints)}, all constraints; the constraint "
+        f"that no joint is softer increases χ² by {ordered.chi_square_increase:.3g}"
     )
 
 
@@ -206,45 +223,68 @@ def _percentage_text(fraction: Estimate) -> str:
 
 def _list_method_parts(compared_runs: Sequence[ComparedRun], view: View) -> list[Part]:
     """Return tables of the joints with a column for each method, and a table of the fits as a whole."""
-    unit = view.unit
     resampling = next((entry.draws for entry in compared_runs if entry.draws), None)
-    format_cell: Cell = (
-        partial(_resampled_cell, unit)
-        if resampling
-        else lambda entry, j: unit.show_joint(entry.joints[j]).cell
-    )
-    # Runs with a constraint that changes no number are not shown, but the legend mentions them.
-    hides_constrained = (
-        not view.details and resampling is None and _constraints_change_nothing(compared_runs, format_cell)
-    )
-    shown_runs = (
-        [entry for entry in compared_runs if not entry.positive] if hides_constrained else compared_runs
-    )
-    title = f"{unit.quantity.capitalize()} in {unit.label_of(compared_runs[0].joints)}"
-    if resampling is not None:
-        title += (
-            f", mean & standard deviation of\n{resampling.repetitions} fits of {resampling.size} "
-            f"configurations drawn at random (seed {resampling.seed})"
-        )
+    style = _choose_cell_style(view.unit, is_resampled=resampling is not None)
+    shown_runs = _omit_idle_constraints(compared_runs, style, view)
     legend = _legend(
         shown_runs,
-        hides_constrained=hides_constrained,
-        resampled=resampling is not None,
+        hides_constrained=len(shown_runs) < len(compared_runs),
+        resampled=style.is_resampled,
         shows_repeated=view.details,
     )
-    parts: list[Part] = [
-        *_joint_tables(
-            shown_runs,
-            title,
-            format_cell,
-            legend,
-            shows_repeated=view.details,
-            methods_per_table=_METHODS_PER_TABLE if resampling is None else _DRAWN_PER_TABLE,
-        )
-    ]
-    if resampling is not None:
+    title = _make_methods_title(compared_runs, view.unit, resampling)
+    parts: list[Part] = []
+    parts += _joint_tables(shown_runs, title, style, legend, shows_repeated=view.details)
+    if style.is_resampled:
         parts += _list_resampled_share_parts(compared_runs, view)
     return [*parts, _fits_table(shown_runs, shows_repeated=view.details)]
+
+
+@dataclass(frozen=True)
+class _CellStyle:
+    """What a cell for a joint and a method shows."""
+
+    format_cell: Cell
+    methods_per_table: int  # greatest number of methods (columns) in a table
+    is_resampled: bool = True  # whether the cell is about resampled fits
+
+
+def _choose_cell_style(unit: StiffnessUnit, *, is_resampled: bool) -> _CellStyle:
+    """Return the style of cells: mean and deviation of resampled fits or, without these, an interval."""
+    if is_resampled:
+        return _CellStyle(partial(_resampled_cell, unit), _DRAWN_PER_TABLE)
+    return _CellStyle(partial(_interval_cell, unit), _METHODS_PER_TABLE, is_resampled=False)
+
+
+def _interval_cell(unit: StiffnessUnit, entry: ComparedRun, joint: int) -> Line:
+    """Format the stiffness of a joint, given by its index, with its interval."""
+    return unit.show_joint(entry.joints[joint]).cell
+
+
+def _omit_idle_constraints(
+    compared_runs: Sequence[ComparedRun], style: _CellStyle, view: View
+) -> Sequence[ComparedRun]:
+    """Return the runs to show: without runs with a constraint if constraints change no number.
+
+    Details and statistics of resampled fits are always shown of all runs.
+    """
+    shows_all = view.details or style.is_resampled
+    if shows_all or not _constraints_change_nothing(compared_runs, style.format_cell):
+        return compared_runs
+    return [entry for entry in compared_runs if not entry.positive]
+
+
+def _make_methods_title(
+    compared_runs: Sequence[ComparedRun], unit: StiffnessUnit, resampling: Resampling | None
+) -> str:
+    """Return the title of the tables of methods: quantity, unit and how fits were resampled, if they were."""
+    title = f"{unit.quantity.capitalize()} in {unit.label_of(compared_runs[0].joints)}"
+    if resampling is None:
+        return title
+    return (
+        f"{title}, mean & standard deviation of\n{resampling.repetitions} fits of {resampling.size} "
+        f"configurations drawn at random (seed {resampling.seed})"
+    )
 
 
 def _constraints_change_nothing(entries: Sequence[ComparedRun], format_cell: Cell) -> bool:
@@ -261,30 +301,25 @@ def _constraints_change_nothing(entries: Sequence[ComparedRun], format_cell: Cel
 def _joint_tables(
     compared_runs: Sequence[ComparedRun],
     title: str,
-    format_cell: Cell,
+    style: _CellStyle,
     caption: str = "",
     *,
     shows_repeated: bool,
-    methods_per_table: int = _DRAWN_PER_TABLE,
 ) -> list[Table]:
-    """Return tables of the joints, each with at most `methods_per_table` methods as columns.
+    """Return tables of the joints, each with as many methods as columns as the style allows.
 
     Only the first table has the caption.
     """
     methods = list(dict.fromkeys(map(_method_abbreviation, compared_runs)))
     tables = list[Table]()
-    for start in range(0, len(methods), methods_per_table):
-        shown = methods[start : start + methods_per_table]
-        entries = [entry for entry in compared_runs if _method_abbreviation(entry) in shown]
+    for start in range(0, len(methods), style.methods_per_table):
+        shown_methods = methods[start : start + style.methods_per_table]
+        entries = [entry for entry in compared_runs if _method_abbreviation(entry) in shown_methods]
+        table = _joint_table(entries, style.format_cell, shows_repeated=shows_repeated)
         if tables:
-            title_of_table, caption_of_table = f"{title}, continued", ""
+            tables.append(replace(table, title=f"{title}, continued"))
         else:
-            title_of_table, caption_of_table = title, caption
-        tables.append(
-            _joint_table(
-                entries, title_of_table, format_cell, caption_of_table, shows_repeated=shows_repeated
-            )
-        )
+            tables.append(replace(table, title=title, caption=caption))
     return tables
 
 
@@ -293,18 +328,28 @@ def _list_resampled_share_parts(entries: Sequence[ComparedRun], view: View) -> l
 
     If all shares are zero, return a line that says so.
     """
-    resampled_joints = [
-        joint
-        for entry in entries
-        for j, joint in enumerate(entry.resampling.joints if entry.resampling else [])
-        if entry.joints[j].status != "not_observable"
-    ]
-    if not any(
-        joint.share_negative or joint.share_infinite or joint.share_undetermined for joint in resampled_joints
-    ):
+    if not any(map(_has_share, _list_resampled_joints(entries))):
         return [Line("No fit gave a joint a negative, infinite or undetermined stiffness.")]
     title = "Fits negative / rigid / undetermined, in %"
-    return [*_joint_tables(entries, title, _shares_cell, shows_repeated=view.details)]
+    style = _CellStyle(_shares_cell, _DRAWN_PER_TABLE)
+    return [*_joint_tables(entries, title, style, shows_repeated=view.details)]
+
+
+def _list_resampled_joints(entries: Sequence[ComparedRun]) -> list[ResampledJoint]:
+    """Return the statistics over the resampled fits of all runs, of joints that the readings can show."""
+    found = list[ResampledJoint]()
+    for entry in entries:
+        if entry.resampling is None:
+            continue
+        for joint, statistics in zip(entry.joints, entry.resampling.joints, strict=False):
+            if joint.status != "not_observable":
+                found.append(statistics)
+    return found
+
+
+def _has_share(joint: ResampledJoint) -> bool:
+    """Return whether a resampled fit gave this joint a negative, infinite or undetermined stiffness."""
+    return bool(joint.share_negative or joint.share_infinite or joint.share_undetermined)
 
 
 @dataclass(frozen=True)
@@ -347,34 +392,51 @@ def _group_by_row(compared_runs: Sequence[ComparedRun]) -> list[_MethodRow]:
     return [_MethodRow(side, positive, runs) for (side, positive), runs in runs_by_row.items()]
 
 
-def _joint_table(
-    compared_runs: Sequence[ComparedRun], title: str, format_cell: Cell, caption: str, *, shows_repeated: bool
-) -> Table:
+@dataclass(frozen=True)
+class _JointRow:
+    """A row of a table of joints, as it is shown."""
+
+    joint_name: str  # empty but in the first row of the joint
+    name: str  # constraint, such as "free", or side and constraint, such as "1 free"
+    cells: list[Line]  # one for each method
+
+
+def _joint_table(compared_runs: Sequence[ComparedRun], format_cell: Cell, *, shows_repeated: bool) -> Table:
     """Return a table with a row for each joint, side and constraint, and a column for each method.
 
     Without `shows_repeated`, a joint has no row for a constraint that changes none of its numbers.
     """
-    rows = _group_by_row(compared_runs)
-    free_rows = {row.side: row for row in rows if not row.positive}
     methods = list(dict.fromkeys(map(_method_abbreviation, compared_runs)))
-    has_two_sides = len({row.side for row in rows}) > 1
-    joint_names, row_names, cells = list[str](), list[str](), list[list[Line]]()
-    for j, joint in enumerate(compared_runs[0].joints):
-        shown_name = joint.name  # only the first row of a joint has the joint's name
-        for row in rows:
-            if not shows_repeated and row.repeats(free_rows.get(row.side), j, format_cell):
-                continue
-            joint_names.append(shown_name)
-            row_names.append(_row_name(row.side, row.positive, with_side=has_two_sides))
-            cells.append(row.format_cells(methods, j, format_cell))
-            shown_name = ""
+    has_two_sides = len({entry.side for entry in compared_runs}) > 1
+    rows = list[_JointRow]()
+    for joint, joint_result in enumerate(compared_runs[0].joints):
+        shown = _list_rows_of_joint(compared_runs, joint, format_cell, shows_repeated=shows_repeated)
+        for row in shown:
+            joint_name = joint_result.name if row is shown[0] else ""
+            name = _row_name(row.side, row.positive, with_side=has_two_sides)
+            rows.append(_JointRow(joint_name, name, row.format_cells(methods, joint, format_cell)))
     columns = [
-        Column("joint", joint_names, text=True, widest=_LONGEST_NAME),
-        Column("side" if has_two_sides else "sign", row_names, text=True),
+        Column("joint", [row.joint_name for row in rows], text=True, widest=_LONGEST_NAME),
+        Column("side" if has_two_sides else "sign", [row.name for row in rows], text=True),
     ]
     for number, method in enumerate(methods):
-        columns.append(Column(method, [row_cells[number] for row_cells in cells], as_line))
-    return Table(columns, title=title, caption=caption, plain=True)
+        columns.append(Column(method, [row.cells[number] for row in rows], as_line))
+    return Table(columns, plain=True)
+
+
+def _list_rows_of_joint(
+    compared_runs: Sequence[ComparedRun], joint: int, format_cell: Cell, *, shows_repeated: bool
+) -> list[_MethodRow]:
+    """Return the rows of a joint, given by its index: one for each side and constraint.
+
+    Without `shows_repeated`, a row with a constraint is omitted if the side's row without constraint shows
+    the same numbers.
+    """
+    rows = _group_by_row(compared_runs)
+    if shows_repeated:
+        return rows
+    free_rows = {row.side: row for row in rows if not row.positive}
+    return [row for row in rows if not row.repeats(free_rows.get(row.side), joint, format_cell)]
 
 
 def _row_name(side: SideName, positive: bool, *, with_side: bool) -> str:
@@ -402,18 +464,17 @@ def _method_abbreviation(entry: ComparedRun) -> str:
 def _resampled_cell(unit: StiffnessUnit, entry: ComparedRun, joint: int) -> Line:
     """Format the mean and standard deviation of a joint's number over the resampled fits of a run."""
     statistics = _resampled_joint(entry, joint)
-    mean_value, deviation = (
-        (None, None) if statistics is None else compute_mean_and_deviation(statistics, unit)
-    )
+    if statistics is None:
+        return Line("—", "dim")
+    mean_value, deviation = compute_mean_and_deviation(statistics, unit)
     if mean_value is None:
-        return Line("rigid" if statistics and statistics.share_infinite else "—", "dim")
+        return Line("rigid" if statistics.share_infinite else "—", "dim")
     text = format_rounded(mean_value, deviation, ".2g")
     if deviation is not None:
         text += f" & {format_rounded(deviation, deviation)}"
     # A prismatic joint has another unit than the table, which the cell states.
-    own_unit = ""
-    if statistics is not None and (joint_unit := unit.for_kind(statistics.kind)) is not unit:
-        own_unit = joint_unit.label
+    joint_unit = unit.for_kind(statistics.kind)
+    own_unit = "" if joint_unit is unit else joint_unit.label
     numbers = (NumberParts(text, unit=own_unit),)
     return Line(f"{text} {own_unit}".rstrip(), "bad" if mean_value < 0 else "", numbers)
 
@@ -442,22 +503,27 @@ def _fits_table(compared_runs: Sequence[ComparedRun], *, shows_repeated: bool) -
     equal those of the fit without the constraint.
     """
     shown_runs = list(compared_runs) if shows_repeated else _omit_repeated_fits(compared_runs)
-    has_two_sides = len({entry.side for entry in shown_runs}) > 1
-    names = [
-        f"{_method_abbreviation(entry)} {_row_name(entry.side, entry.positive, with_side=has_two_sides)}"
-        for entry in shown_runs
-    ]
     columns = [
-        Column("fit", names, text=True, widest=_LONGEST_NAME),
+        Column("fit", _name_fits(shown_runs), text=True, widest=_LONGEST_NAME),
         Column("explained", [format_percent(entry.compensation) for entry in shown_runs]),
         Column("rms", [entry.rms_residual for entry in shown_runs], number_formatter(".0f", 1e6), "µm"),
         Column("condition", [entry.condition_number for entry in shown_runs], number_formatter(".3g")),
     ]
     if any(entry.resampling for entry in shown_runs):
         cells = [_resampled_cells(entry.resampling) for entry in shown_runs]
-        columns.append(Column("explained, drawn", [explained for explained, _ in cells]))
-        columns.append(Column("any negative", [negative for _, negative in cells]))
+        columns.append(Column("explained, drawn", [each.explained for each in cells]))
+        columns.append(Column("any negative", [each.any_negative for each in cells]))
     return Table(columns, title="Fits as a whole", plain=True)
+
+
+def _name_fits(compared_runs: Sequence[ComparedRun]) -> list[str]:
+    """Return a name for each fit: method and constraint, such as "PP free"; of two sides also the side."""
+    has_two_sides = len({entry.side for entry in compared_runs}) > 1
+    names = list[str]()
+    for entry in compared_runs:
+        row_name = _row_name(entry.side, entry.positive, with_side=has_two_sides)
+        names.append(f"{_method_abbreviation(entry)} {row_name}")
+    return names
 
 
 def _omit_repeated_fits(compared_runs: Sequence[ComparedRun]) -> list[ComparedRun]:
@@ -483,15 +549,21 @@ def _fit_cells(entry: ComparedRun) -> tuple[object, ...]:
     return explained, None if residual is None else f"{1e6 * residual:.0f}", drawn
 
 
-def _resampled_cells(resampling: ResamplingResult | None) -> tuple[str, str]:
-    """Format two cells: deflection that resampled fits explain, and share of fits with negative stiffness."""
+class _ResampledCells(NamedTuple):
+    """The cells of a fit about its resampled fits."""
+
+    explained: str  # deflection that the fits explain: mean & standard deviation in %
+    any_negative: str  # fraction of the fits with a negative stiffness
+
+
+def _resampled_cells(resampling: ResamplingResult | None) -> _ResampledCells:
+    """Format the cells of a fit about its resampled fits; empty cells without resampling."""
     if resampling is None:
-        return "", ""
+        return _ResampledCells("", "")
     deviation = resampling.compensation_deviation
     spread = "" if deviation is None else f" & {100 * deviation:.2g}"
-    return format_percent(resampling.compensation_mean) + spread, format_percent(
-        resampling.share_any_negative
-    )
+    explained = format_percent(resampling.compensation_mean) + spread
+    return _ResampledCells(explained, format_percent(resampling.share_any_negative))
 
 
 def _legend(
@@ -505,24 +577,23 @@ def _legend(
         resampled: whether the tables show statistics of resampled fits.
         shows_repeated: whether rows are shown that repeat the numbers of free fits.
     """
-    methods = {_METHOD_ABBREVIATIONS[entry.method]: METHOD_NAMES[entry.method] for entry in compared_runs}
-    sentences = [f"{short}: {name}" for short, name in methods.items()]
-    sentences += _explain_weights(compared_runs)
+    sentences = [*_explain_methods(compared_runs), *_explain_weights(compared_runs)]
     if len({entry.side for entry in compared_runs}) > 1:
         sentences.append("1: first side; 2: second side")
     sentences.append("free: unconstrained")
     if any(entry.positive for entry in compared_runs):
         where = "" if shows_repeated else ", where the constraint acts"
         sentences.append(f"≥ 0: compliances zero or positive{where}")
-    if resampled:
-        sentences.append(
-            "drawn: explained share of all configurations, mean & standard deviation over the drawn fits"
-        )
-    else:
-        sentences.append("in brackets: the interval")
+    sentences.append(_DRAWN_IN_WORDS if resampled else "in brackets: the interval")
     if hides_constrained:
         sentences.append("≥ 0 gives the same numbers as free: no constraint is active")
     return "; ".join(sentences)
+
+
+def _explain_methods(compared_runs: Sequence[ComparedRun]) -> list[str]:
+    """Return an explanation for each abbreviation of a method, once each: "PP: partial pose"."""
+    methods = dict.fromkeys(entry.method for entry in compared_runs)
+    return [f"{_METHOD_ABBREVIATIONS[method]}: {METHOD_NAMES[method]}" for method in methods]
 
 
 def _explain_weights(compared_runs: Sequence[ComparedRun]) -> list[str]:
@@ -556,22 +627,40 @@ def make_charts(result: ComparisonResult) -> list[Chart]:
     charts: list[Chart] = []
     common_labels = _common_configurations(result)
     if common_labels:
-        measured = {
-            f"{side.side} side": [_deflection_by_label(side)[label] for label in common_labels]
-            for side in result.sides
-        }
-        charts.append(Chart("Measured deflection, both sides", common_labels, measured, 1e3, "mm"))
+        charts.append(_draw_common_deflection(result.sides, common_labels))
     for side in result.sides:
         side_text = f", {side.side} side" if len(result.sides) > 1 else ""
         if list(side.configurations) != common_labels:
-            series = {"measured": side.deflection}
-            title = f"Measured deflection{side_text}"
-            charts.append(Chart(title, side.configurations, series, 1e3, "mm"))
-        # What is left over is a hundredth of the deflection: the methods differ on an axis of their own.
-        residuals = _list_residuals(result.entries, side.side)
-        title = f"Left over after compensation{side_text}"
-        charts.append(Chart(title, side.configurations, residuals, 1e6, "µm"))
-    return [replace(chart, quantity="residual" if chart.unit == "µm" else "deflection") for chart in charts]
+            charts.append(_draw_deflection(side, side_text))
+        charts.append(_draw_residuals(result, side, side_text))
+    return charts
+
+
+def _draw_common_deflection(sides: Sequence[ComparedSide], labels: Sequence[str]) -> Chart:
+    """Return the chart of the deflection of both sides, in the configurations with these labels."""
+    measured = dict[str, Sequence[float | None]]()
+    for side in sides:
+        deflection_by_label = _deflection_by_label(side)
+        measured[f"{side.side} side"] = [deflection_by_label[label] for label in labels]
+    title = "Measured deflection, both sides"
+    return Chart(title, labels, measured, 1e3, "mm", quantity="deflection")
+
+
+def _draw_deflection(side: ComparedSide, side_text: str) -> Chart:
+    """Return the chart of a side's deflection; `side_text` ends the title, such as ", first side"."""
+    series = {"measured": side.deflection}
+    title = f"Measured deflection{side_text}"
+    return Chart(title, side.configurations, series, 1e3, "mm", quantity="deflection")
+
+
+def _draw_residuals(result: ComparisonResult, side: ComparedSide, side_text: str) -> Chart:
+    """Return the chart of what each method leaves over; `side_text` is the end of its title.
+
+    What is left over is a hundredth of the deflection, so the chart has an axis of its own.
+    """
+    residuals = _list_residuals(result.entries, side.side)
+    title = f"Left over after compensation{side_text}"
+    return Chart(title, side.configurations, residuals, 1e6, "µm", quantity="residual")
 
 
 def _list_residuals(entries: Sequence[ComparedRun], side: SideName) -> dict[str, list[float | None]]:
@@ -656,18 +745,26 @@ def entries_sheet(job: Comparison) -> Sheet:
     An unknown number, or an upper limit that does not exist, is an empty cell.
     """
     rows: list[_Row] = []
-    # Each joint with its statistics over the resampled fits; a failed run has one pair without joint.
-    pairs: list[tuple[JointResult | None, ResampledJoint | None]]
     for entry in job.result.entries if job.result else ():
-        row = _Row.model_construct(fit=entry, constraint="positive" if entry.positive else "unconstrained")
-        statistics = entry.resampling.joints if entry.resampling else [None] * len(entry.joints)
-        pairs = [*zip(entry.joints, statistics, strict=True)] or [(None, None)]
-        rows += [
-            row.model_copy(update={"joint": joint, "drawn": joint_statistics})
-            for joint, joint_statistics in pairs
-        ]
+        rows += _make_rows_of_run(entry)
     kinds = [None if row.joint is None else row.joint.kind for row in rows]
     return Sheet.with_joint_kinds(Sheet.from_messages(rows, _COLUMNS), kinds)
+
+
+def _make_rows_of_run(entry: ComparedRun) -> list[_Row]:
+    """Return a row for each joint of a run; a failed run, which has no joints, has one row without joint."""
+    row = _Row.model_construct(fit=entry, constraint=_name_constraint(entry))
+    if not entry.joints:
+        return [row]
+    rows = list[_Row]()
+    for j, joint in enumerate(entry.joints):
+        rows.append(row.model_copy(update={"joint": joint, "drawn": _resampled_joint(entry, j)}))
+    return rows
+
+
+def _name_constraint(entry: ComparedRun) -> Constraint:
+    """Return the name of a run's constraint in files."""
+    return "positive" if entry.positive else "unconstrained"
 
 
 def ratios_sheet(job: Comparison) -> Sheet:
@@ -677,23 +774,27 @@ def ratios_sheet(job: Comparison) -> Sheet:
 
 def configurations_sheet(job: Comparison) -> Sheet:
     """Return the file `configurations.csv`: deflection and residual of each configuration and run."""
-    result = job.result
-    sides = {side.side: side for side in (result.sides if result else ())}
-    return Sheet.from_rows(
-        {
-            "side": entry.side,
-            "method": entry.method,
-            "weighting": entry.weighting,
-            "constraint": "positive" if entry.positive else "unconstrained",
-            "configuration": label,
-            "deflection [m]": measured,
-            "left [m]": residual,
-        }
-        for entry in (result.entries if result else ())
-        for label, measured, residual in zip(
-            sides[entry.side].configurations, sides[entry.side].deflection, entry.left, strict=False
-        )
-    )
+    rows = list[dict[str, Value]]()
+    if job.result is not None:
+        sides = {side.side: side for side in job.result.sides}
+        for entry in job.result.entries:
+            rows += _make_configuration_rows(entry, sides[entry.side])
+    return Sheet.from_rows(rows)
+
+
+def _make_configuration_rows(entry: ComparedRun, side: ComparedSide) -> list[dict[str, Value]]:
+    """Return a row for each configuration of a run's side; none for a run without residuals."""
+    identity: dict[str, Value] = {
+        "side": entry.side,
+        "method": entry.method,
+        "weighting": entry.weighting,
+        "constraint": _name_constraint(entry),
+    }
+    rows = list[dict[str, Value]]()
+    for label, measured, residual in zip(side.configurations, side.deflection, entry.left, strict=False):
+        numbers = {"configuration": label, "deflection [m]": measured, "left [m]": residual}
+        rows.append(identity | numbers)
+    return rows
 
 
 def _prepare_work(inputs: Inputs, request: ComparisonRequest) -> Work:

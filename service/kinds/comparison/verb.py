@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.comparison import CampaignComparison
+from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run
 from jointstiff.service.kinds.comparison.kind import COMPARISON
 from jointstiff.service.kinds.verb import (
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from jointstiff.schemas.comparison import ComparedMethod, Comparison
-    from jointstiff.schemas.options import Resampling, RunOptions
+    from jointstiff.schemas.options import Resampling
     from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
 

@@ -20,7 +20,7 @@ from jointstiff.schemas.comparison import (
 from jointstiff.schemas.comparison import Side as SideName
 from jointstiff.schemas.finding import Assessment, Finding, Verdict, combine_assessments
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.run import Budget, BudgetComponent, JointResult, Run, RunRequest
+from jointstiff.schemas.run import Budget, BudgetComponent, JointResult, Run, RunRequest, RunResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.kinds.work import QuickWork
@@ -91,12 +91,7 @@ def prepare_comparison(inputs: Inputs, request: ComparisonRequest) -> QuickWork:
     runs = [inputs.run(run_id, f"run_ids[{i}]") for i, run_id in enumerate(request.run_ids)]
     _refuse_unfinished(runs)
     set_ids = list(dict.fromkeys(each.run.request.measurement_set_id for each in runs))
-    if len(set_ids) > len(_SIDES):
-        raise RequestError(
-            f"the runs belong to {len(set_ids)} measurement sets, but at most two sets can be compared",
-            where="run_ids",
-            remedy="give runs of one set or of two; the trend of the robot shows all sets",
-        )
+    _refuse_third_set(set_ids)
     options = request.model_dump_json(exclude={"run_ids"})
     hashes_of_runs = [each.run.provenance.input_hash for each in runs]
     second_set_id = set_ids[1] if len(set_ids) > 1 else None
@@ -106,6 +101,20 @@ def prepare_comparison(inputs: Inputs, request: ComparisonRequest) -> QuickWork:
         robot_id=runs[0].prepared.robot_id,
         details={"measurement_set_id": set_ids[0], "second_set_id": second_set_id},
     )
+
+
+def _refuse_third_set(set_ids: Sequence[str]) -> None:
+    """Refuse runs of more than two measurement sets.
+
+    Raises:
+        RequestError: names the number of sets.
+    """
+    if len(set_ids) > len(_SIDES):
+        raise RequestError(
+            f"the runs belong to {len(set_ids)} measurement sets, but at most two sets can be compared",
+            where="run_ids",
+            remedy="give runs of one set or of two; the trend of the robot shows all sets",
+        )
 
 
 def _refuse_unfinished(runs: Sequence[MeasuredRun]) -> None:
@@ -133,16 +142,25 @@ def compare_runs(inputs: Inputs, request: ComparisonRequest, runs: Sequence[Meas
         SolverError: an optimum could not be certified.
     """
     runs_by_side = _group_by_side(runs)
-    leading_runs = {name: side_runs[0] for name, side_runs in runs_by_side.items()}
-    sides = [
-        _make_side_message(name, side_runs, leading_runs[name].run)
-        for name, side_runs in runs_by_side.items()
-    ]
+    result = _list_runs_side_by_side(request, runs, runs_by_side)
+    if len(runs_by_side) == 1:
+        assessment = assess_with_run("comparison", [], result.assessment)
+        return result.model_copy(update={"assessment": assessment})
+    return _add_comparison_of_sides(inputs, request, runs_by_side, result)
+
+
+def _list_runs_side_by_side(
+    request: ComparisonRequest,
+    runs: Sequence[MeasuredRun],
+    runs_by_side: Mapping[SideName, Sequence[MeasuredRun]],
+) -> ComparisonResult:
+    """Return a result with the numbers of all runs, in which the two sides are not yet compared."""
+    sides = [_make_side_message(name, side_runs) for name, side_runs in runs_by_side.items()]
     side_of_set = {side.measurement_set_id: side for side in sides}
     assessments = [each.run.result.assessment for each in runs if each.run.result is not None]
     if not assessments:
         assessments = [Assessment(verdict="do_not_use", reasons=[_NO_FIT])]
-    result = ComparisonResult(
+    return ComparisonResult(
         assessment=combine_assessments(assessments),
         confidence=request.confidence or runs[0].run.request.confidence,
         sides=sides,
@@ -152,10 +170,6 @@ def compare_runs(inputs: Inputs, request: ComparisonRequest, runs: Sequence[Meas
         ordered=None,
         warnings=_list_distinct_warnings(runs),
     )
-    if len(runs_by_side) == 1:
-        assessment = assess_with_run("comparison", [], result.assessment)
-        return result.model_copy(update={"assessment": assessment})
-    return _add_comparison_of_sides(inputs, request, runs_by_side, leading_runs, result)
 
 
 def _group_by_side(runs: Sequence[MeasuredRun]) -> dict[SideName, list[MeasuredRun]]:
@@ -184,49 +198,50 @@ def _list_warnings(run: Run) -> list[Finding]:
 
 
 def _make_entry(run: Run, side: ComparedSide) -> ComparedRun:
-    """Return the message of a compared run.
-
-    Its field `left` has the mean length of the residual in each configuration of the side [m].
-    """
-    result, request = run.result, run.request
-    identity: dict[str, Any] = {
-        "run_id": run.id,
-        "side": side.side,
-        "method": request.method,
-        "weighting": request.weighting,
-        "positive": request.positive,
-        "draws": request.resampling,
-    }
-    if result is None:
-        return ComparedRun(**identity, **_NO_NUMBERS, error=run.error)
-    residuals = result.mean_lengths("residual")
-    left = [residuals.get(label) for label in side.configurations] if residuals else []
+    """Return the message of a compared run: its method, and its numbers or its error."""
+    numbers = _NO_NUMBERS if run.result is None else _list_numbers(run.result, side)
     return ComparedRun(
-        **identity,
+        run_id=run.id,
+        side=side.side,
+        method=run.request.method,
+        weighting=run.request.weighting,
+        positive=run.request.positive,
+        draws=run.request.resampling,
         error=run.error,
-        characteristic_length=result.characteristic_length,
-        assessment=result.assessment,
-        joints=result.joints,
-        compensation=result.compensation,
-        rms_residual=result.rms_residual,
-        condition_number=result.identifiability.condition_number,
-        resampling=result.resampling,
-        left=left,
+        **numbers,
     )
 
 
-def _make_side_message(name: SideName, runs: Sequence[MeasuredRun], leading_run: Run) -> ComparedSide:
+def _list_numbers(result: RunResult, side: ComparedSide) -> dict[str, Any]:
+    """Return the fields of a compared run that has succeeded, by name.
+
+    The field `left` has the mean length of the residual in each configuration of the side [m].
+    """
+    residuals = result.mean_lengths("residual")
+    left = [residuals.get(label) for label in side.configurations] if residuals else []
+    return {
+        "characteristic_length": result.characteristic_length,
+        "assessment": result.assessment,
+        "joints": result.joints,
+        "compensation": result.compensation,
+        "rms_residual": result.rms_residual,
+        "condition_number": result.identifiability.condition_number,
+        "resampling": result.resampling,
+        "left": left,
+    }
+
+
+def _make_side_message(name: SideName, runs: Sequence[MeasuredRun]) -> ComparedSide:
     """Return the message of a side: its set, its leading run, and each configuration's mean deflection [m].
 
-    The leading run is the run from which ratios are computed.
+    The first run is the leading run, from which ratios are computed.
     """
-    results = [measured_run.run.result for measured_run in runs if measured_run.run.result is not None]
+    leading_run, labels = runs[0].run, list(runs[0].prepared.measurements.labels)
     lengths: dict[str, float] = {}
-    for result in results:
+    for result in (measured_run.run.result for measured_run in runs):
         # A run that leaves out observations has no deflection of them: another run may have it.
-        if len(lengths) < len(runs[0].prepared.measurements):
+        if result is not None and len(lengths) < len(runs[0].prepared.measurements):
             lengths |= result.mean_lengths("deflection")
-    labels = list(runs[0].prepared.measurements.labels)
     return ComparedSide(
         side=name,
         measurement_set_id=leading_run.request.measurement_set_id,
@@ -289,7 +304,6 @@ def _add_comparison_of_sides(
     inputs: Inputs,
     request: ComparisonRequest,
     runs_by_side: Mapping[SideName, Sequence[MeasuredRun]],
-    leading_run_of_side: Mapping[SideName, MeasuredRun],
     result: ComparisonResult,
 ) -> ComparisonResult:
     """Return a copy of a result with the comparison of its two sides.
@@ -300,43 +314,67 @@ def _add_comparison_of_sides(
     Args:
         inputs: source of measurement sets, which are fetched by id.
         request: request of the comparison; with `ordered`, no joint may be softer on the second side.
-        runs_by_side: all runs of each side.
-        leading_run_of_side: the first run of each side, from which ratios are computed.
+        runs_by_side: all runs of each side; ratios are computed from the first run.
         result: result of the comparison so far.
 
     Raises:
         RequestError: a leading run has failed, or the runs cannot be compared.
     """
-    warnings, assessments = list[Finding](), list[Assessment]()
-    for name, leading_run in leading_run_of_side.items():
-        assessments.append(_get_assessment_of_side(leading_run.run, name))
-        warnings += [_add_side_to_place(finding, name) for finding in _list_warnings(leading_run.run)]
-    sides = [_make_solver_side(inputs, leading_run_of_side[name], runs_by_side[name]) for name in _SIDES]
+    leading_runs = {name: side_runs[0].run for name, side_runs in runs_by_side.items()}
+    assessments = [_get_assessment_of_side(run, name) for name, run in leading_runs.items()]
+    first, second = (_make_solver_side(inputs, runs_by_side[name]) for name in _SIDES)
     side_comparison = compare_sides(
-        *sides,
+        first,
+        second,
         confidence=result.confidence,
         ordered=request.ordered,
         shared=SharedErrors(load=request.same_load, cell=request.same_cell),
     )
-    if models_differ(sides[0].robot, sides[1].robot):
+    names = first.robot.joint_names
+    reasons = [
+        *_list_comparison_reasons(side_comparison),
+        *_report_differing_encoders(side_comparison.apart, names),
+    ]
+    assessment = assess_with_run("comparison", reasons, combine_assessments(assessments))
+    compared = _describe_comparison(side_comparison, names, assessment.verdict)
+    warnings = _list_warnings_of_sides(leading_runs)
+    if models_differ(first.robot, second.robot):
         warnings.append(_OTHER_MODEL)
     warnings += _report_unlike_observations(side_comparison)
-    names, apart = sides[0].robot.joint_names, side_comparison.apart
-    reasons = [*_list_comparison_reasons(side_comparison), *_report_differing_encoders(apart, names)]
-    assessment = assess_with_run("comparison", reasons, combine_assessments(assessments))
-    gearboxes, structures = build_parts(apart, "gearboxes", names), build_parts(apart, "structure", names)
-    return result.model_copy(
-        update={
-            "assessment": assessment,
-            "joints": side_comparison.joints,
-            "differences": _limit_verdicts(side_comparison.differences, assessment.verdict),
-            "gearboxes": _limit_verdicts(gearboxes, assessment.verdict),
-            "structures": _limit_verdicts(structures, assessment.verdict),
-            "avoided": side_comparison.avoided,
-            "ordered": side_comparison.ordered,
-            "warnings": warnings,
-        }
-    )
+    return result.model_copy(update={"assessment": assessment, "warnings": warnings, **compared})
+
+
+def _list_warnings_of_sides(leading_runs: Mapping[SideName, Run]) -> list[Finding]:
+    """Return the warnings of the leading run of each side, whose places name the side."""
+    warnings = list[Finding]()
+    for name, run in leading_runs.items():
+        warnings += [_add_side_to_place(finding, name) for finding in _list_warnings(run)]
+    return warnings
+
+
+def _describe_comparison(
+    side_comparison: Comparison, names: Sequence[str], verdict: Verdict
+) -> dict[str, Any]:
+    """Return the fields of a result, by name, that compare its two sides.
+
+    `differences` has what the second side removes from each joint. If encoders show a part of that, the
+    gearboxes and the structure behind them have results of their own.
+
+    Args:
+        side_comparison: comparison by the solver.
+        names: names of the joints.
+        verdict: verdict on the whole comparison; no joint has a better one.
+    """
+    gearboxes = build_parts(side_comparison.apart, "gearboxes", names)
+    structures = build_parts(side_comparison.apart, "structure", names)
+    return {
+        "joints": side_comparison.joints,
+        "differences": _limit_verdicts(side_comparison.differences, verdict),
+        "gearboxes": _limit_verdicts(gearboxes, verdict),
+        "structures": _limit_verdicts(structures, verdict),
+        "avoided": side_comparison.avoided,
+        "ordered": side_comparison.ordered,
+    }
 
 
 def _get_assessment_of_side(leading_run: Run, name: SideName) -> Assessment:
@@ -372,18 +410,17 @@ def _add_side_to_place(finding: Finding, side: SideName) -> Finding:
     return finding.model_copy(update={"where": where})
 
 
-def _make_solver_side(inputs: Inputs, leading_run: MeasuredRun, runs: Sequence[MeasuredRun]) -> Side:
+def _make_solver_side(inputs: Inputs, runs: Sequence[MeasuredRun]) -> Side:
     """Return a side for the solver, from its leading run and its run without constraints.
 
     Args:
         inputs: source of measurement sets.
-        leading_run: run from which ratios are computed.
-        runs: all runs of the side, among which the run without constraints is searched.
+        runs: all runs of the side: the leading run, from which ratios are computed, is the first.
 
     Raises:
         RequestError: the leading run has elastic links or base, was identified by own weight, or uses priors.
     """
-    run, prepared = leading_run.run, leading_run.prepared
+    run, prepared = runs[0].run, runs[0].prepared
     _refuse_dependent_errors(run)
     if run.request.leave_out:
         set_id = run.request.measurement_set_id
@@ -640,20 +677,15 @@ def request_comparison(
     """
     confidence = options.confidence or sets[0].options.confidence
     common = {"elasticity": "joints", "confidence": confidence, "resampling": options.resampling}
-    run_options = [
-        RunOptions(**method.model_dump(), **common, positive=constraint == "positive")
-        for method in options.methods
-        for constraint in options.constraints
-    ]
+    run_options = _list_run_options(options, common)
     runs: list[Run] = []
     for compared_set in sets:
         leading = compared_set.build_leading_options(common)
+        options_of_set = run_options
         if len(sets) > 1:
             others = [each for each in run_options if each != leading]
-            made = compared_set.make_runs([leading, *others], leading, identify)
-        else:
-            made = compared_set.make_runs(run_options, leading, identify)
-        runs += made
+            options_of_set = [leading, *others]
+        runs += compared_set.make_runs(options_of_set, leading, identify)
     return ComparisonRequest(
         run_ids=[run.id for run in runs],
         ordered=options.ordered,
@@ -661,3 +693,13 @@ def request_comparison(
         same_cell=options.same_cell,
         confidence=options.confidence,
     )
+
+
+def _list_run_options(options: CampaignComparison, common: Mapping[str, Any]) -> list[RunOptions]:
+    """Return the options of a run for each method and constraint; `common` are those of all runs."""
+    run_options = list[RunOptions]()
+    for method in options.methods:
+        for constraint in options.constraints:
+            positive = constraint == "positive"
+            run_options.append(RunOptions(**method.model_dump(), **common, positive=positive))
+    return run_options

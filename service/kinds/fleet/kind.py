@@ -36,20 +36,16 @@ def _make_report(_job: Fleet, result: FleetResult, view: View) -> Report:
     """Return a headline, the number of sets by outcome, and the table of sets, worst first."""
     order = list(_OUTCOMES)
     rows = sorted(result.rows, key=lambda row: order.index(row.outcome))
-    counts = Table(
-        [
-            Column("outcome", [_OUTCOMES[outcome][0] for outcome in order], text=True),
-            Column("sets", [result.counts[outcome] for outcome in order]),
-        ],
-        title="Sets by verdict",
-    )
+    columns = [
+        Column("outcome", [_OUTCOMES[outcome][0] for outcome in order], text=True),
+        Column("sets", [result.counts[outcome] for outcome in order]),
+    ]
+    counts = Table(columns, title="Sets by verdict")
     parts: list[Part] = [_headline(result), counts, _sets_table(rows[:_SHOWN], view.unit)]
-    if (hidden := len(rows) - _SHOWN) > 0:
-        parts.append(
-            Line(
-                f"and {hidden:,} more sets with the same or better verdicts: table.csv lists all sets", "dim"
-            )
-        )
+    hidden = len(rows) - _SHOWN
+    if hidden > 0:
+        remark = f"and {hidden:,} more sets with the same or better verdicts: table.csv lists all sets"
+        parts.append(Line(remark, "dim"))
     return Report(parts)
 
 

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from jointstiff.schemas.gearbox import Gearbox, GearboxRequest, GearboxResult, GearboxStiffness, HungLoad
 from jointstiff.schemas.motion import Motion
 from jointstiff.service.kinds.kind import READINGS_BYTES, Kind, list_table_files
-from jointstiff.service.tables.estimate import NORMAL_95, estimate_columns, show_estimate, style_for
+from jointstiff.service.tables.estimate import (
+    NORMAL_95,
+    ShownEstimate,
+    estimate_columns,
+    show_estimate,
+    style_for,
+)
 from jointstiff.service.tables.report import Report, View, joint_reason_lines
 from jointstiff.service.tables.table import (
     NO_NUMBER,
@@ -60,20 +66,19 @@ def _state_load(load: HungLoad, result: GearboxResult) -> str:
 def _gearbox_table(result: GearboxResult) -> Table:
     """Return the table of stiffnesses with their intervals."""
     style = style_for(result.assessment.verdict)
-    shown = [
-        show_estimate(each.stiffness, each.stiffness_interval, _MEGA, style=style)
-        for each in result.gearboxes
+    gearboxes = result.gearboxes
+    shown = list[ShownEstimate]()
+    for gearbox in gearboxes:
+        shown.append(show_estimate(gearbox.stiffness, gearbox.stiffness_interval, _MEGA, style=style))
+    columns = [
+        Column("gearbox of", [each.joint for each in gearboxes], text=True),
+        *estimate_columns("stiffness", shown, _CONFIDENCE),
+        Column("±", [format_percent(each.half_width) for each in gearboxes]),
+        Column("torque", [_format_torques(each) for each in gearboxes]),
     ]
-    return Table(
-        [
-            Column("gearbox of", [each.joint for each in result.gearboxes], text=True),
-            *estimate_columns("stiffness", shown, _CONFIDENCE),
-            Column("±", [format_percent(each.half_width) for each in result.gearboxes]),
-            Column("torque", [_format_torques(each) for each in result.gearboxes]),
-        ],
-        title="Gearboxes, motor to link encoder",
-        caption="stiffness in 10⁶ N·m/rad, with its 95 % interval; torque in N·m",
-    )
+    title = "Gearboxes, motor to link encoder"
+    caption = "stiffness in 10⁶ N·m/rad, with its 95 % interval; torque in N·m"
+    return Table(columns, title=title, caption=caption)
 
 
 def _format_torques(gearbox: GearboxStiffness) -> str:
@@ -249,70 +254,90 @@ def _make_example(options: dict[str, Any]) -> dict[str, Any]:
         "units": {"length": "mm", "angle": "deg"},
         "robot": {"name": "KR 210", "model": {"format": "catalogue", "arm": "KUKA KR 210 R2700 extra"}},
         "load": {"mass": 200.0, "point": [0.0, 0.0, 150.0], **options},
-        "observations": [
-            {
-                "label": label,
-                "joints": joints,
-                "encoder_readings": [
-                    {
-                        "joint": "joint_2",
-                        "approach": approach,
-                        "unloaded": {"motor": angles[0], "link": angles[1]},
-                        "loaded": {"motor": angles[2], "link": angles[3]},
-                    }
-                    for approach, *angles in readings
-                ],
-            }
-            for label, joints, readings in _READ
-        ],
+        "observations": [posture.make_observation() for posture in _READ],
     }
 
 
-_READ: Final[tuple[tuple[str, list[float], tuple[tuple[Any, ...], ...]], ...]] = (
-    (
+class _EncoderAngles(NamedTuple):
+    """Angles [deg] of joint 2 by its two encoders, without and with the load."""
+
+    approach: str  # side from which the joint came: "+" or "-"
+    motor_unloaded: float
+    link_unloaded: float
+    motor_loaded: float
+    link_loaded: float
+
+    def make_reading(self) -> dict[str, Any]:
+        """Return the reading of both encoders, in the form of a request."""
+        return {
+            "joint": "joint_2",
+            "approach": self.approach,
+            "unloaded": {"motor": self.motor_unloaded, "link": self.link_unloaded},
+            "loaded": {"motor": self.motor_loaded, "link": self.link_loaded},
+        }
+
+
+class _ReadPosture(NamedTuple):
+    """A posture of the example in which the encoders were read."""
+
+    label: str
+    joints: list[float]  # [deg]
+    angles: tuple[_EncoderAngles, ...]
+
+    def make_observation(self) -> dict[str, Any]:
+        """Return the observation of this posture, in the form of a request."""
+        readings = [each.make_reading() for each in self.angles]
+        return {"label": self.label, "joints": self.joints, "encoder_readings": readings}
+
+
+_READ: Final = (
+    _ReadPosture(
         "s01",
         [0.0, -20.0, 60.0, 0.0, 0.0, 0.0],
         (
-            ("+", -20.00006, -19.87077, -20.00011, -19.78924),
-            ("-", -20.00003, -19.86995, -19.99999, -19.78818),
+            _EncoderAngles("+", -20.00006, -19.87077, -20.00011, -19.78924),
+            _EncoderAngles("-", -20.00003, -19.86995, -19.99999, -19.78818),
         ),
     ),
-    (
+    _ReadPosture(
         "s02",
         [40.0, -35.0, 70.0, 0.0, 30.0, 0.0],
         (
-            ("+", -35.00005, -34.88119, -35.00013, -34.80688),
-            ("-", -35.00008, -34.88053, -35.00008, -34.80596),
+            _EncoderAngles("+", -35.00005, -34.88119, -35.00013, -34.80688),
+            _EncoderAngles("-", -35.00008, -34.88053, -35.00008, -34.80596),
         ),
     ),
-    (
+    _ReadPosture(
         "s03",
         [0.0, -110.0, 130.0, 0.0, -40.0, 0.0],
         (
-            ("+", -110.00007, -109.98934, -109.99998, -109.95055),
-            ("-", -109.99986, -109.98842, -109.99991, -109.94972),
+            _EncoderAngles("+", -110.00007, -109.98934, -109.99998, -109.95055),
+            _EncoderAngles("-", -109.99986, -109.98842, -109.99991, -109.94972),
         ),
     ),
-    (
+    _ReadPosture(
         "s04",
         [-30.0, -120.0, 110.0, 0.0, 0.0, 0.0],
         (
-            ("+", -119.99995, -120.0012, -120.00011, -119.96546),
-            ("-", -119.99994, -120.00022, -120.00013, -119.96462),
+            _EncoderAngles("+", -119.99995, -120.0012, -120.00011, -119.96546),
+            _EncoderAngles("-", -119.99994, -120.00022, -120.00013, -119.96462),
         ),
     ),
-    (
+    _ReadPosture(
         "s05",
         [0.0, -75.0, 80.0, 0.0, 20.0, 0.0],
         (
-            ("+", -75.00001, -74.92601, -74.99989, -74.85981),
-            ("-", -74.99976, -74.92505, -75.00012, -74.85884),
+            _EncoderAngles("+", -75.00001, -74.92601, -74.99989, -74.85981),
+            _EncoderAngles("-", -74.99976, -74.92505, -75.00012, -74.85884),
         ),
     ),
-    (
+    _ReadPosture(
         "s06",
         [90.0, -50.0, 60.0, 0.0, 45.0, 0.0],
-        (("+", -50.00006, -49.88873, -49.99993, -49.81155), ("-", -49.99994, -49.888, -50.00012, -49.81066)),
+        (
+            _EncoderAngles("+", -50.00006, -49.88873, -49.99993, -49.81155),
+            _EncoderAngles("-", -49.99994, -49.888, -50.00012, -49.81066),
+        ),
     ),
 )
 
@@ -337,7 +362,7 @@ GEARBOX: Final = Kind[Gearbox, GearboxRequest](
     },
     description="""Identify the stiffness of gearboxes from the angles of two encoders, without a tracker.
 
-Read motor and link angle of joints at rest in planned postures, without and with a weighed load. The result
-is the gearbox between the two encoders, not the joint. Or give logs of a motion, with the masses of the arm:
-a check within a factor of 1.5.""",
+Read motor and link angle of joints at rest in planned postures, without and with a weighed
+load. The result is the gearbox between the two encoders, not the joint. Logs of a motion,
+together with the masses of the arm, give the same stiffness within a factor of 1.5.""",
 )

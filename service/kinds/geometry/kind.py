@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from math import degrees, sqrt
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from jointstiff.schemas.geometry import (
     Drift,
@@ -12,6 +12,7 @@ from jointstiff.schemas.geometry import (
     GeometryRequest,
     GeometryResult,
     LinkComparison,
+    PoseEvidence,
     SweepEvidence,
     WristResult,
 )
@@ -73,24 +74,26 @@ def _make_evidence_parts(result: GeometryResult) -> list[Part]:
     if result.sweeps:
         parts.append(_make_sweeps_table(result.sweeps))
     if result.poses is not None:
-        poses = result.poses
-        lines = [
-            f"{poses.positions} poses determine {poses.determined} of {poses.unknowns} unknowns; the "
-            f"residual is {length_text(poses.rms_residual)} rms of a coordinate"
-        ]
-        if poses.held_out_rms is not None:
-            lines.append(
-                f"poses that were left out of the fit have a residual of "
-                f"{length_text(poses.held_out_rms)} rms"
-            )
-        lines += [f"not determined: {', '.join(names)}" for names in poses.only_together]
-        parts.append(Line("\n".join(f"  {line}" for line in lines)))
+        lines = [f"  {line}" for line in _describe_poses(result.poses)]
+        parts.append(Line("\n".join(lines)))
     parts += [_make_tracker_frame_table(result), _make_targets_table(result)]
     if result.wrist is not None:
         parts += _make_wrist_parts(result.wrist)
     if result.drift is not None:
         parts.append(_make_drift_line(result.drift))
     return parts
+
+
+def _describe_poses(poses: PoseEvidence) -> Iterator[str]:
+    """Yield lines on a calibration by poses: what the poses determine, how well they fit, what is unknown."""
+    yield (
+        f"{poses.positions} poses determine {poses.determined} of {poses.unknowns} unknowns; the "
+        f"residual is {length_text(poses.rms_residual)} rms of a coordinate"
+    )
+    if poses.held_out_rms is not None:
+        yield f"poses that were left out of the fit have a residual of {length_text(poses.held_out_rms)} rms"
+    for names in poses.only_together:
+        yield f"not determined: {', '.join(names)}"
 
 
 def _make_axes_table(result: GeometryResult) -> Table:
@@ -227,21 +230,20 @@ def _make_wrist_parts(wrist: WristResult) -> list[Part]:
 
 def make_wrist_targets_table(wrist: WristResult) -> Table:
     """Return the table of the targets relative to the wrist centre."""
-    distances = [_show_length(each.distance, each.standard_uncertainty) for each in wrist.targets]
-    return Table(
-        [
-            Column("target", [each.name for each in wrist.targets], text=True),
-            *(
-                Column(axis, [_MILLI * each.offset[i] for each in wrist.targets], number_formatter(".3f"))
-                for i, axis in enumerate("xyz")
-            ),
-            Column("distance", distances, show_cell),
-            Column("used", ["yes" if each.trilaterates else "no" for each in wrist.targets], text=True),
-        ],
-        title="Targets from the wrist centre",
-        caption="offset in the flange frame, and distance by the spheres with its 95 % interval, in mm; used "
-        "for trilateration",
+    targets = wrist.targets
+    columns = [Column("target", [each.name for each in targets], text=True)]
+    for i, axis in enumerate("xyz"):
+        offsets = [_MILLI * each.offset[i] for each in targets]
+        columns.append(Column(axis, offsets, number_formatter(".3f")))
+    distances = [_show_length(each.distance, each.standard_uncertainty) for each in targets]
+    columns.append(Column("distance", distances, show_cell))
+    used = ["yes" if each.trilaterates else "no" for each in targets]
+    columns.append(Column("used", used, text=True))
+    caption = (
+        "offset in the flange frame, and distance by the spheres with its 95 % interval, in mm; used "
+        "for trilateration"
     )
+    return Table(columns, title="Targets from the wrist centre", caption=caption)
 
 
 def _describe_distance_of_axes(wrist: WristResult) -> str:
@@ -301,20 +303,9 @@ def _make_summary_lines(result: GeometryResult, *, details: bool) -> list[str]:
     """Return lines on sigma, the fit of all sweeps, the controller's angles, and the wrist centre."""
     lines = [
         f"sigma of a coordinate {_MICRO * result.sigma:.1f} µm ({result.sigma_source}), χ²/dof "
-        f"{result.variance_factor:.2f} with {result.degrees_of_freedom} degrees of freedom"
+        f"{result.variance_factor:.2f} with {result.degrees_of_freedom} degrees of freedom",
+        *_describe_agreement(result),
     ]
-    if result.agreement_probability is not None:
-        verdict = "does not fit" if result.fit == "one_by_one" else "fits"
-        lines.append(
-            f"one robot model {verdict} all sweeps "
-            f"({_describe_fit_probability(result.agreement_probability)})"
-        )
-    if result.controller_probability is not None:
-        controller_verdict = "fit" if result.controller_probability >= _SIGNIFICANCE_LEVEL else "do not fit"
-        lines.append(
-            f"the controller's angles {controller_verdict} the readings "
-            f"({_describe_fit_probability(result.controller_probability)})"
-        )
     if result.no_wrist is not None:
         lines.append(f"no wrist centre: {result.no_wrist}")
     if result.wrist is not None and not details:
@@ -323,6 +314,18 @@ def _make_summary_lines(result: GeometryResult, *, details: bool) -> list[str]:
         tables = (f"{table.convention} {_MICRO * table.deviation:.1f} µm" for table in result.dh)
         lines.append(f"deviation of the DH tables (all numbers in the JSON): {', '.join(tables)}")
     return lines
+
+
+def _describe_agreement(result: GeometryResult) -> Iterator[str]:
+    """Yield lines on two tests, as far as they were made: of one model for all sweeps, and of the angles."""
+    if result.agreement_probability is not None:
+        verdict = "does not fit" if result.fit == "one_by_one" else "fits"
+        probability = _describe_fit_probability(result.agreement_probability)
+        yield f"one robot model {verdict} all sweeps ({probability})"
+    if result.controller_probability is not None:
+        verdict = "fit" if result.controller_probability >= _SIGNIFICANCE_LEVEL else "do not fit"
+        probability = _describe_fit_probability(result.controller_probability)
+        yield f"the controller's angles {verdict} the readings ({probability})"
 
 
 def _describe_fit_probability(probability: float) -> str:
@@ -358,50 +361,86 @@ _AXES: Final = {
 def _prepare_work(inputs: Inputs, request: GeometryRequest) -> Work:
     """Check robot and readings, and return the work that identifies the geometry.
 
+    Only inputs that influence the result are hashed: names and ids do not influence it.
+
     Raises:
         RequestError: the robot is missing, does not exist or cannot be used; or the readings contradict each
             other or the nominal model.
     """
-    from jointstiff.service.conversion.geometry import to_poses, to_sweeps
-    from jointstiff.service.conversion.prepared import prepare_robot
     from jointstiff.service.conversion.readings import hash_texts
-    from jointstiff.service.kinds.work import QuickWork, as_request_errors
+    from jointstiff.service.kinds.work import QuickWork
 
+    _refuse_poses_without_robot(request)
+    nominal = _find_nominal_robot(inputs, request)
+    readings = _convert_readings(request, nominal.robot)
+    options = request.model_dump_json(exclude={"robot_id": True, "name": True, "robot": {"name"}})
+    payload = None if nominal.robot is None else nominal.robot.payload
+    stated = () if payload is None else (repr(payload),)
+
+    def identify() -> GeometryResult:
+        """Return the result; the identified robot has the payload of the nominal one."""
+        result = _identify(request, readings, nominal.robot, inputs.list_confusable_robots())
+        return result.model_copy(update={"robot": result.robot.model_copy(update={"payload": payload})})
+
+    return QuickWork(
+        result=identify,
+        input_hash=hash_texts(nominal.content_hash, options, *stated),
+        robot_id=request.robot_id,
+        details={"name": request.name},
+    )
+
+
+def _refuse_poses_without_robot(request: GeometryRequest) -> None:
+    """Refuse a request with poses, which calibrate a nominal robot model, but without a robot.
+
+    Raises:
+        RequestError: the robot is missing.
+    """
     if request.poses is not None and not request.has_robot:
         raise RequestError(
             "poses calibrate a nominal robot model, but the request has no robot",
             where="robot_id",
             remedy="give `robot_id` or `robot`",
         )
-    nominal, robot_hash = None, ""  # a robot in the request is hashed with the other options
+
+
+class _NominalRobot(NamedTuple):
+    """The nominal robot of a request."""
+
+    robot: Robot | None = None  # None if the request has none
+    content_hash: str = ""  # empty for a robot in the request, which is hashed with the other options
+
+
+def _find_nominal_robot(inputs: Inputs, request: GeometryRequest) -> _NominalRobot:
+    """Return the robot that the request contains, or names by its id.
+
+    Raises:
+        RequestError: the robot does not exist or cannot be used.
+    """
+    from jointstiff.service.conversion.prepared import prepare_robot
+    from jointstiff.service.kinds.work import as_request_errors
+
     if request.robot is not None:
         with as_request_errors("robot"):
-            nominal = prepare_robot(request.robot).robot
-    elif request.robot_id is not None:
-        nominal, robot_hash = inputs.robot(request.robot_id, "robot_id")
+            return _NominalRobot(prepare_robot(request.robot).robot)
+    if request.robot_id is not None:
+        return _NominalRobot(*inputs.robot(request.robot_id, "robot_id"))
+    return _NominalRobot()
+
+
+def _convert_readings(request: GeometryRequest, nominal: Robot | None) -> SweepSet | Poses:
+    """Return the sweeps of a request or, if it has none, its poses; poses need a nominal robot.
+
+    Raises:
+        RequestError: the readings contradict each other or the nominal model.
+    """
+    from jointstiff.service.conversion.geometry import to_poses, to_sweeps
+    from jointstiff.service.kinds.work import as_request_errors
+
     with as_request_errors():
-        # A request has sweeps, or poses, which need a nominal model: checked above.
-        readings: SweepSet | Poses
         if request.sweeps is None and nominal is not None:
-            readings = to_poses(request, nominal)
-        else:
-            readings = to_sweeps(request, nominal)
-    # Only inputs that influence the result are hashed: names and ids do not influence it.
-    options = request.model_dump_json(exclude={"robot_id": True, "name": True, "robot": {"name"}})
-    payload = None if nominal is None else nominal.payload
-    stated = () if payload is None else (repr(payload),)
-
-    def identify() -> GeometryResult:
-        """Return the result; the identified robot has the payload of the nominal one."""
-        result = _identify(request, readings, nominal, inputs.list_confusable_robots())
-        return result.model_copy(update={"robot": result.robot.model_copy(update={"payload": payload})})
-
-    return QuickWork(
-        result=identify,
-        input_hash=hash_texts(robot_hash, options, *stated),
-        robot_id=request.robot_id,
-        details={"name": request.name},
-    )
+            return to_poses(request, nominal)
+        return to_sweeps(request, nominal)
 
 
 def _identify(
@@ -506,5 +545,5 @@ GEOMETRY: Final = Kind[Geometry, GeometryRequest](
     examples=_EXAMPLES,
     description="Identify a robot's geometry from sweeps of single joints, or from poses without load. Post "
     'the identified model as the model of a robot: `{"format": "geometry", …}`. Suspicious readings are '
-    "findings; readings that do not determine the geometry are refused.",
+    "reported. Readings that do not determine the geometry are refused.",
 )

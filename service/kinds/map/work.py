@@ -237,6 +237,8 @@ def _divide_evenly(low: float, high: float, count: int) -> FloatArray:
 def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
     """Return the task to solve at each place: tool orientations, load, direction, joint limits, posture.
 
+    Load and direction are stated along the axes of the flange, or of R0; the task has them along R0.
+
     Raises:
         RequestError: a direction has no length, the load is missing, limits or angles do not fit the robot's
             joints, or a point is too far from the flange.
@@ -245,14 +247,10 @@ def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
     refuse_far_point(request.load_point, "load_point")
     load = _read_load(request)
     limits = _read_limits(request, robot)
-    near = None
-    if request.near is not None:
-        refuse_wrong_joint_count(robot, request.near, "near")
-        near = np.array(request.near)
+    near = _read_near_joints(request, robot)
     rotation = _compute_tool_orientations(request)
     stated_direction = tuple(load.force) if request.direction is None else request.direction
     direction = _unit_vector(stated_direction, "direction")
-    # Load and direction are given along the axes of the flange, or of R0.
     load_axes = rotation if request.axes == "flange" else np.broadcast_to(np.eye(3), rotation.shape)
     load_point = request.place if request.load_point is None else request.load_point
     return MapTask(
@@ -266,6 +264,18 @@ def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
         near=near,
         confidence=request.confidence,
     )
+
+
+def _read_near_joints(request: MapOptions, robot: Robot) -> FloatArray | None:
+    """Return the joints (n,) to which the postures of the map are near; None if the request states none.
+
+    Raises:
+        RequestError: the robot has another number of joints.
+    """
+    if request.near is None:
+        return None
+    refuse_wrong_joint_count(robot, request.near, "near")
+    return np.array(request.near)
 
 
 class _Load(NamedTuple):

@@ -7,6 +7,7 @@ from itertools import product
 from math import degrees, hypot
 from typing import TYPE_CHECKING, Any, Final
 
+from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.plan import (
     Cable,
     LoadPointGoal,
@@ -45,23 +46,12 @@ _CRITERIA = {
 
 def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
     """Return the report of a plan: predicted uncertainties, list of readings, quality of the plan."""
-    lines = [_describe_efficiency(result), _describe_feasibility(result)]
-    if result.goal_share is not None:
-        goal_text = _describe_goal(job, result.goal_share)
-        lines.append(f"{len(result.readings)} readings, the fewest possible, meet the goal: {goal_text}")
-    block_count = max((each.block for each in result.readings), default=1)
-    if block_count > 1:
-        lines.append(
-            f"the list has {block_count} blocks: you can stop after any block, and still have a good plan"
-        )
-    if result.elastic_links:
-        lines.append("the plan allows for elastic links, because joints alone do not explain the deflection")
-    if result.deflection_uncertainty is not None and result.worst_deflection_uncertainty is not None:
-        lines.append(
-            "95 % interval of a deflection in the work area: "
-            f"± {length_text(NORMAL_95 * result.deflection_uncertainty)} rms, "
-            f"± {length_text(NORMAL_95 * result.worst_deflection_uncertainty)} at the worst place"
-        )
+    lines = [
+        _describe_efficiency(result),
+        _describe_feasibility(result),
+        *_describe_length(job, result),
+        *_describe_predictions(result),
+    ]
     if job.request.measurement_set_id is not None:
         lines.append(
             "the list has only the new readings, but the predicted uncertainties also use the readings "
@@ -69,6 +59,28 @@ def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
         )
     readings = _readings_table(job, result, has_tick_boxes=view.details)
     return Report([_joints_table(job, result), readings, *map(Line, lines)])
+
+
+def _describe_length(job: Plan, result: PlanResult) -> Iterator[str]:
+    """Yield lines on the number of readings: how many meet the goal, and after which a person can stop."""
+    if result.goal_share is not None:
+        goal_text = _describe_goal(job, result.goal_share)
+        yield f"{len(result.readings)} readings, the fewest possible, meet the goal: {goal_text}"
+    block_count = max((each.block for each in result.readings), default=1)
+    if block_count > 1:
+        yield f"the list has {block_count} blocks: you can stop after any block, and still have a good plan"
+
+
+def _describe_predictions(result: PlanResult) -> Iterator[str]:
+    """Yield lines on predictions after the plan: whether links bend, and how certain a deflection is."""
+    if result.elastic_links:
+        yield "the plan allows for elastic links, because joints alone do not explain the deflection"
+    if result.deflection_uncertainty is not None and result.worst_deflection_uncertainty is not None:
+        yield (
+            "95 % interval of a deflection in the work area: "
+            f"± {length_text(NORMAL_95 * result.deflection_uncertainty)} rms, "
+            f"± {length_text(NORMAL_95 * result.worst_deflection_uncertainty)} at the worst place"
+        )
 
 
 def _describe_efficiency(result: PlanResult) -> str:
@@ -107,26 +119,28 @@ def _joints_table(job: Plan, result: PlanResult) -> Table:
     """
     joints = result.joints
     empty = [None] * len(result.left_out)  # cells of joints that no load of the plan twists
-    columns = [
-        Column("joint", [*(joint.name for joint in joints), *result.left_out], text=True),
-        Column(
-            "plan",
-            [*(_uncertainty_cell(joint, joint.standard_uncertainty) for joint in joints), *empty],
-            as_line,
-        ),
-        Column("now", [*(_uncertainty_cell(joint, joint.before) for joint in joints), *empty], as_line),
-    ]
-    caption = "from the noise of the readings, the bounds of the masses and the geometry"
-    if job.request.weight_step is not None:
-        caption = "from the noise of the steps and the errors of the load"
-    elif any(any(each.force) for each in result.readings):
-        caption = "from the noise of the readings alone; model error is not included"
+    names = [*(joint.name for joint in joints), *result.left_out]
+    planned = [_uncertainty_cell(joint, joint.standard_uncertainty) for joint in joints]
+    columns = [Column("joint", names, text=True), Column("plan", [*planned, *empty], as_line)]
+    if any(joint.before is not None for joint in joints):
+        now = [_uncertainty_cell(joint, joint.before) for joint in joints]
+        columns.append(Column("now", [*now, *empty], as_line))
     title = "Predicted 95 % interval of each stiffness"
+    caption = _describe_sources_of_uncertainty(job, result)
     if all(joint.relative is None for joint in joints):
         title = "Predicted 95 % interval of each compliance"
         caption += "; 1 nrad/(N·m) is 0.1 % of a stiffness of 10⁶ N·m/rad"
-    measured = any(joint.before is not None for joint in joints)
-    return Table(columns if measured else columns[:2], title=title, caption=caption)
+    return Table(columns, title=title, caption=caption)
+
+
+def _describe_sources_of_uncertainty(job: Plan, result: PlanResult) -> str:
+    """Return what the predicted uncertainties come from: it depends on the load of the plan."""
+    if job.request.weight_step is not None:
+        return "from the noise of the steps and the errors of the load"
+    has_force = any(any(each.force) for each in result.readings)
+    if has_force:
+        return "from the noise of the readings alone; model error is not included"
+    return "from the noise of the readings, the bounds of the masses and the geometry"
 
 
 def _compute_relative_uncertainty(joint: PlannedJoint, uncertainty: float | None) -> float | None:
@@ -164,17 +178,27 @@ def _readings_table(job: Plan, result: PlanResult, *, has_tick_boxes: bool) -> T
     if any(each.block > 1 for each in readings):
         columns.append(Column("block", [str(each.block) for each in readings], text=True))
     columns += _list_posture_columns(result)
-    forces = [hypot(*each.force) for each in readings]
-    columns.append(Column("force", forces, number_formatter(".0f"), "N"))
-    columns.append(Column("direction", [_force_direction_text(job, each) for each in readings], text=True))
-    if any(each.direction is not None for each in readings):
-        columns.append(Column("read along", [_gauge_direction_text(each) for each in readings], text=True))
+    columns += _list_force_columns(job, readings)
     if is_step:
         columns.append(Column("approach", ["+ and -"] * len(readings), text=True))
     if has_tick_boxes:
-        columns += [Column(name, ["[   ]"] * len(readings), text=True) for name in ("unloaded", "loaded")]
+        boxes = ["[   ]"] * len(readings)
+        columns += [Column("unloaded", boxes, text=True), Column("loaded", boxes, text=True)]
     caption = _describe_readings(result, is_step=is_step)
     return Table(columns, title="Readings, in order", caption=caption, plain=True)
+
+
+def _list_force_columns(job: Plan, readings: Sequence[PlannedReading]) -> list[Column]:
+    """Return the columns of force [N] and its direction and, if gauges are used, of their direction."""
+    forces = [hypot(*each.force) for each in readings]
+    directions = [_force_direction_text(job, each) for each in readings]
+    columns = [
+        Column("force", forces, number_formatter(".0f"), "N"),
+        Column("direction", directions, text=True),
+    ]
+    if any(each.direction is not None for each in readings):
+        columns.append(Column("read along", [_gauge_direction_text(each) for each in readings], text=True))
+    return columns
 
 
 def _list_posture_columns(result: PlanResult) -> Iterator[Column]:
@@ -260,23 +284,26 @@ def readings_sheet(plan: Plan) -> Sheet:
     if plan.request.weight_step is not None:
         return _step_sheet(result)
     has_gauges = any(each.direction is not None for each in result.readings)
-    load_point = {
-        f"load point {axis} [mm]": round(1e3 * part, 3)
-        for axis, part in zip("xyz", result.load_point, strict=True)
-    }
     columns_to_fill_in = _list_columns_to_fill_in(result, has_gauges=has_gauges)
     rows = list[dict[str, Any]]()
     for each in result.readings:
-        row: dict[str, Any] = {"label": each.label}
-        row |= _make_joint_cells("joint_", each, _prismatic_joints(result))
-        row |= {f"F{axis} [N]": round(part, 1) for axis, part in zip("xyz", each.force, strict=True)}
-        row |= load_point
-        row["anchor"] = None if each.anchor is None else each.anchor + 1
-        row["validation"] = int(each.held_out)
+        row = _make_planned_cells(each, result)
         if has_gauges:
             row["remark"] = f"read along {_gauge_direction_text(each)}"
         rows.append(row | dict.fromkeys(columns_to_fill_in))
     return Sheet.from_rows(rows)
+
+
+def _make_planned_cells(reading: PlannedReading, result: PlanResult) -> dict[str, Any]:
+    """Return header → what the plan states about a reading: label, joints, force and load point."""
+    row: dict[str, Any] = {"label": reading.label}
+    row |= _make_joint_cells("joint_", reading, _prismatic_joints(result))
+    row |= {f"F{axis} [N]": round(part, 1) for axis, part in zip("xyz", reading.force, strict=True)}
+    for axis, part in zip("xyz", result.load_point, strict=True):
+        row[f"load point {axis} [mm]"] = round(1e3 * part, 3)
+    row["anchor"] = None if reading.anchor is None else reading.anchor + 1
+    row["validation"] = int(reading.held_out)
+    return row
 
 
 def _make_joint_cells(prefix: str, reading: PlannedReading, prismatic: Collection[int]) -> dict[str, float]:
@@ -327,16 +354,24 @@ def make_campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> di
     Raises:
         RequestError: the plan is that of a weight step, which is read by encoders.
     """
-    options, result = plan.request, plan.result
     refuse_step_plan(plan)
     robot = source.robot if isinstance(source, Campaign) else source
-    encoders = source.measurement_set.encoders if isinstance(source, Campaign) else "motor"
-    readings = [] if result is None else result.readings
+    return {
+        "robot": robot.model_dump(mode="json", exclude_none=True),
+        "measurement_set": _make_set_to_fill_in(source, robot.name, plan),
+        "run": {"method": "partial_pose"},
+    }
+
+
+def _make_set_to_fill_in(source: RobotDocument | Campaign, robot_name: str, plan: Plan) -> dict[str, Any]:
+    """Return the JSON object of a measurement set with the planned readings, in m, rad and N."""
+    result, options = plan.result, plan.request
     targets = {} if result is None else result.targets
+    readings = [] if result is None else result.readings
     measurement_set: dict[str, Any] = {
-        "name": f"planned for {robot.name}"[:200],
+        "name": f"planned for {robot_name}"[:200],
         "units": {"length": "m", "angle": "rad", "force": "N"},
-        "encoders": encoders,
+        "encoders": source.measurement_set.encoders if isinstance(source, Campaign) else "motor",
     }
     if options.directions:
         measurement_set["flange_targets"] = targets
@@ -345,11 +380,7 @@ def make_campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> di
         measurement_set["noise"] = noise
     measurement_set["load_point"] = (0.0, 0.0, 0.0) if result is None else result.load_point
     measurement_set["observations"] = [_make_observation_to_fill_in(each, targets) for each in readings]
-    return {
-        "robot": robot.model_dump(mode="json", exclude_none=True),
-        "measurement_set": measurement_set,
-        "run": {"method": "partial_pose"},
-    }
+    return measurement_set
 
 
 def _make_observation_to_fill_in(planned: PlannedReading, targets: Iterable[str]) -> dict[str, Any]:
@@ -382,58 +413,78 @@ def refuse_step_plan(plan: Plan) -> None:
 def _describe_noise(source: RobotDocument | Campaign, sigma: float | None) -> dict[str, Any]:
     """Return the noise of planned readings, in m and rad: as the request or the campaign states it.
 
-    Of a campaign in other units, or in the frame of the tracker, only what is a length or an angle remains.
+    `sigma` is the standard deviation that the request states for a coordinate [m]; it replaces that of the
+    campaign.
+    """
+    noise = _convert_noise(source.measurement_set) if isinstance(source, Campaign) else {}
+    return noise if sigma is None else noise | {"sigma": sigma}
+
+
+def _convert_noise(measured: MeasurementSetDocument) -> dict[str, Any]:
+    """Return the noise that a measurement set states, in m and rad; empty if it states none.
+
+    Of a set in other units, or in the frame of the tracker, only what is a length or an angle remains.
     """
     # A client knows this kind without numpy, which the units need.
     from jointstiff.service.conversion.units import ANGLE, LENGTH
 
-    stated = source.measurement_set.noise if isinstance(source, Campaign) else None
-    noise: dict[str, Any] = {}
-    if isinstance(source, Campaign) and stated is not None:
-        units = source.measurement_set.units
-        is_in_r0 = source.measurement_set.frame is None
-        if is_in_r0 and (units.length, units.angle, units.force) == ("m", "rad", "N"):
-            noise = stated.model_dump(mode="json", exclude_none=True, exclude={"encoder_sigma", "refuted"})
-        else:
-            factors = dict.fromkeys(("sigma", "load_point", "target_places", "drift"), LENGTH[units.length])
-            factors["repeatability"] = ANGLE[units.angle]
-            values = {name: getattr(stated, name) for name in factors}
-            noise = {name: factors[name] * value for name, value in values.items() if value is not None}
-    return noise | ({} if sigma is None else {"sigma": sigma})
+    stated, units = measured.noise, measured.units
+    if stated is None:
+        return {}
+    is_in_r0 = measured.frame is None
+    if is_in_r0 and (units.length, units.angle, units.force) == ("m", "rad", "N"):
+        return stated.model_dump(mode="json", exclude_none=True, exclude={"encoder_sigma", "refuted"})
+    factors = dict.fromkeys(("sigma", "load_point", "target_places", "drift"), LENGTH[units.length])
+    factors["repeatability"] = ANGLE[units.angle]
+    noise = dict[str, Any]()
+    for name, factor in factors.items():
+        value = getattr(stated, name)
+        if value is not None:
+            noise[name] = factor * value
+    return noise
 
 
 def make_charts(result: PlanResult) -> list[Chart]:
     """Return a chart of the half-width of each joint's interval: after this plan, random plans, and now."""
     joints = result.joints
-    all_known = all(joint.relative is not None for joint in result.joints)
     # Without the compliance of every joint, uncertainties of compliances are drawn, not relative ones.
-    plotted_value = _compute_relative_uncertainty if all_known else lambda _, uncertainty: uncertainty
-    # The factor makes half-widths of 95 % intervals of the standard uncertainties.
-    series = {
-        "this plan": [plotted_value(joint, joint.standard_uncertainty) for joint in joints],
-        "random plans": [plotted_value(joint, joint.random) for joint in joints],
-        "now": [plotted_value(joint, joint.before) for joint in joints],
-    }
-    known_series = {
-        name: values for name, values in series.items() if any(each is not None for each in values)
-    }
-    quantity, factor, unit = (
-        ("stiffness", 1e2, "± %") if all_known else ("compliance", 1e9, "± 10⁻⁹ rad/(N·m)")
+    all_known = all(joint.relative is not None for joint in joints)
+    quantity, factor, unit = "compliance", 1e9, "± 10⁻⁹ rad/(N·m)"
+    if all_known:
+        quantity, factor, unit = "stiffness", 1e2, "± %"
+    chart = Chart(
+        f"Half-width of the 95 % interval of each {quantity}",
+        [joint.name for joint in joints],
+        _list_uncertainties(joints, are_relative=all_known),
+        NORMAL_95 * factor,  # makes half-widths of 95 % intervals of the standard uncertainties
+        unit,
+        "joints",
+        logarithmic=True,
+        quantity="half-width",
     )
-    title = f"Half-width of the 95 % interval of each {quantity}"
-    names = [joint.name for joint in joints]
-    return [
-        Chart(
-            title,
-            names,
-            known_series,
-            NORMAL_95 * factor,
-            unit,
-            "joints",
-            logarithmic=True,
-            quantity="half-width",
-        )
-    ]
+    return [chart]
+
+
+def _list_uncertainties(
+    joints: Sequence[PlannedJoint], *, are_relative: bool
+) -> dict[str, list[float | None]]:
+    """Return name of a series → standard uncertainty of each joint; a series without numbers is left out.
+
+    The uncertainties are relative, or are those of compliances [rad/(N·m)].
+    """
+    uncertainties: dict[str, Sequence[float | None]] = {
+        "this plan": [joint.standard_uncertainty for joint in joints],
+        "random plans": [joint.random for joint in joints],
+        "now": [joint.before for joint in joints],
+    }
+    known_series = dict[str, list[float | None]]()
+    for name, of_compliances in uncertainties.items():
+        values: list[float | None] = [*of_compliances]
+        if are_relative:
+            values = list(map(_compute_relative_uncertainty, joints, of_compliances))
+        if any(value is not None for value in values):
+            known_series[name] = values
+    return known_series
 
 
 _EXAMPLES: Final[dict[str, Any]] = {

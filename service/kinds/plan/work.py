@@ -79,9 +79,7 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
         plan_input = PlanInput(robot, str(request.robot_id), content)
     else:
         prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
-        if request.load is None and not prepared.measurements.force.any():
-            # The campaign so far has no loads: its only load is the robot's own weight.
-            request = request.model_copy(update={"load": OwnWeight()})
+        request = _complete_load(request, prepared)
         if not isinstance(request.load, OwnWeight):
             prepared = _fit_requested_causes(prepared, request)
         plan_input = PlanInput(prepared.robot, prepared.robot_id, prepared.content, prepared)
@@ -91,6 +89,16 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
         input_hash=hash_texts(plan_input.content, options),
         robot_id=plan_input.robot_id,
     )
+
+
+def _complete_load(request: plans.PlanRequest, prepared: PreparedSet) -> plans.PlanRequest:
+    """Return the request with the load that the campaign so far shows, if the request states none.
+
+    A campaign without forces has only one load: the robot's own weight.
+    """
+    if request.load is None and not prepared.measurements.force.any():
+        return request.model_copy(update={"load": OwnWeight()})
+    return request
 
 
 def _refuse_contradicting_options(request: plans.PlanRequest) -> None:
@@ -196,15 +204,17 @@ def _evaluate_campaign_by_loads(
     rows = joints.rows.at(estimate.balanced)
     prediction = predict(rows, estimate.compliance, statements=estimate.statements)
     assessment = build_assessment_message(assess(joints, estimate, prediction, screening), estimate.joints)
+    # More readings are what the plan is for, so too few readings are no reason against it.
     ignored_codes = _TOO_FEW_READINGS
     if screening.links_need_validation:
         ignored_codes |= _ELASTIC_LINKS
     _refuse_unaccepted_campaign(assessment, request, ignored_codes)
+    compensation = prediction.compensation
     return CampaignSoFar(
         nominal=np.array([_find_certain_compliance(joint) for joint in estimate.joints]),
         readings=joints.measurements,
         sigma=estimate.sigma,
-        unexplained=None if prediction.compensation is None else 1.0 - prediction.compensation,
+        unexplained=None if compensation is None else 1.0 - compensation,
         assessment=assessment,
     )
 
@@ -764,15 +774,25 @@ def choose_targets(
             remedy="give `targets`: name and position of at least one target, in the flange frame",
         )
     targets = PlannedTargets(campaign_readings.targets, targets_in_flange(robot, campaign_readings))
-    if campaign_readings.direction is None:
+    was_measured_with_gauges = campaign_readings.direction is not None
+    if not was_measured_with_gauges:
         return targets
+    _refuse_no_directions(request)
+    return _merge_equal_positions(targets)
+
+
+def _refuse_no_directions(request: plans.PlanRequest) -> None:
+    """Refuse a plan without directions of gauges, because a gauge reads along one direction only.
+
+    Raises:
+        RequestError: the plan has no directions.
+    """
     if not request.directions:
         raise RequestError(
             "the campaign was measured with gauges, but the plan has no directions along which gauges read",
             where="directions",
             remedy="give `directions` along which a gauge can read, or `targets` of a tracker",
         )
-    return _merge_equal_positions(targets)
 
 
 def _merge_equal_positions(targets: PlannedTargets) -> PlannedTargets:

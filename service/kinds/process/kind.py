@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import degrees, inf, isfinite, nan
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from jointstiff.schemas.process import (
     DeflectionBand,
@@ -106,30 +106,41 @@ _GAINS: Final = {
 def _make_report(job: Process, result: ProcessResult, _view: View) -> Report:
     """Return the report: deflection before and after, what turning gains, the best places, remarks."""
     size = "root mean square" if result.objective == "rms" else "greatest"
-    change = _GAINS.get(result.gain, "")
-    if result.before is None:
-        change = "the robot cannot follow the path with the workpiece in its programmed place"
-    elif not change:
-        share = 1 - result.turned.value / result.before.value
-        change = f"{figure(100 * share, '.3g')} % less deflection than before"
     parts: list[Part] = [
-        Line(f"{change}; {result.points} targets, {result.moves} moves"),
+        Line(f"{_describe_gain(result)}; {result.points} targets, {result.moves} moves"),
         _deflection_table(result, f"Deflection along the path, {size}", job.request.confidence),
     ]
-    allowed = [each for each in result.fixed_deflections if each is not None]
-    if len(allowed) > 1:
-        parts.append(
-            Line(
-                f"{len(allowed)} of {len(result.fixed_turns)} fixed turns are within the limits: "
-                f"{_format_micrometres(min(allowed))} to {_format_micrometres(max(allowed))} µm"
-            )
-        )
+    parts += _describe_fixed_turns(result)
     if result.needed_speeds:
         parts.append(Line(_describe_speeds(result)))
     if result.places:
         parts += _place_parts(result)
     parts += [Line(f"set in the controller: {_frame_text(each, result.format)}") for each in result.frames]
     return Report([*parts, *map(Line, result.remarks)])
+
+
+def _describe_gain(result: ProcessResult) -> str:
+    """Return how the turned program changes the deflection of the path, in words."""
+    if result.before is None:
+        return "the robot cannot follow the path with the workpiece in its programmed place"
+    if result.gain in _GAINS:
+        return _GAINS[result.gain]
+    share = 1 - result.turned.value / result.before.value
+    return f"{figure(100 * share, '.3g')} % less deflection than before"
+
+
+def _describe_fixed_turns(result: ProcessResult) -> list[Line]:
+    """Return a line on the deflections with one turn for the whole path; none if at most one is allowed."""
+    allowed = [each for each in result.fixed_deflections if each is not None]
+    if len(allowed) <= 1:
+        return []
+    least, greatest = _format_micrometres(min(allowed)), _format_micrometres(max(allowed))
+    return [
+        Line(
+            f"{len(allowed)} of {len(result.fixed_turns)} fixed turns are within the limits: "
+            f"{least} to {greatest} µm"
+        )
+    ]
 
 
 def _describe_speeds(result: ProcessResult) -> str:
@@ -230,27 +241,30 @@ def _describe_model_error(band: DeflectionBand) -> str:
 def _place_parts(result: ProcessResult) -> list[Part]:
     """Return a table of the best places, and how flat the deflection is around them."""
     places = result.places
-    centres = [each.centre for each in places]
-    turns = [degrees(each.turn) for each in places]
     bands = [each.deflection for each in places]
     columns = [
-        Column("centre of the path", centres, vector_formatter(".0f", 1e3), "mm"),
-        Column("turn about z", turns, number_formatter(".0f"), "°"),
+        Column("centre of the path", [each.centre for each in places], vector_formatter(".0f", 1e3), "mm"),
+        Column("turn about z", [degrees(each.turn) for each in places], number_formatter(".0f"), "°"),
         *_band_columns(bands, style_for(result.assessment.verdict)),
         Column("than the best", [_order(each) for each in places], text=True),
     ]
-    parts: list[Part] = [Table(columns, title="Best places of the workpiece")]
     reached = f"at {result.places_reached} of {result.places_tried} places the robot can follow the path"
-    parts.append(Line(reached))
-    if result.flat_low is not None and result.flat_high is not None:
-        extent = [
-            f"{axis} {1e3 * low:.0f} to {1e3 * high:.0f}"
-            for axis, low, high in zip("xyz", result.flat_low, result.flat_high, strict=True)
-        ]
-        count = "1 place" if result.flat_places == 1 else f"{result.flat_places} places"
-        equal = f"{count} of the search with a deflection within 5 % of the best: {', '.join(extent)} mm"
-        parts.append(Line(equal))
-    return parts
+    return [
+        Table(columns, title="Best places of the workpiece"),
+        Line(reached),
+        *_describe_equal_places(result),
+    ]
+
+
+def _describe_equal_places(result: ProcessResult) -> list[Line]:
+    """Return a line on the box of places with nearly the least deflection; none if it is not known."""
+    if result.flat_low is None or result.flat_high is None:
+        return []
+    extent = list[str]()
+    for axis, low, high in zip("xyz", result.flat_low, result.flat_high, strict=True):
+        extent.append(f"{axis} {1e3 * low:.0f} to {1e3 * high:.0f}")
+    count = "1 place" if result.flat_places == 1 else f"{result.flat_places} places"
+    return [Line(f"{count} of the search with a deflection within 5 % of the best: {', '.join(extent)} mm")]
 
 
 def _order(place: ProcessPlace) -> str:
@@ -274,26 +288,41 @@ def make_area_map(sheet: Sheet) -> Area | None:
 
     None is returned if no places were searched.
     """
-    least: dict[tuple[float, float], float] = {}
-    columns = [sheet.columns[name] for name in OF_AREA]
-    of_grid = sheet.columns.get(OF_GRID, [True] * len(columns[0]))
-    for x, y, value, is_of_grid in zip(*columns, of_grid, strict=True):
-        if not is_of_grid:
-            continue
-        known = value is not None and isfinite(value)
-        place = 1e3 * float(x), 1e3 * float(y)
-        least[place] = min(least.get(place, inf), float(value) if known else inf)
+    least = _find_least_deflections(sheet)
     if not least:
         return None
     values = [each if isfinite(each) else nan for each in least.values()]
     return Area(
         "Least deflection at each position of the path's centre",
-        [x for x, _ in least],
-        [y for _, y in least],
-        values,
-        ("x [mm]", "y [mm]", "deflection [µm]"),
-        1e6,
+        x=[place.x for place in least],
+        y=[place.y for place in least],
+        values=values,
+        names=("x [mm]", "y [mm]", "deflection [µm]"),
+        factor=1e6,
     )
+
+
+class _Position(NamedTuple):
+    """Position of the path's centre, seen from above [mm]."""
+
+    x: float
+    y: float
+
+
+def _find_least_deflections(sheet: Sheet) -> dict[_Position, float]:
+    """Return position → least deflection [m] over the places of the grid there; infinite if all fail.
+
+    The arm follows the path from only some places, so a place may have no deflection.
+    """
+    columns = [sheet.columns[name] for name in OF_AREA]
+    of_grid = sheet.columns.get(OF_GRID, [True] * len(columns[0]))
+    least = dict[_Position, float]()
+    for x, y, deflection, is_of_grid in zip(*columns, of_grid, strict=True):
+        if is_of_grid:
+            is_known = deflection is not None and isfinite(deflection)
+            position = _Position(1e3 * float(x), 1e3 * float(y))
+            least[position] = min(least.get(position, inf), float(deflection) if is_known else inf)
+    return least
 
 
 PROCESS: Final = Kind[Process, ProcessRequest](

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, Unpack
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Unpack
 
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.process import ProcessOptions
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.process import Process
     from jointstiff.service.kinds.verb import Cancel, File, Matrix, OnProgress, Source, Vector
+    from jointstiff.solver.arrays import FloatArray
 
 
 class ProcessFields(CompensateFields, total=False):
@@ -81,31 +83,40 @@ def process(
     def make_request(backend: Backend) -> Request:
         """Return the arm and the path, with forces and options."""
         named_options = dict[str, Any](fields)
-        # A run is used as it is; a robot, or the name of an arm, has no run.
-        described = source if isinstance(source, RobotDocument) else read_plan_source(source)
-        request: dict[str, Any] = (
-            {"robot_id": backend.prepare_robot(described)}
-            if isinstance(described, RobotDocument)
-            else {"run_id": backend.prepare_run(described, executor)}
-        )
-        files = [each for each in path if isinstance(each, str | PathLike)]
-        arrays = [each for each in path if not isinstance(each, str | PathLike)]
-        contents = dict[str, bytes]()
+        request = _prepare_arm(backend, source, executor)
         if options is None:
             request["accuracy_option"] = "off"
         stated_units = named_options.get("units", None if options is None else options.units)
         with as_campaign_error(""):
             units = complete_units(stated_units)
+        contents = dict[str, bytes]()
+        arrays = [each for each in path if not isinstance(each, str | PathLike)]
         if arrays:
             contents[_PATH] = _pack_path(arrays, units)
             request |= _DEFAULTS
         if forces is not None:
-            named_options |= _state_forces(forces, contents, units)
-        files_sent, named_options = gather_files([Path(each) for each in files], named_options)
+            stated = _state_forces(forces, units)
+            named_options |= stated.options
+            contents |= stated.contents
+        files = [Path(each) for each in path if isinstance(each, str | PathLike)]
+        files_sent, named_options = gather_files(files, named_options)
         request |= merge_options(ProcessOptions, options, named_options)
         return Request(request, contents | files_sent)
 
     return carry_out_verb(backend, PROCESS, JobMonitor(on_progress, cancel, executor), make_request)
+
+
+def _prepare_arm(
+    backend: Backend, source: Source | RobotDocument, executor: Executor | None
+) -> dict[str, Any]:
+    """Return the field of a request that names the arm: the id of a run or, of an unmeasured arm, of a robot.
+
+    A run is used as it is, and a campaign is identified; a robot, or the name of an arm, has no run.
+    """
+    described = source if isinstance(source, RobotDocument) else read_plan_source(source)
+    if isinstance(described, RobotDocument):
+        return {"robot_id": backend.prepare_robot(described)}
+    return {"run_id": backend.prepare_run(described, executor)}
 
 
 _PATH: Final = "path.npz"
@@ -135,41 +146,50 @@ def _pack_path(arrays: list[Any], units: Mapping[str, str]) -> bytes:
     return pack_sheet(make_sheet(columns, Units.model_validate(units), []))
 
 
-def _state_forces(
-    forces: Any,  # noqa: ANN401 - arrays, files
-    contents: dict[str, bytes],
-    units: Mapping[str, str],
-) -> dict[str, Any]:
-    """Return the options that state forces; an array is packed, and added to the contents of files.
+class _StatedForces(NamedTuple):
+    """Forces along a path, as a request states them."""
+
+    options: dict[str, Any]  # fields of `ProcessOptions`
+    contents: Mapping[str, bytes] = MappingProxyType({})  # contents of files by name
+
+
+def _state_forces(forces: Any, units: Mapping[str, str]) -> _StatedForces:  # noqa: ANN401 - arrays, files
+    """Return the options that state forces; an array with a force for each point is packed as a file.
 
     Raises:
         ValueError: an array of forces has another shape.
         CampaignError: the forces are no numbers.
     """
-    import numpy as np
-
     from jointstiff.service.conversion.arrays import read_numbers
-    from jointstiff.service.tables.packed import pack_sheet
-    from jointstiff.service.tables.table import Sheet
 
     if isinstance(forces, str | PathLike):
-        return {"loads": forces}
+        return _StatedForces({"loads": forces})
     if isinstance(forces, Mapping) or hasattr(forces, "model_dump"):
-        return {"cut": forces}
+        return _StatedForces({"cut": forces})
     with as_campaign_error(""):
         array = read_numbers(forces, "forces", "give an array, or lists of equal lengths, of numbers")
     if array.shape == (3,):
-        return {"force": array.tolist()}
-    if array.ndim != 2 or array.shape[1] not in {3, 4}:
-        raise ValueError(
-            "give one force (3,), a force for each point (N, 3), or rows of path length and force (K, 4)"
-        )
+        return _StatedForces({"force": array.tolist()})
+    if array.ndim == 2 and array.shape[1] in {3, 4}:
+        return _StatedForces({"loads": _FORCES}, {_FORCES: _pack_forces(array, units)})
+    raise ValueError(
+        "give one force (3,), a force for each point (N, 3), or rows of path length and force (K, 4)"
+    )
+
+
+def _pack_forces(array: FloatArray, units: Mapping[str, str]) -> bytes:
+    """Pack forces with their units: (N, 3) of points, which get numbers from 1; or (K, 4) behind lengths."""
+    import numpy as np
+
+    from jointstiff.service.tables.packed import pack_sheet
+    from jointstiff.service.tables.table import Sheet
+
     first = f"length [{units['length']}]"
     if array.shape[1] == 3:
-        first, array = "point", np.column_stack([np.arange(1, len(array) + 1), array])
+        first = "point"
+        array = np.column_stack([np.arange(1, len(array) + 1), array])
     headers = [first, *(f"F{axis} [{units['force']}]" for axis in "xyz")]
-    contents[_FORCES] = pack_sheet(Sheet(dict(zip(headers, array.T, strict=True))))
-    return {"loads": _FORCES}
+    return pack_sheet(Sheet(dict(zip(headers, array.T, strict=True))))
 
 
 describe_verb(process, PROCESS)

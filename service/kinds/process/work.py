@@ -187,23 +187,28 @@ class ProcessWork(ProgramWork):
             RequestError: the robot does not follow the path.
         """
         if self._request.place is None:
-            choice = self._choose(self._as_sent)
-            return {
-                "joints": choice.joints,
-                "turn": choice.turn,
-                "size": np.array(choice.size),
-                "fixed": choice.fixed,
-                "motion": choice.motion,
-                "of_fixed_turns": np.stack(
-                    [
-                        np.full_like(choice.joints, np.nan) if joints is None else joints
-                        for joints in (choice.best_fixed, choice.unturned)
-                    ]
-                ),
-            }
+            return self._pack_stored_choice()
         path, task, first = self._coarse
         places = self._box.places()[slice(*span)]
         return {"sizes": evaluate_places(self._run_model.model, self._inverse, path, task, places, first)}
+
+    def _pack_stored_choice(self) -> Arrays:
+        """Choose the turns of the program in its place; return the choice as arrays, which can be stored.
+
+        `_read_stored_choice` reads them. Joints (…, 6) that are unknown are NaN.
+        """
+        choice = self._choose(self._as_sent)
+        of_fixed_turns = list[FloatArray]()
+        for joints in (choice.best_fixed, choice.unturned):
+            of_fixed_turns.append(np.full_like(choice.joints, np.nan) if joints is None else joints)
+        return {
+            "joints": choice.joints,
+            "turn": choice.turn,
+            "size": np.array(choice.size),
+            "fixed": choice.fixed,
+            "motion": choice.motion,
+            "of_fixed_turns": np.stack(of_fixed_turns),
+        }
 
     def conclude(self, parts: Sequence[Arrays]) -> ProcessResult:
         """Choose place and turns, correct what is left, and write the program.
@@ -331,7 +336,14 @@ class ProcessWork(ProgramWork):
         found, remarks = self._evaluate_in_full(places, sizes)
         tried = _TriedPlaces(places, sizes, remarks)
         if not found:
-            return _Placed(self._as_sent, self._choose(self._as_sent), np.zeros((0, 4)), (), None, tried)
+            return _Placed(
+                self._as_sent,
+                self._choose(self._as_sent),
+                places=np.zeros((0, 4)),
+                rankings=(),
+                flat=None,
+                tried=tried,
+            )
         found.sort(key=lambda each: each.deflection.size)
         best = found[0]
         return _Placed(

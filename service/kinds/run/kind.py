@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from math import sqrt
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from jointstiff.schemas.comparison import ComparisonResult
 from jointstiff.schemas.finding import ROOT_MISTAKES
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
-from jointstiff.schemas.model import ElasticCompliance, LinksResult, ScoredModel
+from jointstiff.schemas.model import (
+    ElasticCompliance,
+    ElementShare,
+    LinksResult,
+    PrincipalCompliance,
+    ScoredModel,
+)
 from jointstiff.schemas.options import ElasticModel, RunOptions
 from jointstiff.schemas.run import (
     Advice,
+    BudgetComponent,
     Goodness,
     Identifiability,
     JointResult,
@@ -71,26 +79,24 @@ _GRADES: Final = {0.05: "well determined", 0.2: "determined"}
 def _make_report(run: Run, result: RunResult, view: View) -> Report:
     """Return the report of a run: joints, own weight, choice of model, and advice.
 
-    `view.details` adds the evidence.
+    `view.details` adds the evidence. If the readings have a mistake that spoils every number, the report is
+    the table of joints alone, because the rest would mislead.
     """
     joints_table = _joints_table(run, result, view.unit)
-    # If the readings have a mistake that spoils every number, the rest of the report would mislead.
-    if not view.details and not ROOT_MISTAKES.isdisjoint(each.code for each in result.assessment.reasons):
+    has_root_mistake = not ROOT_MISTAKES.isdisjoint(each.code for each in result.assessment.reasons)
+    if has_root_mistake and not view.details:
         return Report([joints_table])
-    reasons = joint_reason_lines((joint.name, joint.reason) for joint in result.joints)
-    parts: list[Part] = [joints_table, *reasons]
+    parts: list[Part] = [joints_table]
+    parts += joint_reason_lines((joint.name, joint.reason) for joint in result.joints)
     if result.gearboxes:
         parts += [Line(""), parts_table(result, run.request.confidence, view.unit)]
     further: list[Part] = [_fit_summary(result)]
     if result.weight is not None:
         further += _weight_lines(result.weight)
     if result.choice is not None:
-        choice_lines = _choice_lines(result.choice, result.links, details=view.details)
         # Links that bend are a part of the result; a choice of joints alone is a remark.
-        if result.links is None:
-            further += choice_lines
-        else:
-            parts += choice_lines
+        place = further if result.links is None else parts
+        place += _choice_lines(result.choice, result.links, details=view.details)
     advice = list(_advice_lines(run, result, details=view.details))
     return Report(parts, _list_evidence(run, result, view), advice, further, _list_assumptions(result))
 
@@ -134,22 +140,25 @@ def _list_assumptions(result: RunResult) -> list[str]:
 def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
     """Return the table of joints: stiffness with its interval, weight of a prior, verdict."""
     request, joints = run.request, result.joints
-    constraint = "compliance ≥ 0" if request.positive else "unconstrained"
-    method = f"{METHOD_NAMES[request.method]}, {request.weighting} weights"
-    if request.weight is not None:
-        method = "by the robot's own weight"
     estimates = [unit.show_joint(joint) for joint in joints]
-    prior_cells = [_format_prior(joint, has_prior=joint.name in request.priors) for joint in joints]
-    return Table(
-        [
-            Column("joint", [joint.name for joint in joints], text=True),
-            *estimate_columns(unit.quantity, estimates, request.confidence),
-            *([Column("prior/data", prior_cells)] if request.priors else []),
-            Column("verdict", joints, _verdict_cell, text=True),
-        ],
-        title=f"Joint {unit.quantity}, {method}, {constraint}",
-        caption=f"{unit.quantity} and its interval in {unit.label_of(joints)}",
-    )
+    columns = [
+        Column("joint", [joint.name for joint in joints], text=True),
+        *estimate_columns(unit.quantity, estimates, request.confidence),
+    ]
+    if request.priors:
+        prior_cells = [_format_prior(joint, has_prior=joint.name in request.priors) for joint in joints]
+        columns.append(Column("prior/data", prior_cells))
+    columns.append(Column("verdict", joints, _verdict_cell, text=True))
+    title = f"Joint {unit.quantity}, {_describe_method(request)}"
+    return Table(columns, title=title, caption=f"{unit.quantity} and its interval in {unit.label_of(joints)}")
+
+
+def _describe_method(request: RunRequest) -> str:
+    """Return method and constraint in words, such as "partial pose, covariance weights, unconstrained"."""
+    constraint = "compliance ≥ 0" if request.positive else "unconstrained"
+    if request.weight is not None:
+        return f"by the robot's own weight, {constraint}"
+    return f"{METHOD_NAMES[request.method]}, {request.weighting} weights, {constraint}"
 
 
 def parts_table(result: RunResult | ComparisonResult, confidence: float, unit: StiffnessUnit) -> Table:
@@ -173,24 +182,25 @@ def before_after_table(before: RunResult, after: RunResult, unit: StiffnessUnit)
 
     `before` and `after` are results with the same joints, such as before and after readings were left out.
     """
+    joint_names = [joint.name for joint in before.joints]
+    columns = [
+        Column("", ["verdict", "explained", "rms residual", *joint_names], text=True),
+        Column("before", _list_compared_cells(before, joint_names, unit), as_line),
+        Column("after", _list_compared_cells(after, joint_names, unit), as_line),
+    ]
+    caption = f"{unit.quantity} (interval) in {unit.label_of(before.joints)}"
+    return Table(columns, title="Before and after", caption=caption)
 
-    def list_cells(result: RunResult) -> list[Line]:
-        """Return the cells of a result's column, from its verdict down to the last joint."""
-        cells = {joint.name: unit.show_joint(joint).cell for joint in result.joints}
-        explained = NO_NUMBER if result.compensation is None else f"{100 * result.compensation:.1f} %"
-        texts = (VERDICTS[result.assessment.verdict], explained, length_text(result.rms_residual))
-        return [*map(Line, texts), *(cells[joint.name] for joint in before.joints)]
 
-    names = ["verdict", "explained", "rms residual", *(joint.name for joint in before.joints)]
-    return Table(
-        [
-            Column("", names, text=True),
-            Column("before", list_cells(before), as_line),
-            Column("after", list_cells(after), as_line),
-        ],
-        title="Before and after",
-        caption=f"{unit.quantity} (interval) in {unit.label_of(before.joints)}",
-    )
+def _list_compared_cells(result: RunResult, joint_names: Sequence[str], unit: StiffnessUnit) -> list[Line]:
+    """Return the cells of a result: verdict, explained deflection, residual, and each of the named joints."""
+    cells = {joint.name: unit.show_joint(joint).cell for joint in result.joints}
+    return [
+        Line(VERDICTS[result.assessment.verdict]),
+        Line(format_percent(result.compensation)),
+        Line(length_text(result.rms_residual)),
+        *(cells[name] for name in joint_names),
+    ]
 
 
 def _weight_lines(weight: WeightResult) -> Iterator[Line]:
@@ -372,20 +382,26 @@ def _budget_lines(result: RunResult) -> Iterator[str]:
         return
     compliances = [joint.compliance for joint in result.joints if joint.name in budget.joints]
     for component in budget.components:
-        percentages = [
-            100 * budget.coverage_factor * contribution / abs(compliance)
-            for contribution, compliance in zip(component.contributions, compliances, strict=True)
-            if compliance
-        ]
+        percentages = list[float]()
+        for contribution, compliance in zip(component.contributions, compliances, strict=True):
+            if compliance:
+                percentages.append(100 * budget.coverage_factor * contribution / abs(compliance))
         if percentages:
-            # If least and greatest share have the same text, the set has one member, and one number is shown.
-            range_texts = sorted({f"{min(percentages):.2g}", f"{max(percentages):.2g}"}, key=float)
-            excluded = "" if component.included else ", not in the intervals"
-            source = _UNCERTAINTY_SOURCES.get(component.source, component.source)
-            yield (
-                f"uncertainty from {source} (type {component.evaluation}{excluded}): ± "
-                f"{' to '.join(range_texts)} % of a compliance"
-            )
+            yield _describe_uncertainty(component, percentages)
+
+
+def _describe_uncertainty(component: BudgetComponent, percentages: Sequence[float]) -> str:
+    """Return a line on a source of uncertainty, with the range of its half-widths in % of a compliance.
+
+    If the least and the greatest percentage have the same text, one number is shown.
+    """
+    least, greatest = f"{min(percentages):.2g}", f"{max(percentages):.2g}"
+    range_text = least if least == greatest else f"{least} to {greatest}"
+    excluded = "" if component.included else ", not in the intervals"
+    source = _UNCERTAINTY_SOURCES.get(component.source, component.source)
+    return (
+        f"uncertainty from {source} (type {component.evaluation}{excluded}): ± {range_text} % of a compliance"
+    )
 
 
 def _complementary_stiffness_lines(result: RunResult) -> Iterator[str]:
@@ -448,9 +464,6 @@ _CHOICE_SOURCES = {"given": "given", "cross_validation": "by cross-validation"}
 
 def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:
     """Return tables and lines on elastic links: shares, compliances, compared models, certificate."""
-    certificate = links.certificate
-    # With squared loss the gap is of all fitted readings together, otherwise of a residual's mean length.
-    per_target = "" if choice.loss == "squared" else " per target"
     parts: list[Part] = [_elements_table(links)]
     if links.links:
         parts.append(_links_table(links, choice.elasticity))
@@ -458,17 +471,26 @@ def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:
         parts.append(_base_table(links.base))
     if choice.models:
         parts.append(choice_table(choice))
-    lines = (
-        (
-            f"{_MODEL_NAMES[choice.elasticity]} ({_CHOICE_SOURCES[choice.source]}), loss {choice.loss} "
-            f"({_CHOICE_SOURCES[links.loss_source]}), penalty {links.penalty:.3g} "
-            f"({_CHOICE_SOURCES[links.penalty_source]})"
-        ),
-        f"the readings determine {links.effective_freedom:.1f} of {links.parameters} parameters",
-        f"the fit is proven to be the best, to within {certificate.gap:.1e} sigma{per_target}; no compliance "
-        "matrix has a negative eigenvalue",
+    return parts + [Line(f"  {line}", "dim") for line in _describe_fit_of_links(links, choice)]
+
+
+def _describe_fit_of_links(links: LinksResult, choice: ModelChoice) -> Iterator[str]:
+    """Yield lines on the fit of elastic links: its model, freedom, and proof of the optimum.
+
+    The gap is the distance to the proven optimum. With squared loss it is of all fitted readings together,
+    otherwise of the mean length of a residual.
+    """
+    yield (
+        f"{_MODEL_NAMES[choice.elasticity]} ({_CHOICE_SOURCES[choice.source]}), loss {choice.loss} "
+        f"({_CHOICE_SOURCES[links.loss_source]}), penalty {links.penalty:.3g} "
+        f"({_CHOICE_SOURCES[links.penalty_source]})"
     )
-    return parts + [Line(f"  {line}", "dim") for line in lines]
+    yield f"the readings determine {links.effective_freedom:.1f} of {links.parameters} parameters"
+    per_target = "" if choice.loss == "squared" else " per target"
+    yield (
+        f"the fit is proven to be the best, to within {links.certificate.gap:.1e} sigma{per_target}; no "
+        "compliance matrix has a negative eigenvalue"
+    )
 
 
 def _find_explained_by_model(choice: ModelChoice) -> dict[ElasticModel, float]:
@@ -502,28 +524,32 @@ def links_line(links: LinksResult, choice: ModelChoice) -> Line:
 def _elements_table(links: LinksResult) -> Table:
     """Return a table of the share of each elastic element (joint, link, base) in the squared deflection.
 
-    A row has the share over all observations, and its least and greatest value in one observation.
+    A row has the share over all observations, and its least and greatest value in one observation. The last
+    row is what no element explains.
     """
-    names = list[str]()
-    shares, least, greatest = list[float | None](), list[float | None](), list[float | None]()
-    for element in links.elements:
-        own_name = element.joint or element.kind
-        names.append(f"link behind {element.joint}" if element.kind == "link" else own_name)
-        shares.append(element.share)
-        least.append(min(element.by_observation))
-        greatest.append(max(element.by_observation))
+    elements = links.elements
+    names = [_name_element(element) for element in elements]
+    shares = [element.share for element in elements]
+    least = [min(element.by_observation) for element in elements]
+    greatest = [max(element.by_observation) for element in elements]
     columns = [
         Column("element", [*names, "unexplained"], text=True),
         Column("overall", [*shares, links.unexplained], format_percent),
         Column("least", [*least, None], format_percent),
         Column("greatest", [*greatest, None], format_percent),
     ]
-    return Table(
-        columns,
-        title="Fraction of the squared deflection",
-        caption="overall fractions sum to 100 %; fractions of squared lengths differ from the explained "
-        "fraction of the mean deflection",
+    caption = (
+        "overall fractions sum to 100 %; fractions of squared lengths differ from the explained "
+        "fraction of the mean deflection"
     )
+    return Table(columns, title="Fraction of the squared deflection", caption=caption)
+
+
+def _name_element(element: ElementShare) -> str:
+    """Return the name of an elastic element: "joint_2", "link behind joint_2" or "base"."""
+    if element.kind == "link":
+        return f"link behind {element.joint}"
+    return element.joint or element.kind
 
 
 def _links_table(links: LinksResult, model: ElasticModel) -> Table:
@@ -545,31 +571,61 @@ def _links_table(links: LinksResult, model: ElasticModel) -> Table:
     )
 
 
+class _ShownMotion(NamedTuple):
+    """How the compliances of a translation or a rotation are shown."""
+
+    name: str
+    compliance_unit: str  # of the compliance times 10⁹
+    stiffness_unit: str
+    stiffness_factor: float  # from SI units to `stiffness_unit`
+
+
+_TRANSLATION: Final = _ShownMotion("translation", "µm/kN", "N/µm", 1e-6)
+_ROTATION: Final = _ShownMotion("rotation", "µrad/(kN·m)", "N·m/rad", 1.0)
+
+
+@dataclass(frozen=True)
+class _BaseRow:
+    """A row of the table of the base, for one principal direction."""
+
+    motion: str
+    direction: str
+    compliance: Line
+    stiffness: Line
+
+    @classmethod
+    def from_principal(
+        cls, motion: _ShownMotion, principal: PrincipalCompliance, greatest: float
+    ) -> _BaseRow:
+        """Return the row of a principal compliance.
+
+        A compliance that is negligible relative to the greatest one of its motion is shown as rigid.
+        """
+        direction = ", ".join(f"{component:.2f}" for component in principal.direction)
+        if principal.value <= _NO_COMPLIANCE * greatest:
+            return cls(motion.name, direction, _bare_cell(["0"], motion.compliance_unit), Line("rigid"))
+        compliance = _bare_cell([f"{1e9 * principal.value:.3g}"], motion.compliance_unit)
+        stiffness = figure(motion.stiffness_factor / principal.value, ".3g")
+        return cls(motion.name, direction, compliance, _bare_cell([stiffness], motion.stiffness_unit))
+
+
 def _base_table(base: ElasticCompliance) -> Table:
     """Return a table of the base: direction, compliance and stiffness for each principal direction."""
-    rows = []
-    for motion, principal_compliances, compliance_unit, stiffness_unit, stiffness_factor in (
-        ("translation", base.translation, "µm/kN", "N/µm", 1e-6),
-        ("rotation", base.rotation, "µrad/(kN·m)", "N·m/rad", 1.0),
-    ):
-        for each in principal_compliances:  # greatest first
-            is_elastic = each.value > _NO_COMPLIANCE * principal_compliances[0].value
-            compliance = _bare_cell([f"{1e9 * each.value if is_elastic else 0.0:.3g}"], compliance_unit)
-            stiffness = Line("rigid")
-            if is_elastic:
-                stiffness = _bare_cell([figure(stiffness_factor / each.value, ".3g")], stiffness_unit)
-            direction = ", ".join(f"{component:.2f}" for component in each.direction)
-            rows.append((motion, direction, compliance, stiffness))
-    titles = ("base", "direction in R0", "compliance", "stiffness")
-    return Table(
-        [
-            Column(title, cells, as_line, text=True)
-            for title, cells in zip(titles, zip(*rows, strict=True), strict=True)
-        ],
-        title="Base below joint 1",
-        caption="principal compliances about the origin of R0; the readings determine "
-        f"{base.effective_freedom:.1f} of {base.parameters} parameters",
+    rows = list[_BaseRow]()
+    for motion, compliances in ((_TRANSLATION, base.translation), (_ROTATION, base.rotation)):
+        greatest = compliances[0].value if compliances else 0.0
+        rows += [_BaseRow.from_principal(motion, each, greatest) for each in compliances]
+    columns = [
+        Column("base", [row.motion for row in rows], as_line, text=True),
+        Column("direction in R0", [row.direction for row in rows], as_line, text=True),
+        Column("compliance", [row.compliance for row in rows], as_line, text=True),
+        Column("stiffness", [row.stiffness for row in rows], as_line, text=True),
+    ]
+    caption = (
+        "principal compliances about the origin of R0; the readings determine "
+        f"{base.effective_freedom:.1f} of {base.parameters} parameters"
     )
+    return Table(columns, title="Base below joint 1", caption=caption)
 
 
 def _bare_cell(values: Sequence[str], unit: str = "") -> Line:
@@ -628,41 +684,59 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
     The compensation is the share of the mean deflection that a fit explains, over all configurations; it has
     no row if it is not known.
     """
-    options, joints = run.request.resampling, resampling.joints
+    rows = [_make_resampled_row(joint, unit) for joint in resampling.joints]
+    rows += _list_compensation_rows(resampling)
+    columns = [
+        Column("joint", [row.name for row in rows], text=True),
+        Column("mean", [row.mean for row in rows], as_line),
+        Column("deviation", [row.deviation for row in rows], as_line),
+        Column("negative", [row.negative for row in rows], as_line),
+        Column("rigid", [row.rigid for row in rows], as_line),
+        Column("undetermined", [row.undetermined for row in rows], as_line),
+    ]
+    options = run.request.resampling
     sample_text = f"{options.size} configurations drawn at random" if options else ""
-    moments = [compute_mean_and_deviation(joint, unit) for joint in joints]
-    means = [_bare_cell([_rounded_or_dash(mean, deviation)]) for mean, deviation in moments]
-    deviations = [_bare_cell([_rounded_or_dash(deviation, deviation)]) for _, deviation in moments]
-    cells: dict[str, list[str | Line]] = {
-        "joint": [joint.name for joint in joints],
-        "mean": [*means],
-        "deviation": [*deviations],
-        "negative": [_share_text(joint.share_negative) for joint in joints],
-        "rigid": [_share_text(joint.share_infinite) for joint in joints],
-        "undetermined": [_share_text(joint.share_undetermined) for joint in joints],
-    }
-    for title, cell in _list_compensation_cells(resampling).items():
-        cells[title].append(cell)
-    names = Column("joint", cells.pop("joint"), text=True)
-    return Table(
-        [names, *[Column(title, column, as_line) for title, column in cells.items()]],
-        title=f"{resampling.repetitions} fits of {sample_text}",
-        caption=f"{unit.quantity} in {unit.label_of(joints)}: mean and standard deviation over the resampled "
-        "fits; compensation: fraction of the deflection explained in all configurations",
+    caption = (
+        f"{unit.quantity} in {unit.label_of(resampling.joints)}: mean and standard deviation over the "
+        "resampled fits; compensation: fraction of the deflection explained in all configurations"
+    )
+    return Table(columns, title=f"{resampling.repetitions} fits of {sample_text}", caption=caption)
+
+
+@dataclass(frozen=True)
+class _ResampledRow:
+    """A row of the table of resampled fits: statistics of a joint over the fits, or of the compensation."""
+
+    name: str
+    mean: str | Line
+    deviation: str | Line
+    negative: str  # fraction of the fits in which the stiffness is negative
+    rigid: str  # fraction of the fits in which the stiffness is infinite
+    undetermined: str  # fraction of the fits that do not determine the stiffness
+
+
+def _make_resampled_row(joint: ResampledJoint, unit: StiffnessUnit) -> _ResampledRow:
+    """Return the row of a joint in the table of resampled fits."""
+    mean, deviation = compute_mean_and_deviation(joint, unit)
+    return _ResampledRow(
+        name=joint.name,
+        mean=_bare_cell([_rounded_or_dash(mean, deviation)]),
+        deviation=_bare_cell([_rounded_or_dash(deviation, deviation)]),
+        negative=_share_text(joint.share_negative),
+        rigid=_share_text(joint.share_infinite),
+        undetermined=_share_text(joint.share_undetermined),
     )
 
 
-def _list_compensation_cells(resampling: ResamplingResult) -> dict[str, str]:
-    """Return title of a column → cell of the compensation's row; nothing if the compensation is not known."""
+def _list_compensation_rows(resampling: ResamplingResult) -> list[_ResampledRow]:
+    """Return the row of the compensation; no row if the compensation is not known."""
     mean, deviation = resampling.compensation_mean, resampling.compensation_deviation
     if mean is None or deviation is None:
-        return {}
-    return {
-        "joint": "compensation",
-        "mean": format_percent(mean),
-        "deviation": format_percent(deviation),
-        **dict.fromkeys(("negative", "rigid", "undetermined"), format_percent(None)),
-    }
+        return []
+    row = _ResampledRow(
+        "compensation", format_percent(mean), format_percent(deviation), NO_NUMBER, NO_NUMBER, NO_NUMBER
+    )
+    return [row]
 
 
 def _share_text(share: float) -> str:
@@ -695,14 +769,10 @@ def compute_mean_and_deviation(
 
 def make_charts(result: RunResult) -> list[Chart]:
     """Return charts of stiffnesses, contributions of the joints, measured deflection and residual."""
-    charts: list[Chart] = []
-    for kind, factor, unit in (("revolute", 1e-6, "10⁶ N·m/rad"), ("prismatic", 1e-6, "N/µm")):
-        joints = [joint for joint in result.joints if joint.kind == kind]
-        if any(joint.stiffness is not None for joint in joints):
-            series = {"stiffness": [joint.stiffness for joint in joints]}
-            intervals = {"stiffness": [joint.stiffness_interval for joint in joints]}
-            names, title = [joint.name for joint in joints], "Stiffness with its interval"
-            charts.append(Chart(title, names, series, factor, unit, "joints", intervals, True, "stiffness"))
+    charts = [
+        *_draw_stiffnesses(result.joints, "revolute", "10⁶ N·m/rad"),
+        *_draw_stiffnesses(result.joints, "prismatic", "N/µm"),
+    ]
     if result.contributions:
         shares = {"contribution": [each.share for each in result.contributions]}
         names = [each.joint for each in result.contributions]
@@ -718,6 +788,28 @@ def make_charts(result: RunResult) -> list[Chart]:
         Chart("Measured deflection", [*measured], series, 1e3, "mm", quantity="deflection"),
         Chart("Left over by the model", [*residuals], residual_series, 1e6, "µm", quantity="residual"),
     ]
+
+
+def _draw_stiffnesses(joints: Sequence[JointResult], kind: JointKind, unit: str) -> list[Chart]:
+    """Return the chart of the stiffness of all joints of a kind; none if no such joint has a stiffness.
+
+    `unit` is the unit shown, which is 10⁶ times the SI unit.
+    """
+    of_kind = [joint for joint in joints if joint.kind == kind]
+    if all(joint.stiffness is None for joint in of_kind):
+        return []
+    chart = Chart(
+        "Stiffness with its interval",
+        names=[joint.name for joint in of_kind],
+        series={"stiffness": [joint.stiffness for joint in of_kind]},
+        factor=1e-6,
+        unit=unit,
+        axis="joints",
+        intervals={"stiffness": [joint.stiffness_interval for joint in of_kind]},
+        logarithmic=True,
+        quantity="stiffness",
+    )
+    return [chart]
 
 
 def joints_sheet(run: Run) -> Sheet:

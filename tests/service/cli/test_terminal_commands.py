@@ -172,10 +172,10 @@ HELP = {
         "docs/glossary.md explains the terms.",
         "FILE <file> Campaign file: robot, measurement set and run options in one JSON document. [required]",
         "--positive / --no-positive True to constrain every compliance to be zero or positive.",
-        "divided by sigma; default 2.8, above which 5 % of good readings lie. Dimensionless.",
+        "Default: 2.8, which 5 % of good readings exceed. Dimensionless.",
         "--cause NAME[:FIRST] Systematic errors to fit together with the joints, as a reason of the "
-        "verdict recommends: the readings stay as they are, and the intervals include the uncertainty of "
-        "these errors. Repeatable.",
+        "verdict recommends. The readings do not change, and the intervals include the uncertainty of "
+        "the errors. Repeatable.",
         "--prior JOINT=STIFFNESS:UNCERTAINTY",
         "--resample SIZE[:REPETITIONS[:SEED]]",
         "--leave-out NAME,NAME,... Labels of observations to omit; the checks are then repeated for the "
@@ -188,14 +188,14 @@ HELP = {
     ],
     "compare": [
         "Compare methods on a campaign, or two campaigns of one robot.",
-        "[SECOND] <file> File of a second campaign, compared with the first: with secondary encoders, "
-        "after a change, or of a robot of the same model.",
-        "--ordered / --no-ordered True to identify both sets also in one fit, in which no joint is softer "
-        "in the second set than in the first.",
-        "--same-load / --no-same-load True if the load of both sets acted at the same point of the flange, "
-        "so that both sets have the same error of the load point.",
-        "--same-cell / --no-same-cell True if the same load cell or the same weights gave the forces of "
-        "both sets, so that both sets have the same error of scale.",
+        "[SECOND] <file> File of a second campaign to compare with the first. The second campaign has "
+        "secondary encoders, follows a change, or is of a robot of the same model.",
+        "--ordered / --no-ordered True to fit both measurement sets also together, with no joint softer "
+        "in the second set.",
+        "--same-load / --no-same-load True if the load acted at the same point of the flange in both "
+        "measurement sets. Both sets then share one error of the load point.",
+        "--same-cell / --no-same-cell True if one load cell, or one set of weights, gave the forces of "
+        "both measurement sets. Both sets then share one error of scale.",
         "--confidence NUMBER Confidence level of the intervals of the ratios; default: the confidence "
         "level of the first run.",
         "--csv Print CSV for spreadsheets.",
@@ -212,12 +212,12 @@ HELP = {
     ],
     "map": [
         "Map deflection and compliance over a work area.",
-        "--absolute / --no-absolute True to predict deflections relative to a rigid arm, so that the sag "
-        "by own weight is included; needs a run with `weight`.",
-        "--despite-verdict Confirmation: `do_not_use` accepts a run even if its verdict is *do not use*.",
+        "--absolute / --no-absolute True to include the sag by own weight, which requires a run with "
+        "`weight`. Deflections are then relative to a rigid arm.",
+        "--despite-verdict `do_not_use` confirms the use of a run with the verdict *do not use*.",
         "--load-point X,Y,Z[mm] Point where the force acts, in the flange frame; default: the position of "
         "the tool.",
-        "--turns <int> Number of angles of the tool about its axis, evenly over a full turn.",
+        "--turns <int> Number of rotation angles of the tool about its axis, spread evenly over 360°.",
         "--moment X,Y,Z[N.m] Moment of the process on the robot, about the load point.",
         "--axes <base|flange> Frame in which force, moment and `direction` are given.",
     ],
@@ -228,18 +228,18 @@ HELP = {
         "--units length=mm,angle=deg,force=N Units of columns whose header has no unit; add moment=N.m if "
         "there are moments.",
         "--delimiter <comma|semicolon|tab|whitespace> Delimiter between cells; detected if absent.",
-        "--encoders <motor|secondary> Encoders with which the controller closes the position loop; this "
-        "field must be stated.",
+        "--encoders <motor|secondary> Encoders with which the controller closes the position loop; "
+        "mandatory.",
         "--accept-unusual / --no-accept-unusual True to accept values over 100 standard deviations from "
-        "the median of their column, and a load point over 5 m from the flange.",
+        "their column's median, and load points over 5 m from the flange.",
         "--template FILE Template of an earlier import; files with other headers are refused.",
     ],
     "measure": [
         "Measure live: what to read next, what the readings say so far, and when it is enough. "
         "docs/live.md explains goals and sources.",
-        '--goal GOAL Goal of the measurement: an uncertainty of "15 %" of every stiffness that the load '
-        'tests, or "6 um" of the deflection in the work area; or "below 0.5 mm" to decide whether the '
-        "deflection stays below this limit. Required without --bridge.",
+        '--goal GOAL Goal of the measurement. "15 %": uncertainty of every stiffness that the load tests. '
+        '"6 um": uncertainty of the deflection in the work area. "below 0.5 mm": decide whether the '
+        "deflection stays below 0.5 mm. Required without --bridge.",
         "--source SOURCE Source of the readings: simulated:SEED, lines:/dev/ttyUSB0, "
         "lines:tcp://host:port, lines:udp://:port, or robodk. Required unless --bridge is given.",
         "--bridge SOURCE Source of positions for a page of the service. Needs --server and --code; omit "
@@ -250,33 +250,33 @@ HELP = {
         "--timeout <float range> Time without data, in seconds, after which a source is considered "
         "stopped. [default: 30.0; x>=0.1]",
         "--load KIND:NEWTONS Load to apply, such as dead_weight:1500, dead_weight:150kg or "
-        "any_direction:1500; default: the strongest force of the campaign, as a weight if all forces of "
-        "the campaign pull down.",
-        "--sigma NUMBER[mm] Standard uncertainty of one coordinate of one reading; default: that of the "
-        "campaign, or 20 µm.",
+        "any_direction:1500. Default: the strongest force of the campaign, as a weight if all forces "
+        "pull down.",
+        "--sigma NUMBER[mm] Standard uncertainty of one coordinate of one reading; default: the "
+        "campaign's value, or 20 µm.",
         "--seed <int> Random seed of the postures; the same seed gives the same plan.",
     ],
     "compensate": [
         "Compensate a program for the deflection under load.",
-        "PROGRAM <list[Path]> Robot program, or CSV table of poses; for KUKA, the .src and its .dat, for "
-        "ABB, the modules of the task, for FANUC, the .LS and those that it calls. [required]",
-        "--accuracy-option <off|same_as_measured|compensates_load> Accuracy option of the controller: "
-        "`off`; `same_as_measured`: switched on, as in the campaign; `compensates_load`: refused, because "
-        "the load would be compensated twice.",
+        "PROGRAM <list[Path]> Robot program, or CSV table of poses. KUKA: the .src and .dat files. ABB: "
+        "the modules of the task. FANUC: the .LS file and the .LS files that it calls. [required]",
+        "--accuracy-option <off|same_as_measured|compensates_load> Accuracy option of the controller. "
+        "`off`: switched off. `same_as_measured`: switched on, as in the campaign. `compensates_load`: "
+        "refused, because the load would be compensated twice.",
         "--max-displacement NUMBER[mm] Greatest displacement of a correction, in units.length; default: 5 "
         "mm.",
         "--max-rotation NUMBER[deg] Greatest rotation of a correction, in units.angle; default: 10 mrad.",
         "--trust-routines / --no-trust-routines True if no unknown routine moves the robot or changes "
-        "frames or points, except those that it gets by reference.",
+        "frames or points. Arguments passed by reference are an exception.",
         "--mark / --no-mark True to write run, verdict and date as a comment (always written for the "
-        "verdict do_not_use). A program with this comment is not corrected again.",
+        "verdict do_not_use). A program with such a comment is not corrected again.",
         "--explain Only print the target, base and tool of each move, and the reason why a move is not "
         "corrected.",
     ],
     "geometry": [
         "Identify the geometry of a robot from sweeps or poses.",
-        "--fit <one_by_one|together> Way to fit the sweeps: one by one, which uses only the angle of the "
-        "moving joint; or all together, which uses the controller's angles of all joints.",
+        "--fit <one_by_one|together> Way to fit the sweeps. A fit one by one uses only the angle of the "
+        "moving joint; a fit of all together uses the controller's angles of all joints.",
         "--base <nominal|axes> Definition of the robot's base frame R0. `nominal`: as in the nominal "
         "model. `axes`: z along axis 1, x towards axis 2 along the common perpendicular at model angle "
         "zero. Default: `nominal`, or `axes` without a model.",

@@ -130,7 +130,8 @@ def test_expressions_of_xacro_have_limits_of_time_and_memory(title, tmp_path, mo
     monkeypatch.setattr(child, "MAX_WAIT", 40.0)
     path = tmp_path / "arm.urdf.xacro"
     path.write_text(f"<robot name='a' {NAMESPACE}>{ENDLESS[title]}</robot>")
-    with pytest.raises(CampaignError, match=r"needs more than 5 s or 384 MiB|cannot be expanded: ") as refused:
+    reason = r"needs more than 5 s or 384 MiB|cannot be expanded: "
+    with pytest.raises(CampaignError, match=reason) as refused:
         js.robot(path)
     assert "Traceback" not in str(refused.value)
     assert refused.value.problem.remedy

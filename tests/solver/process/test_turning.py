@@ -148,8 +148,8 @@ def test_dynamic_programming_finds_the_best_of_all_sequences():
     greatest = trellis.find_best(value, greatest=True)
     least, least_greatest = np.inf, np.inf
     for rows in product(*(range(each.start, each.stop) for each in trellis.rows)):
-        joints, regularity = candidates.joints[list(rows)], candidates.regularity[list(rows)]
-        if np.abs(np.diff(joints, axis=0)).max() > STEP or (np.diff(np.sign(regularity)) != 0).any():
+        joints, side = candidates.joints[list(rows)], candidates.side[list(rows)]
+        if np.abs(np.diff(joints, axis=0)).max() > STEP or (np.diff(side) != 0).any():
             continue
         turns = angles[candidates.turn[list(rows)]]
         total = value[list(rows)].sum() + 1e-4 * np.square(np.diff(turns)).sum()

@@ -10,7 +10,7 @@ export const archiveWords = {
   download: "Download the archive",
   restore: "Restore",
   restoreHint:
-    "Choose an archive: the page shows what a restore would add before it adds anything. Records that are there already stay as they are.",
+    "Choose an archive. Before a restore, the page shows what the restore would add. Records that are there already stay as they are.",
   choose: "Choose an archive",
   choosing: "Choose another archive",
   reading: "Reading the archive…",

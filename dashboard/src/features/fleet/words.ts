@@ -3,7 +3,7 @@ export const fleetWords = {
   title: "Fleet",
   wall: "Robots and their joints: change since the first campaign",
   none: "No robot was measured yet",
-  noneHint: "After its first campaign, a robot is shown here with the change of each joint.",
+  noneHint: "A robot appears in this list after the first campaign, with the change of each joint.",
   joint: (number: number) => `J${number}`,
   last: "Last campaign",
   same: (joint: string) => `${joint}: no change beyond chance`,

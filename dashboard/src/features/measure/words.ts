@@ -34,7 +34,7 @@ export const measureWords = {
   notReady: "State robot, load, targets, load point and goal",
   qr: "On a tablet",
   qrLabel: (address: string) => `QR code of ${address}`,
-  qrLocal: "This address works only on this machine: a tablet needs the machine's name in the network.",
+  qrLocal: "This address works only on this machine. A tablet needs the machine's name in the network.",
   away: (count: number) =>
     count > 0
       ? `The service cannot be reached. ${waits(count)} in this browser; continue: they are sent when the service is back.`
@@ -54,7 +54,7 @@ export const measureWords = {
   own: "Posture of your own",
   repeats: (label: string) => `${label} read again`,
   ofThePlan: "Posture of the plan",
-  heldOut: "Held-out reading: it tests the prediction by the other readings, and may be the last reading.",
+  heldOut: "A held-out reading tests the prediction by the other readings, and may be the last reading.",
   why: (reason: string) => `Reason: ${reason}.`,
   weight: (kilograms: string) => `${kilograms} kg`,
   readings: "Readings in mm",
@@ -72,7 +72,7 @@ export const measureWords = {
   reading: "Reading the pasted block…",
   whichMark: "Which is the decimal mark of the block?",
   marks: { comma: "Comma", point: "Point" },
-  unstored: "This browser stores nothing: keep this page open until the readings are sent.",
+  unstored: "The browser stores nothing. Keep this page open until the readings are sent.",
   notPlaced: "The pasted block was not used, because it was not understood:",
   whichTarget: (name: string, numbers: string) => `Which target is “${name}” (${numbers})?`,
   noTarget: "None: leave it out",

@@ -68,6 +68,6 @@ export const processWords = {
   chosenPlace: "Place of the result, all points and turns",
   notReached: "At this place the robot cannot follow the path.",
   byPrior:
-    "This arm was not measured: its stiffness is assumed from payload and reach, within a factor of two. Turns and places are nearly those for a measured arm; deflections in µm are not.",
+    "The arm was not measured. The stiffness is assumed from payload and reach, within a factor of two. Turns and places are nearly those for a measured arm; deflections in µm are not.",
   unmeasured: "Arm that was not measured",
 };

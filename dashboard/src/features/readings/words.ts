@@ -65,7 +65,7 @@ export const importWords = {
   } as Record<string, string>,
   noGeometry: "None: by a transform",
   later: "Readings in a tracker's frame are checked when they are stored; the result shows the findings.",
-  weightStep: "These are angles of two encoders, without and with a load: drop the file on the page of gearboxes.",
+  weightStep: "The file has angles of two encoders, without and with a load. Drop the file on the page of gearboxes.",
   toGearboxes: "Gearboxes",
   bodies: (count: number, mass: string) =>
     `${plural(count, "body", "bodies")}, ${mass} kg together: the robot is stored again with these masses.`,

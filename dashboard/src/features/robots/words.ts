@@ -70,7 +70,8 @@ export const robotWords = {
   nominal: "nominal",
   nominalArm: "Nominal arm",
   unknown: "not known",
-  nominalNote: "Nominal values of the maker. Your arm differs by some tenths of a millimetre: identify its geometry.",
+  nominalNote:
+    "Nominal values of the maker. Your arm differs by some tenths of a millimetre. Identify the arm's geometry.",
   edit: "Edit as a table",
   reach: "Reach",
   payload: "Payload",

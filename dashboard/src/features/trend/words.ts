@@ -24,7 +24,7 @@ export const trendWords = {
   reference: "Compare with",
   firstCampaign: "the first campaign",
   marks: "Marks",
-  marksHint: "Note a crash, a repair or a new gearbox: it is drawn in the trend.",
+  marksHint: "Note a crash, a repair or a new gearbox. The trend shows the note.",
   when: "Day",
   what: "What happened",
   whatExample: "Crash into the fixture",

@@ -62,7 +62,7 @@ export const programWords = {
 export const mapWords = {
   title: (set: string) => `Map by ${set}`,
   form: "Map a work area",
-  formNote: "Deflection of the tool at each place of a box, by the model of this run.",
+  formNote: "Deflection of the tool at each place of a work area, predicted by the model of the run.",
   labels: {
     area: "Box: least and greatest corner in R0, one per line",
     grid: "Places along x, y, z",
