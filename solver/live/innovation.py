@@ -208,10 +208,9 @@ class Expectation:
 
     def compute_greatest_distance(self, reading: Measurements) -> float:
         """Return the greatest distance of a target of one reading from its prediction [m]."""
-        # A covariance of one keeps the rows in metres.
-        rows = _build_stack(
-            self.robot, replace(reading, covariance=np.eye(3)), self.terms, self.compliance
-        ).flat
+        # Whitened rows are not in metres: errors that the targets share make them smaller.
+        stack = Rows(self.robot, reading, self.compliance).stack(self.terms, self.compliance, whitened=False)
+        rows = stack.flat
         difference = (rows[:, -1] - rows[:, :-1] @ self.best).reshape(-1, 3)
         return float(np.linalg.norm(difference, axis=1).max())
 
