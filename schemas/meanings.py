@@ -23,8 +23,6 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "*Use with care.*",
             "frame_mistaken": "In another frame than R0, or with exchanged axes x, y, z, each target has the "
             "same place on the flange in every observation. *Do not use.*",
-            "frame_left_handed": "Each target has the same place on the flange in every observation only in "
-            "a left-handed frame. *Do not use.*",
             "joint_sign_suspect": "The readings fit far better with the opposite signs of joints, or the "
             "angles have no signs. *Do not use.*",
             "joints_counted_otherwise": "The readings fit far better if the third joint is counted from the "

@@ -308,7 +308,7 @@ class _Imported:
     def add_notes(self, notes: Options, grounds: Options, *, may_ask: bool) -> _Imported:
         """Return the readings with notes about the measurement, and with the grounds of its uncertainties.
 
-        The grounds say how a number is known: `force` by a load cell. With `may_ask`, a person is asked for
+        The grounds say how a number is known: `force` by a load cell. With `may_ask`, a person answers for
         grounds that are not stated.
         """
         if self.answer.measurement_set is None:

@@ -134,7 +134,7 @@ def find_joint(robot: Robot, name: str, where: str) -> int:
 def _is_coupled(joint_map: FloatArray, joint: int) -> bool:
     """Return whether a joint map (n, n) from controller to model angles mixes a joint with other joints.
 
-    It then has numbers beside the diagonal in the joint's row or column, as of an arm with a parallelogram.
+    An arm with a parallelogram has numbers off the diagonal in the joint's row or column.
     """
     others = np.arange(len(joint_map)) != joint
     return bool(joint_map[joint, others].any() or joint_map[others, joint].any())

@@ -464,13 +464,13 @@ class _Words:
 
     @property
     def name_is_possible(self) -> bool:
-        """Whether the words of the target's name are adjacent, and none of them is a word such as `sigma`."""
+        """Return whether the words of the target's name are adjacent, and none is a word such as `sigma`."""
         words = self._name_words
         return len(words) == len(self.others) and not any(map(_is_no_target_word, words))
 
     @property
     def names_gauge(self) -> bool:
-        """Whether the target is a gauge by its name, such as `dial gauge`, and no word contradicts that."""
+        """Return whether the target is a gauge by its name (`dial gauge`), and no word contradicts that."""
         gauge_words = set(_WORD_LISTS["gauges"]).intersection(map(fold_word, self._name_words))
         return bool(gauge_words) and not self.kinds and self.states <= {"deflection"}
 

@@ -132,7 +132,7 @@ def _describe_rows_and_units(
 
 
 class _NumberFormat(NamedTuple):
-    """How the numbers of a table are written."""
+    """Notation of the numbers of a table."""
 
     decimal_mark: DecimalMark | None  # None if it is not clear, which was reported as a fault
     are_thousands_separated: bool  # whether texts may be numbers such as `1.299,99`
@@ -222,7 +222,7 @@ def _read_titles_above(grid: Grid, heading: Heading) -> list[Remark]:
 
 
 class _StatedFrame(NamedTuple):
-    """What titles and comments of a file state about its positions; None if they do not state it."""
+    """Statements of titles and comments about the positions of a file; None for what they do not state."""
 
     axes_unit: str | None  # unit of x, y and z
     frame: str | None  # name of the frame
@@ -568,7 +568,7 @@ class _EndOfFile:
 
     @property
     def has_fewer_decimals(self) -> bool:
-        """Whether the last cell is a number with fewer decimals than all others.
+        """Return whether the last cell is a number with fewer decimals than all others.
 
         In a file without trailing zeros, a number may have one decimal fewer than the others.
         """
@@ -578,20 +578,20 @@ class _EndOfFile:
 
     @property
     def is_beginning(self) -> bool:
-        """Whether a cell above begins with the last cell, such as `loaded` with `loa`, and goes on."""
+        """Return whether a cell above begins with the last cell, such as `loaded` with `loa`, and goes on."""
         others = [cell for cell in self.above if cell != self.last]
         may_be_cut_off = self.is_number or self._is_shorter
         return may_be_cut_off and any(cell.startswith(self.last) for cell in others)
 
     @property
     def lacks_decimals(self) -> bool:
-        """Whether the last cell is a short number without decimals, such as 22 below 836.13 and 63.6."""
+        """Return whether the last cell is short and without decimals, such as 22 below 836.13 and 63.6."""
         have_decimals = min(self._decimals_above) > 0
         return self.is_number and self._is_shorter and have_decimals and self._decimals == 0
 
     @property
     def is_complete(self) -> bool:
-        """Whether the last number lacks no digits: it occurs above, or has as many decimals as any other."""
+        """Return whether the last number is whole: it occurs above, or has as many decimals as any other."""
         has_usual_decimals = 0 < self._decimals == max(self._decimals_above)
         return self.last in self.above or has_usual_decimals or self._decimals >= _MANY_DECIMALS
 

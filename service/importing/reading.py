@@ -229,7 +229,7 @@ class _Reader:
         return self.build_answer() if self._faults.found else self._check_and_assemble(observations)
 
     def _refuse_masses_alone(self) -> None:
-        """Raise an `ImportFileError` if each of the files, all of which were read, is a table of masses."""
+        """Raise an `ImportFileError` if all files were read, and each is a table of masses."""
         if not self._layouts:
             remedy = "import the masses together with the readings of the robot"
             raise ImportFileError(NOWHERE, "the files contain masses, but no readings", remedy)
@@ -794,7 +794,7 @@ def _list_states_of_record(record: ObservationRecord) -> set[State]:
 
 
 def _is_without_load(record: ObservationRecord) -> bool:
-    """Return whether a record has positions, all of which were read without load."""
+    """Return whether a record has positions, and all were read without load."""
     states = _list_states_of_record(record)
     return bool(states) and states <= {"unloaded", "unloaded_after"}
 

@@ -61,7 +61,7 @@ class Rows:
 
     @property
     def is_in_words(self) -> bool:
-        """Whether a row has a name in words; other names are numbers."""
+        """Return whether a row has a name in words; other names are numbers."""
         return any(isinstance(key, str) for key in self.keys or ())
 
 
@@ -496,7 +496,7 @@ def read_table(
 
 
 def _refuse_repeated_name(names: Sequence[Any], argument: str) -> None:
-    """Refuse columns of which two have the same name; columns without names have their order.
+    """Refuse two columns of the same name; columns without names have their order.
 
     Raises:
         MeasurementError: states the first such name.

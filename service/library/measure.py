@@ -730,7 +730,7 @@ def measure(
 
 @dataclass(frozen=True)
 class _Inherited:
-    """What a live measurement has from an earlier campaign of the robot."""
+    """Parts that a live measurement takes from an earlier campaign of the robot."""
 
     set_document: MeasurementSetDocument | None = None  # for loads, targets, noise and load point
     run_options: RunOptions = field(default_factory=RunOptions)

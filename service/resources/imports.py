@@ -98,7 +98,7 @@ class _StatedReadings:
 
 @dataclass(frozen=True)
 class _Results:
-    """What files without faults are good for; all fields are empty if the files have faults."""
+    """Results of files without faults; all fields are empty if the files have faults."""
 
     unusual: list[str] = field(default_factory=list)  # values that a person must confirm, in sentences
     missing: dict[MissingField, str] = field(default_factory=dict)  # missing field → its description

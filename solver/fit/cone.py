@@ -142,7 +142,7 @@ class Matrices:
 
     @property
     def has_penalty(self) -> bool:
-        """Whether a parameter is penalised; if not, the cone is one of scalars that are zero or positive."""
+        """Return whether a parameter is penalised; if not, all are scalars that are zero or positive."""
         return self.penalised > 0 or len(self.sizes) > 0
 
     def blocks(self) -> Iterator[tuple[int, slice]]:

@@ -25,8 +25,7 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fit.cone import Matrices, WithMasses, to_matrix, to_vector
-from jointstiff.solver.fit.problem import LeastSquares, Problem
-from jointstiff.solver.fit.solution import Certificate, Solution, Witness
+from jointstiff.solver.fit.problem import Certificate, LeastSquares, Problem, Solution, Witness
 
 if TYPE_CHECKING:
     from jointstiff.solver.fit.programs import Program  # takes a second to import
@@ -141,13 +140,13 @@ def _propose_cone_solutions(problem: Problem[Matrices]) -> Iterator[Solution]:
     witness: FloatArray | None = None  # of the optimum: Clarabel's first answer
     for tolerance in _CONE_TOLERANCES:
         for unit in (unit_of_readings, residual_size):
-            point = _find_interior_point(problem, tolerance, unit)
+            point = find_interior_point(problem, tolerance, unit)
             if witness is None:
                 witness = point
             yield from _refine_by_newton(problem, point, witness)
 
 
-def _find_interior_point(problem: Problem[Matrices], tolerance: float, unit: float) -> FloatArray | None:
+def find_interior_point(problem: Problem[Matrices], tolerance: float, unit: float) -> FloatArray | None:
     """Solve a problem by Clarabel in the scaled variables y = (x − origin) / unit.
 
     The origin is a point near the optimum. With a unit of the residual's size, Clarabel's absolute

@@ -23,6 +23,7 @@ from jointstiff.solver.fit.conic import compute_effective_freedom
 from jointstiff.solver.fit.estimate import Prediction
 from jointstiff.solver.fit.method import DEFAULT_THRESHOLD, Settings
 from jointstiff.solver.fit.part import Part, generate_elastic_rows
+from jointstiff.solver.fit.problem import Certificate, Witness
 from jointstiff.solver.fit.reduced import (
     Candidate,
     Fitted,
@@ -33,7 +34,6 @@ from jointstiff.solver.fit.reduced import (
     reduce_part,
 )
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.solution import Certificate, Witness
 from jointstiff.solver.fit.stages import Scale
 from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements
 from jointstiff.solver.mechanics.measurements import Measurements

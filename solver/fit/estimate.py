@@ -42,9 +42,9 @@ from jointstiff.solver.fit.observability import (
     explain_noise,
     observability_indices,
 )
-from jointstiff.solver.fit.problem import LeastSquares, Problem
+from jointstiff.solver.fit.problem import Certificate, LeastSquares, Problem
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.solution import Certificate, greatest_violations, solve, solve_batch
+from jointstiff.solver.fit.solution import greatest_violations, solve, solve_batch
 from jointstiff.solver.fit.stages import (
     Likelihood,
     MethodFit,

@@ -13,8 +13,8 @@ from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fit.elastic import ElasticFit, Penalised, fit_matrices
 from jointstiff.solver.fit.identify import JointsFit, fit_scalars
 from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.problem import Certificate
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.solution import Certificate
 from jointstiff.solver.fit.stages import Scale
 from jointstiff.solver.fit.statements import Statements
 from jointstiff.solver.models import Model
@@ -25,7 +25,7 @@ class Fit(Protocol):
 
     @property
     def model(self) -> Model:
-        """What bends."""
+        """Model of the parts that bend."""
 
     @property
     def compliance(self) -> FloatArray:

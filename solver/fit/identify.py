@@ -34,9 +34,9 @@ from jointstiff.solver.fit.method import (
 )
 from jointstiff.solver.fit.observability import Excitation, Observability
 from jointstiff.solver.fit.prior import Prior
+from jointstiff.solver.fit.problem import Certificate
 from jointstiff.solver.fit.rest import find_rest
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.solution import Certificate
 from jointstiff.solver.fit.stages import (
     Likelihood,
     MethodFit,
@@ -179,7 +179,7 @@ class JointsFit:
 
     @property
     def model(self) -> Model:
-        """What bends: the joints alone."""
+        """Model of the parts that bend: the joints alone."""
         return JOINTS
 
     @property

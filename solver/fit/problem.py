@@ -1,4 +1,4 @@
-"""Convex problem of every fit, as data: least squares over a cone with a penalty (method.md §5, §7, §14).
+"""Convex problem of every fit, and its optimum, as data (method.md §5, §7, §14).
 
     minimise ‖R x − z‖² + pᵀx   subject to   x in a cone
 
@@ -14,9 +14,11 @@ from typing import Final, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
+from jointstiff.schemas.run import SupportFinder
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fit.cone import Matrices, Scalars, WithMasses
+from jointstiff.solver.fit.constraints import TOLERANCE
 from jointstiff.solver.fit.triangle import compute_triangular_factor
 
 _ORIGIN_RCOND: Final = 1e-6
@@ -119,3 +121,54 @@ class Equilibrated(NamedTuple):
 
     problem: Problem[Scalars]  #: the problem in the scaled variables x
     unit: FloatArray  #: (n,) units of the variables, ``c = unit · x`` [rad/(N·m)]
+
+
+@dataclass(frozen=True)
+class Witness:
+    """Agreement of Clarabel's own answer, before any refinement, with the certified optimum."""
+
+    #: distance of the fitted readings of the two answers, relative to the readings; inf without an answer
+    distance: float
+    limit: float = 2e-5  #: greatest distance that Clarabel's tolerance explains, near the root of 1e-10
+
+    @property
+    def agrees(self) -> bool:
+        """Return whether Clarabel found the optimum to its tolerance."""
+        return self.distance <= self.limit
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """Evidence that an answer is the optimum of a convex program, computed from the data at the answer.
+
+    Violations are dimensionless, and beyond rounding. For least squares in equilibrated variables a gradient
+    is the cosine between a column and the residual, times ‖residual‖/‖z‖.
+    """
+
+    primal: float  #: greatest violation of a constraint; for a cone, the most negative scalar or eigenvalue
+    #: greatest part of the gradient that the multipliers do not balance. For a cone, distance of the slack
+    #: from the dual cone before the multipliers were changed, over the weight of the penalty
+    dual: float
+    #: greatest min(multiplier, slack). For a cone, root of the objective's excess over the lower bound that
+    #: the multipliers prove, with ‖z‖ = 1: the fitted readings differ from those of the optimum by no more.
+    #: For a robust loss, the excess
+    gap: float
+    #: (n + k,) multipliers of the bounds, positive at a lower and negative at an upper bound, then of the
+    #: inequalities. For a cone, (m,) or (K, 3) multipliers of the equations that define the residuals
+    multipliers: FloatArray
+    solved_by: SupportFinder  #: algorithm that found the active bounds
+    #: comparison with Clarabel's own answer; None where Clarabel was not asked. The violations above prove
+    #: the optimum, whichever algorithm found it
+    witness: Witness | None = None
+
+    def is_optimal(self) -> bool:
+        """Return whether no violation exceeds `TOLERANCE`, so that the point is the optimum."""
+        return max(self.primal, self.dual, self.gap) <= TOLERANCE
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The optimum of a problem, with its certificate."""
+
+    x: FloatArray  #: (p,) the optimum, in the units of the problem
+    certificate: Certificate  #: evidence of optimality

@@ -40,8 +40,8 @@ from jointstiff.solver.fit.conic import (
 from jointstiff.solver.fit.constraints import Bounds
 from jointstiff.solver.fit.method import DEFAULT_THRESHOLD
 from jointstiff.solver.fit.part import MOST_TARGETS, Part, RowColumns, Sums
-from jointstiff.solver.fit.problem import LeastSquares, Problem
-from jointstiff.solver.fit.solution import Solution, solve
+from jointstiff.solver.fit.problem import LeastSquares, Problem, Solution
+from jointstiff.solver.fit.solution import solve
 from jointstiff.solver.fit.stages import MEDIAN_NORM
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import BASE, triangle_indices

@@ -9,8 +9,8 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.fit.cone import Scalars
 from jointstiff.solver.fit.constraints import Bounds
-from jointstiff.solver.fit.problem import LeastSquares, Problem
-from jointstiff.solver.fit.solution import Witness, compare_answers
+from jointstiff.solver.fit.problem import LeastSquares, Problem, Witness
+from jointstiff.solver.fit.solution import compare_answers
 
 _REGRESSOR: FloatArray = np.array([[2.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
 _READINGS: FloatArray = np.array([2.0, -1.0, 1.0])

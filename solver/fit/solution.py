@@ -27,7 +27,7 @@ from jointstiff.solver.arrays import ActiveBounds, BoolArray, FloatArray, IndexA
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fit.cone import Matrices, Scalars, WithMasses
 from jointstiff.solver.fit.constraints import FREE, LOWER, TOLERANCE, UPPER, Bounds
-from jointstiff.solver.fit.problem import Equilibrated, LeastSquares, Problem
+from jointstiff.solver.fit.problem import Certificate, Equilibrated, LeastSquares, Problem, Solution, Witness
 
 GAP: Final = 1e-8
 """Greatest gap of a certificate that is accepted by default, for a cone of matrices or of masses."""
@@ -42,49 +42,6 @@ _ROUNDING: Final = 64 * np.finfo(float).eps
 """Rounding of a gradient, relative to the largest variable."""
 _ACTIVE_SLACK: Final = 1e-6
 """Largest slack of an interior point at a row that is active at the optimum."""
-
-
-@dataclass(frozen=True)
-class Witness:
-    """Agreement of Clarabel's own answer, before any refinement, with the certified optimum."""
-
-    #: distance of the fitted readings of the two answers, relative to the readings; inf without an answer
-    distance: float
-    limit: float = 2e-5  #: greatest distance that Clarabel's tolerance explains, near the root of 1e-10
-
-    @property
-    def agrees(self) -> bool:
-        """Return whether Clarabel found the optimum to its tolerance."""
-        return self.distance <= self.limit
-
-
-@dataclass(frozen=True, eq=False)
-class Certificate:
-    """Evidence that an answer is the optimum of a convex program, computed from the data at the answer.
-
-    Violations are dimensionless, and beyond rounding. For least squares in equilibrated variables a gradient
-    is the cosine between a column and the residual, times ‖residual‖/‖z‖.
-    """
-
-    primal: float  #: greatest violation of a constraint; for a cone, the most negative scalar or eigenvalue
-    #: greatest part of the gradient that the multipliers do not balance. For a cone, distance of the slack
-    #: from the dual cone before the multipliers were changed, over the weight of the penalty
-    dual: float
-    #: greatest min(multiplier, slack). For a cone, root of the objective's excess over the lower bound that
-    #: the multipliers prove, with ‖z‖ = 1: the fitted readings differ from those of the optimum by no more.
-    #: For a robust loss, the excess
-    gap: float
-    #: (n + k,) multipliers of the bounds, positive at a lower and negative at an upper bound, then of the
-    #: inequalities. For a cone, (m,) or (K, 3) multipliers of the equations that define the residuals
-    multipliers: FloatArray
-    solved_by: SupportFinder  #: algorithm that found the active bounds
-    #: comparison with Clarabel's own answer; None where Clarabel was not asked. The violations above prove
-    #: the optimum, whichever algorithm found it
-    witness: Witness | None = None
-
-    def is_optimal(self) -> bool:
-        """Return whether no violation exceeds `TOLERANCE`, so that the point is the optimum."""
-        return max(self.primal, self.dual, self.gap) <= TOLERANCE
 
 
 def greatest_violations(stages: Sequence[Certificate]) -> StagesCertificate:
@@ -207,14 +164,6 @@ def _join_multipliers_of_bounds(cone: Scalars, multipliers: FloatArray) -> Float
     # The row of a lower bound is a unit vector, that of an upper bound a negative one.
     of_variables = G[:bound_count].T @ multipliers[:bound_count]
     return np.concatenate([of_variables, multipliers[bound_count:]])
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """The optimum of a problem, with its certificate."""
-
-    x: FloatArray  #: (p,) the optimum, in the units of the problem
-    certificate: Certificate  #: evidence of optimality
 
 
 @dataclass(frozen=True, eq=False)

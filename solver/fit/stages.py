@@ -39,15 +39,9 @@ from jointstiff.solver.fit.observability import (
     analyse_spectrum,
 )
 from jointstiff.solver.fit.prior import Prior
-from jointstiff.solver.fit.problem import LeastSquares, Problem
+from jointstiff.solver.fit.problem import Certificate, LeastSquares, Problem
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.solution import (
-    Certificate,
-    SolutionOfScalars,
-    certify,
-    compare_answers,
-    solve,
-)
+from jointstiff.solver.fit.solution import SolutionOfScalars, certify, compare_answers, solve
 from jointstiff.solver.fit.triangle import (
     INDEPENDENT,
     Triangle,

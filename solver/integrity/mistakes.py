@@ -488,8 +488,7 @@ def find_frame_mistake(view: View, rows: IndexArray) -> Finding | None:
             f"the axes of the positions are exchanged: x, y, z of R0 are {axes} of the readings, {within}"
         )
         remedy = f"give the positions as {axes}; {PAST_DO_NOT_USE}"
-        code: FindingCode = "frame_left_handed" if fit.frame.is_mirrored else "frame_mistaken"
-        return view.build_finding(code, message, remedy, "do_not_use")
+        return view.build_finding("frame_mistaken", message, remedy, "do_not_use")
     if fit.frame.is_mirrored:
         return _report_left_handed_frame(view, rows, within)
     turn = float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0))))
@@ -537,7 +536,7 @@ def _report_left_handed_frame(view: View, rows: IndexArray, within: str) -> Find
             names = ", ".join(reversed_names)
             message += f", or if {names} are reversed and the positions are in another frame than R0"
             remedy += f"; or, if the axes of the instrument are right, change the signs of {names}"
-    return view.build_finding("frame_left_handed", message, f"{remedy}; {PAST_DO_NOT_USE}", "do_not_use")
+    return view.build_finding("frame_mistaken", message, f"{remedy}; {PAST_DO_NOT_USE}", "do_not_use")
 
 
 def find_scale_mistake(view: View, rows: IndexArray) -> Finding | None:

@@ -38,7 +38,7 @@ _MOVEMENT_SHARE: Final = 80.0
 
 
 def choose_subsets(row_count: int) -> list[IndexArray]:
-    """Return subsets of the rows, of which one may be free of damaged rows.
+    """Return subsets of the rows, one of them free of damaged rows if these are few.
 
     One damaged row moves a fit by least squares. The shuffled rows are cut into quarters, and each two
     quarters are a subset. Two damaged rows are in two quarters at most, so that a subset without them

@@ -29,9 +29,9 @@ from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.fit.cone import WithMasses
 from jointstiff.solver.fit.conic import bound_compliances
 from jointstiff.solver.fit.estimate import JointCompliance
-from jointstiff.solver.fit.problem import LeastSquares, Problem
+from jointstiff.solver.fit.problem import Certificate, LeastSquares, Problem, Solution
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.solution import Certificate, Solution, solve
+from jointstiff.solver.fit.solution import solve
 from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements
 from jointstiff.solver.fit.triangle import Triangle, compute_triangular_factor

@@ -30,3 +30,14 @@ def test_x_y_and_z_are_never_taken_from_two_states_of_a_target(arm, seed, make):
     layout = make(simulate(arm, seed))
     tables = [Table(name, numbers) for name, numbers in layout.tables.items()]
     assert judge(layout, propose(tables, [known]), known) in ("right", "asks")
+
+
+@pytest.mark.parametrize(("arm", "seed"), [("ABB IRB 6640-185/2.8", 91_001), ("Yaskawa GP180", 171_000)])
+def test_positions_in_a_smaller_unit_are_no_rival(arm, seed):
+    """Numbers of m that are taken as inches have small distances, because the targets hardly move."""
+    known = next(each for each in catalogue_robots() if each.name == arm)
+    layout = wide_rad_m(simulate(arm, seed))
+    (table,) = layout.tables.values()
+    best = propose([Table("a", table)], [known]).best
+    assert best is not None
+    assert (best.unit, best.joints.columns) == ("m", layout.columns)

@@ -242,7 +242,7 @@ def _list_method_parts(compared_runs: Sequence[ComparedRun], view: View) -> list
 
 @dataclass(frozen=True)
 class _CellStyle:
-    """What a cell for a joint and a method shows."""
+    """Content of a cell for a joint and a method."""
 
     format_cell: Cell
     methods_per_table: int  # greatest number of methods (columns) in a table

@@ -572,7 +572,7 @@ def _links_table(links: LinksResult, model: ElasticModel) -> Table:
 
 
 class _ShownMotion(NamedTuple):
-    """How the compliances of a translation or a rotation are shown."""
+    """Names and units in which the compliances of a translation or a rotation are shown."""
 
     name: str
     compliance_unit: str  # of the compliance times 10⁹

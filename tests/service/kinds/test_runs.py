@@ -316,8 +316,8 @@ def test_a_tied_model_without_a_certified_optimum_fails_no_run(monkeypatch, docu
     }
 
     none = Prediction(np.zeros((1, 1, 3)), np.zeros((1, 1, 3)), None, 0.0, bending="base")
-    candidate = SimpleNamespace(model=SimpleNamespace(name="joints_and_base"))
-    base = replace_in(SimpleNamespace(candidate=candidate), prediction=none)
+    model = SimpleNamespace(name="joints_and_base")
+    base = replace_in(SimpleNamespace(model=model), prediction=none)
 
     class Tied(Competition):
         _requested = None

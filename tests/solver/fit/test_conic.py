@@ -169,7 +169,7 @@ def test_a_wrong_answer_gets_no_certificate(monkeypatch, spoil):
     wrong = program.cone.project(wrong)
     excess = objective(program, wrong) - objective(program, right)
     assert certify_cone(program, wrong).gap >= 0.99 * np.sqrt(excess)
-    monkeypatch.setattr(conic, "_find_interior_point", lambda *_: wrong)
+    monkeypatch.setattr(conic, "find_interior_point", lambda *_: wrong)
     monkeypatch.setattr(Face, "take_newton_step", lambda *_: None)
     with pytest.raises(SolverError, match=r"the gap to the optimum is \S+, above"):
         solve(program, gap=GAP)
@@ -184,7 +184,7 @@ def test_of_answers_that_do_not_do_the_best_is_kept(monkeypatch):
         asked.append(unit)
         return program.cone.project(right + 1e-3 * len(asked))
 
-    monkeypatch.setattr(conic, "_find_interior_point", proposed)
+    monkeypatch.setattr(conic, "find_interior_point", proposed)
     monkeypatch.setattr(Face, "take_newton_step", lambda *_: None)
     found = solve(program, gap=1e-12, accepted=10.0)
     np.testing.assert_allclose(found.x, program.cone.project(right + 1e-3), rtol=1e-12)

@@ -29,14 +29,8 @@ from jointstiff.solver.fit import solution as module
 from jointstiff.solver.fit.cone import Scalars
 from jointstiff.solver.fit.constraints import Bounds, Constraints, Inequalities
 from jointstiff.solver.fit.estimate import compute_profile_ends
-from jointstiff.solver.fit.problem import LeastSquares, Problem
-from jointstiff.solver.fit.solution import (
-    Certificate,
-    GramProblems,
-    greatest_violations,
-    solve,
-    solve_batch,
-)
+from jointstiff.solver.fit.problem import Certificate, LeastSquares, Problem
+from jointstiff.solver.fit.solution import GramProblems, greatest_violations, solve, solve_batch
 from jointstiff.solver.fit.stages import Likelihood, invert_to_root
 from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.mechanics.measurements import CommonUncertainty

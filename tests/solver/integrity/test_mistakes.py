@@ -23,7 +23,7 @@ TURN = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
 TURN *= np.sign(np.linalg.det(TURN))
 LENGTH, ANGLE, ROWS = "length_unit_suspect", "angle_unit_suspect", "observations_out_of_order"
 SIGN, SWAPPED, COUNTED = "joint_sign_suspect", "joints_swapped", "joints_counted_otherwise"
-FRAME, LEFT_HANDED = "frame_mistaken", "frame_left_handed"
+FRAME = "frame_mistaken"
 
 
 def moved(change):
@@ -65,11 +65,11 @@ MISTAKES = {
     "rolled by one": (turned(lambda q: np.roll(q, 1, axis=0)), ROWS, "the row after"),
     "rolled by five": (turned(lambda q: np.roll(q, 5, axis=0)), ROWS, "the row that is 5 rows after"),
     "joints reversed": (turned(lambda q: q[:, ::-1]), SWAPPED, "the joints in reverse order"),
-    "z y x": (moved(lambda p: p[..., [2, 1, 0]]), LEFT_HANDED, "are z, y, x of the readings"),
+    "z y x": (moved(lambda p: p[..., [2, 1, 0]]), FRAME, "are z, y, x of the readings"),
     "y z x": (moved(lambda p: p[..., [1, 2, 0]]), FRAME, "are z, x, y of the readings"),
     "a tracker's frame": (moved(lambda p: p @ TURN.T + [2.5, -1.2, 0.4]), FRAME, "not in R0"),
     "a left-handed frame": (
-        moved(lambda p: (p @ TURN.T + [2.5, -1.2, 0.4]) * [1, -1, 1]), LEFT_HANDED, "in a left-handed frame"
+        moved(lambda p: (p @ TURN.T + [2.5, -1.2, 0.4]) * [1, -1, 1]), FRAME, "in a left-handed frame"
     ),
     "loaded rolled by one": (loaded_of_another_row, ROWS, "the loaded readings of 14 of 14"),
     "loaded minus unloaded": (deflections_as_loaded, "deflection_implausibly_large", "to be deflections"),

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from support.measured_arms import PLACES, TRACKER, measure, wide
 
-from benchmarks.studies.layouts import simulate, wide_rad_m
 from jointstiff.service.resources.known_robots import catalogue_robots
 from jointstiff.solver.meaning.proposal import propose
 from jointstiff.solver.meaning.screening import choose_subsets
@@ -110,17 +109,6 @@ def test_any_two_damaged_rows_leave_a_subset_without_them():
         subsets = [set(subset.tolist()) for subset in choose_subsets(count)]
         for damaged in combinations(range(count), 2):
             assert any(subset.isdisjoint(damaged) for subset in subsets)
-
-
-@pytest.mark.parametrize(("arm", "seed"), [("ABB IRB 6640-185/2.8", 91_001), ("Yaskawa GP180", 171_000)])
-def test_positions_in_a_smaller_unit_are_no_rival(robots, arm, seed):
-    """Numbers of m that are taken as inches have small distances, because the targets hardly move."""
-    known = robots[arm]
-    layout = wide_rad_m(simulate(known.name, seed))
-    (table,) = layout.tables.values()
-    best = propose([Table("a", table)], [known]).best
-    assert best is not None
-    assert (best.unit, best.joints.columns) == ("m", layout.columns)
 
 
 NOTHING_RIGHT = {
