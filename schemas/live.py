@@ -91,7 +91,7 @@ class LiveJoint(Message):
     )
     prior: Literal["waits", "counts", "deviates"] | None = Field(
         default=None,
-        description="State of the joint's prior. `waits`: readings do not determine the joint yet. "
+        description="State of the joint's prior. `waits`: the readings know the joint less well. "
         "`counts`: the prior is used. `deviates`: the prior contradicts the readings and is "
         "ignored. Null without a prior.",
     )

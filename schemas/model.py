@@ -28,7 +28,7 @@ class ScoreStep(Message):
     score: Metres[float | None] = Field(
         description="Scaled length of the residual of an omitted reading; null if the other postures do "
         "not determine the prediction. The scale is the root of the load's size, or the "
-        "load's growth with `noise`."
+        "residual's growth with `noise`."
     )
     share: float = Field(
         description="Fraction of the readings with at most this score. Postures count equally, and P "

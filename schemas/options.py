@@ -284,9 +284,9 @@ class RunOptions(MethodOptions):
         "joints, six compliances per link. `joints_and_links`: joints, 6 x 6 per link. "
         "`joints_and_base`: joints, 6 x 6 of the base. `links_and_base`: joints, links, "
         "base. `automatic`: joints, unless a test shows that other parts bend; then the "
-        "simplest model within one standard error of the best. Values other than `joints` "
-        "need method `partial_pose` and weighting `covariance`. With bounds, priors, order, "
-        "encoder readings or resampling, only `joints` is allowed, and `automatic` uses "
+        "simplest model within one standard error of the best. Other models than `joints` "
+        "need method `partial_pose` and weighting `covariance`, without bounds, priors, "
+        "order, encoder readings or resampling. With other options, `automatic` uses "
         "joints.",
     )
     links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(

@@ -59,10 +59,10 @@ def are_regular(matrices: FloatArray, bound: FloatArray | float) -> BoolArray:
 
     Args:
         matrices: (K, p, p) matrices.
-        bound: one bound, or (K,) bounds; positive.
+        bound: one bound, or (K,) bounds; all matrices reach the bound zero.
     """
     bounds = np.broadcast_to(bound, len(matrices))
-    regular = np.zeros(len(matrices), dtype=np.bool_)
+    regular = np.asarray(bounds <= 0.0)
     invertible = np.flatnonzero(np.linalg.det(matrices) != 0.0)
     inverse = np.linalg.inv(matrices[invertible])
     least = 1.0 / np.sqrt(np.square(inverse).sum(axis=(1, 2)))  # of the singular value

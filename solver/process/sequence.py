@@ -27,9 +27,9 @@ MOST_LINKS: Final = 20_000_000
 MOST_TRIALS: Final = 40
 """Greatest number of trials, each with one posture for a target that is visited again, along a path."""
 _ROUNDING: Final = 1e-9
+"""Part of a limit that is kept free, so that differences of rounded angles do not exceed the limit."""
 _APART: Final = 1e3
 """Distance that exceeds each difference of two turns [rad]."""
-"""Part of a limit that is kept free, so that differences of rounded angles do not exceed the limit."""
 _RAISED: Final = (1.0, 1.5, 2.5, 5.0, np.inf)
 """Factors by which the limits of the joints are raised on a line on which no motion keeps these limits."""
 _LARGEST: Final = float(np.radians(60.0))

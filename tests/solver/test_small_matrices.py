@@ -24,4 +24,5 @@ def test_each_matrix_may_have_a_bound_of_its_own():
 def test_singular_matrices_are_not_regular():
     matrices = np.stack([np.zeros((3, 3)), np.ones((3, 3)), np.eye(3)])
     np.testing.assert_array_equal(are_regular(matrices, 1e-4), [False, False, True])
+    np.testing.assert_array_equal(are_regular(matrices, 0.0), [True, True, True])
     assert are_regular(np.zeros((0, 3, 3)), 1e-4).shape == (0,)
