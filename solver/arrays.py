@@ -14,7 +14,7 @@ ActiveBounds: TypeAlias = npt.NDArray[np.int8]
 """Array that is -1 for a parameter at its lower bound, 1 at its upper bound, and 0 for a free parameter."""
 
 _OF_INVERSE = 1e-6
-"""Relative error that is granted to the norm of an inverse, far above its rounding where a bound is 1e-4."""
+"""Relative error of an inverse that is allowed for: far above the rounding errors if a bound is 1e-4."""
 
 
 def fix_axis_signs(axes: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
-"""Fit of a model of what bends to readings: one function for every model (method.md §2-§8).
+"""Fit of compliances to readings: one function for joints and elastic models (method.md §2-§8).
 
-The shape of the model's cone decides how. Compliances that are scalars within bounds are fitted together with
-the balance of the loads (`identify`); matrices, whose traces are penalised, by cone programs (`elastic`).
+Options with a penalty fit matrices by cone programs (`elastic`). Other options fit scalars within bounds, and
+with them the balance of the loads (`identify`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from jointstiff.solver.models import Model
 
 
 class Fit(Protocol):
-    """Fit of a model of what bends to N observations; what all models have."""
+    """Fit of a model to N observations: the results that all models have."""
 
     @property
     def model(self) -> Model:
@@ -57,7 +57,7 @@ def fit(rows: Rows, model: Model, options: Settings | Penalised) -> Fit:
 
     Args:
         rows: N observations of a robot with n joints.
-        model: what bends.
+        model: parts that bend.
         options: settings for a model whose compliances are scalars, or the penalty for one with matrices.
 
     Raises:
