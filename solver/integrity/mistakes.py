@@ -22,10 +22,10 @@ from jointstiff.solver.integrity.values import OTHER_UNITS, View, median, transf
 from jointstiff.solver.meaning.decision import (
     LARGEST_PART,
     LARGEST_RESIDUAL,
-    LARGEST_SCALE_ERROR,
     LEAST_FREEDOM,
     LEAST_SHARE,
     MIRRORED_SIGNS,
+    compute_plausible_scale_error,
 )
 from jointstiff.solver.meaning.proposal import USUAL_RESIDUAL
 from jointstiff.solver.meaning.refinement import RigidFit, fit_frame
@@ -551,7 +551,8 @@ def find_scale_mistake(view: View, rows: IndexArray) -> Finding | None:
         return None
     scale = found.factor
     is_clear = abs(scale - 1.0) * found.movement > _SCALE_BY_RESIDUAL * found.fit.typical
-    if abs(scale - 1.0) <= LARGEST_SCALE_ERROR or not is_clear:
+    plausible = compute_plausible_scale_error(found.movement)
+    if abs(scale - 1.0) <= plausible or not is_clear:
         return None
     is_in_base = np.allclose(found.fit.frame.rotation, np.eye(3), atol=_SAME_AXES)
     if not is_in_base:
@@ -559,8 +560,7 @@ def find_scale_mistake(view: View, rows: IndexArray) -> Finding | None:
     return view.build_finding(
         "lengths_differ",
         f"the lengths of the readings are {figure(1.0 / scale)} times those of the robot's model, all alike "
-        f"within {length_text(found.fit.typical)} in the median; up to {100 * LARGEST_SCALE_ERROR:.1g} % is "
-        "plausible",
+        f"within {length_text(found.fit.typical)} in the median; up to {100 * plausible:.1g} % is plausible",
         "check which robot was measured, and the scale of the tracker: its unit, its scale bar, temperature "
         f"and air pressure; {PAST_CARE}",
     )

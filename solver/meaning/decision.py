@@ -20,6 +20,9 @@ LEAST_SHARE: Final = 0.7
 """Least fraction of the positions that fit."""
 LARGEST_SCALE_ERROR: Final = 6e-3
 """Relative difference of all lengths up to which an arm may differ from its model."""
+LARGEST_LENGTH_ERROR: Final = 2.5e-3
+"""Difference of the targets' movements [m] up to which errors of the links explain a factor on all lengths:
+four times what errors of 0.7 mm and 0.5 mrad of each link give, whatever the size of the arm."""
 LEAST_FREEDOM: Final = 9
 """Least number of degrees of freedom of a fit that decides."""
 _LARGEST_COMPUTED: Final = 1.5e-4
@@ -378,11 +381,20 @@ def _find_obstacle(best: Interpretation, votes: Votes) -> str:
     fit = best.fit
     if fit.degrees_of_freedom < LEAST_FREEDOM:
         return f"too few positions: {fit.degrees_of_freedom} degrees of freedom, {LEAST_FREEDOM} are needed"
-    if abs(fit.free_scale - 1.0) > LARGEST_SCALE_ERROR:
+    if abs(fit.free_scale - 1.0) > compute_plausible_scale_error(best.movement):
         return f"the lengths of the robot differ by the factor {fit.free_scale:.4f}"
     if votes.margin < _LEAST_VOTES:
         return "two readings of the columns fit"
     return ""
+
+
+def compute_plausible_scale_error(movement: float) -> float:
+    """Return the relative difference of all lengths that errors of an arm's links explain.
+
+    Args:
+        movement: largest standard deviation of a target's coordinate [m].
+    """
+    return max(LARGEST_SCALE_ERROR, LARGEST_LENGTH_ERROR / movement)
 
 
 def find_doubt(best: Interpretation, interpretations: Sequence[Interpretation]) -> str:

@@ -168,6 +168,19 @@ def test_too_few_postures_are_not_decided(robots):
     assert answer.best is None
 
 
+@pytest.mark.parametrize(
+    ("factor", "is_accepted"), [(1.007, True), (0.994, True), (1.01, False), (0.99, False)]
+)
+def test_a_small_arm_may_differ_in_its_lengths_by_what_its_links_do(robots, factor, is_accepted):
+    """Errors of links are some 0.6 mm whatever the arm: more than 0.6 % of an arm that reaches 0.5 m."""
+    known = robots["Universal Robots UR3"]
+    joints, points = measure(known)
+    answer = propose([Table("a", wide(joints, factor * points))], [known])
+    assert (answer.best is not None) == is_accepted
+    if not is_accepted:
+        assert answer.reason.startswith("the lengths of the robot differ by the factor ")
+
+
 @pytest.mark.parametrize("damaged", [-9999.0, np.nan])
 def test_damaged_rows_do_not_hide_the_meaning(robots, damaged):
     known = robots["KUKA KR 210 R2700 extra"]
