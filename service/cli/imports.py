@@ -556,7 +556,7 @@ def _is_accepted(proposed: ProposedImport, *, may_ask: bool, yes: bool) -> bool:
     if yes and doubt:
         raise cli.print_failure(
             f"--yes does not accept a doubtful proposal: {doubt}",
-            "check the axes and the signs of the joints",
+            "check the axes and the signs of the joints, or state --robot",
         )
     if not yes:
         typer.echo("--yes accepts this proposal.", err=True)

@@ -89,7 +89,8 @@ class ProposedReadings:
             raise RequestError(
                 f"the numbers cannot decide: {self.doubt}",
                 where="files",
-                remedy="check the axes and the signs of the joints, then call `accept(despite_doubt=True)`",
+                remedy="check the axes and the signs of the joints, or state the robot; then call "
+                "`accept(despite_doubt=True)`",
             )
         fields = self._proposed.request.model_dump(exclude_unset=True) | self._fields | statements
         request = parse_document({**fields, **self._list_cleared()}, ImportRequest)

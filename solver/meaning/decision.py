@@ -56,6 +56,7 @@ class Decision:
     reason: str  #: why there is no interpretation; empty with one
     #: fitting interpretations with the same joints, whose x, y and z belong to two states of a target
     shifted: tuple[Interpretation, ...] = ()
+    other_arm: Interpretation | None = None  #: best one of another arm, if no margin excludes the arm
 
 
 def decide(interpretations: Sequence[Interpretation]) -> Decision:
@@ -82,11 +83,18 @@ def decide(interpretations: Sequence[Interpretation]) -> Decision:
     equals = tuple(each for each in compared if each is not best and _have_same_effect(each, best))
     shifted = tuple(each for each in measured if _is_shifted(each, (best, *equals)))
     others = [each for each in compared if each not in equals and each not in shifted]
-    rival, votes = _find_rival(best, others, fitting, equals)
+    by_other_arms = [each for each in others if _has_joints_of_another_arm(each, best)]
+    by_this_arm = [each for each in others if each not in by_other_arms]
+    rival, votes = _find_rival(best, by_this_arm, fitting, equals)
     reason = _find_obstacle(best, votes)
     if reason:
         return Decision(None, rival or best, equals, reason)
-    return Decision(best, rival, equals, "", tuple(each for each in shifted if each in of_this_hand))
+    shifted = tuple(each for each in shifted if each in of_this_hand)
+    arm, votes_of_arm = _find_rival(best, by_other_arms, fitting, equals)
+    if votes_of_arm.margin < _LEAST_VOTES:
+        return Decision(best, arm, equals, "", shifted, arm)
+    nearest = arm if votes_of_arm.margin < votes.margin else rival
+    return Decision(best, nearest, equals, "", shifted)
 
 
 def _leave_out_mixtures(measured: Sequence[Interpretation]) -> list[Interpretation]:
@@ -239,6 +247,22 @@ def _read_same_joints(first: Interpretation, second: Interpretation) -> bool:
 def _have_same_columns(first: Interpretation, second: Interpretation) -> bool:
     """Return whether two interpretations differ at most in how rows are grouped by posture."""
     return _are_same_positions(first.points, second.points) and _read_same_joints(first, second)
+
+
+def _has_joints_of_another_arm(other: Interpretation, best: Interpretation) -> bool:
+    """Return whether two interpretations take the same columns for joints, of another arm.
+
+    A person who states the arm decides between them, whatever columns are the positions.
+    """
+    joints, best_joints = other.joints, best.joints
+    return (
+        other.known is not best.known
+        and joints.table == best_joints.table
+        and joints.columns == best_joints.columns
+        and joints.unit == best_joints.unit
+        and joints.groups == best_joints.groups
+        and other.fit.unit == best.fit.unit
+    )
 
 
 def _have_same_effect(first: Interpretation, second: Interpretation) -> bool:
@@ -397,15 +421,21 @@ def compute_plausible_scale_error(movement: float) -> float:
     return max(LARGEST_SCALE_ERROR, LARGEST_LENGTH_ERROR / movement)
 
 
-def find_doubt(best: Interpretation, interpretations: Sequence[Interpretation]) -> str:
+def find_doubt(
+    best: Interpretation, other_arm: Interpretation | None, interpretations: Sequence[Interpretation]
+) -> str:
     """Return the question that only a person can decide; empty without one.
 
-    Positions in a left-handed frame have exchanged axes, or one axis with the wrong sign: a person looks. The
-    best interpretation may count joints as another maker does. The readings then often fit as well with the
-    robot's own counting, if two of the axes x, y and z are exchanged, so that the frame is mirrored.
+    Another arm may fit, too: arms of one size differ by some millimetres. Positions in a left-handed frame
+    have exchanged axes, or one axis with the wrong sign: a person looks. The best interpretation may count
+    joints as another maker does. The readings then often fit as well with the robot's own counting, if two of
+    the axes x, y and z are exchanged, so that the frame is mirrored.
     """
     if best.fit.frame.is_mirrored:
         return "two of x, y and z seem to be exchanged, or the sign of one of them is wrong"
+    if other_arm is not None:
+        distance = f"{other_arm.fit.typical * 1e3:.2g} mm"
+        return f"the {other_arm.known.name} fits to {distance}, so that the robot must be stated"
     if best.joints.counting.is_own:
         return ""
     for other in interpretations:

@@ -209,7 +209,7 @@ def _build_proposal(
         next_residual=np.inf if rival is None else rival.fit.typical,
         fitting=int((distances < _find_fitting_limit(residual)).sum()),
         count=len(distances),
-        doubt=find_doubt(interpretation, interpretations),
+        doubt=find_doubt(interpretation, decision.other_arm, interpretations),
     )
 
 

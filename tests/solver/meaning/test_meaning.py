@@ -68,6 +68,16 @@ def test_a_search_of_the_catalogue_finds_the_measured_arm(robots):
     assert best.robots[0].name == "KUKA KR 6 R900 sixx"
 
 
+def test_an_arm_that_few_postures_do_not_tell_from_the_next_size_is_a_question(robots):
+    measured, similar = robots["Universal Robots UR10e"], robots["Universal Robots UR10"]
+    joints, points = measure(measured, postures=8)
+    points += 0.3 * (measure(similar, postures=8)[1] - points)  # links that differ from those of the model
+    best = propose([Table("a", wide(joints, points))], [similar, measured]).best
+    assert best.robots == (measured,)
+    assert best.doubt.startswith("the Universal Robots UR10 fits to ")
+    assert propose([Table("a", wide(joints, points))], [measured]).best.doubt == ""
+
+
 def test_signs_that_may_be_exchanged_axes_are_a_question(robots):
     known = robots["ABB IRB 4600-60/2.05"]
     joints, points = measure(known)
