@@ -36,6 +36,9 @@ OPTIONS_OF_COLUMNS: Final = (
 
 _LARGEST_WORSENING: Final = 3.0
 """Largest ratio of the residuals of files and of those of their template."""
+_TURNS_OF_AXES: Final = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+"""Orders of x, y and z that keep the hand of a frame. Where two axes are exchanged, the place of the instrument
+decides which order is proposed; a template keeps the order of its first files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,10 +154,15 @@ def _propose_as_template(
         raise _NoProposalError("the files have fewer columns than those of the template")
     tables = _restrict_columns(tables, template)
     proposal = _find_proposal(tables, request, robots)
-    named = _name_by_template(name_readings(proposal, tables, request.state_words), template)
-    if reason := _find_difference(_build_meaning(proposal, named, tables), template):
-        raise _NoProposalError(reason)
-    return _build_import(proposal, named, tables, request)
+    reasons = []
+    for order in _TURNS_OF_AXES:
+        turned = proposal.with_axes(order)
+        named = _name_by_template(name_readings(turned, tables, request.state_words), template)
+        reason = _find_difference(_build_meaning(turned, named, tables), template)
+        if not reason:
+            return _build_import(turned, named, tables, request)
+        reasons.append(reason)
+    raise _NoProposalError(reasons[0])
 
 
 def _find_proposal(

@@ -79,6 +79,18 @@ class Proposal:
         """Return whether the positions are in R0 as they are written."""
         return self.frame.is_base
 
+    def with_axes(self, order: tuple[int, int, int]) -> Proposal:
+        """Return the proposal with the columns of x, y and z in another order, and the frame turned alike.
+
+        `order` are the numbers, 0 to 2, of the columns that become x, y and z.
+        """
+        readings = []
+        for reading in self.readings:
+            x, y, z = (reading.points.columns[axis] for axis in order)
+            readings.append(replace(reading, points=replace(reading.points, columns=(x, y, z))))
+        frame = replace(self.frame, rotation=self.frame.rotation[:, list(order)])
+        return replace(self, readings=tuple(readings), frame=frame)
+
     @property
     def target_count(self) -> int:
         """Number of targets."""
@@ -130,13 +142,7 @@ def _exchange_axes(proposal: Proposal) -> Proposal:
     Of the three exchanges, the one whose frame is turned least against R0 is chosen.
     """
     rotation = proposal.frame.rotation
-    order = list(max(_EXCHANGES, key=lambda order: float(np.trace(rotation[:, list(order)]))))
-    readings = []
-    for reading in proposal.readings:
-        x, y, z = (reading.points.columns[axis] for axis in order)
-        readings.append(replace(reading, points=replace(reading.points, columns=(x, y, z))))
-    frame = replace(proposal.frame, rotation=rotation[:, order])
-    return replace(proposal, readings=tuple(readings), frame=frame)
+    return proposal.with_axes(max(_EXCHANGES, key=lambda order: float(np.trace(rotation[:, list(order)]))))
 
 
 def _list_neighbours(tables: Sequence[Table], interpretation: Interpretation) -> Iterator[Interpretation]:

@@ -81,6 +81,24 @@ def test_a_template_keeps_the_meaning_and_reads_the_next_day_without_a_question(
     assert_said(shown, "wrote c.json, a campaign")
 
 
+def test_a_template_with_exchanged_axes_reads_files_of_an_instrument_that_stands_elsewhere(
+    monkeypatch, tmp_path
+):
+    """Each place of the instrument has its own nearest right-handed frame: the template's one is kept."""
+    known = next(each for each in catalogue_robots() if each.name == "Stäubli TX2-60")
+    joints, points = measure(known)
+    loaded = points - [0.0, 0.3, 0.8]
+    turns = (np.eye(3), np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]))
+    for name, turn in zip(("first", "second"), turns, strict=True):
+        both = np.stack([points, loaded], axis=2) @ turn
+        write_bare(tmp_path / f"{name}.txt", wide(joints, both[..., [1, 0, 2]]))
+    monkeypatch.setattr(imports, "is_terminal_input", lambda: True)
+    words = f"--robot '{known.name}' {STATED}"
+    typed(f"import first.txt {words} --save-template t.json -o c.json", input="y\n\n\n\n")
+    typed(f"import second.txt {words} --template t.json -o d.json", input="y\n\n\n\n")
+    assert Path("d.json").exists()
+
+
 def test_a_template_refuses_files_in_another_order():
     typed(f"import j.txt u.txt l.txt --robot '{ARM}' {STATED} --yes --save-template t.json")
     shown = refused(f"import u2.txt j2.txt l2.txt --robot '{ARM}' --template t.json -o c.json")
