@@ -37,8 +37,8 @@ OPTIONS_OF_COLUMNS: Final = (
 _LARGEST_WORSENING: Final = 3.0
 """Largest ratio of the residuals of files and of those of their template."""
 _TURNS_OF_AXES: Final = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
-"""Orders of x, y and z that keep the hand of a frame. Where two axes are exchanged, the place of the instrument
-decides which order is proposed; a template keeps the order of its first files."""
+"""Orders of x, y and z that keep the hand of a frame. Where two axes are exchanged, the place of the
+instrument decides which order is proposed; a template keeps the order of its first files."""
 
 
 @dataclass(frozen=True, eq=False)
