@@ -189,6 +189,7 @@ FindingCode = Literal[
     "joints_swapped",
     "joints_counted_otherwise",
     "frame_mistaken",
+    "frame_left_handed",
     "lengths_differ",
     "length_unit_suspect",
     "force_unit_suspect",
@@ -297,6 +298,7 @@ ROOT_MISTAKES: Final[frozenset[FindingCode]] = frozenset(
         "force_unit_suspect",
         "another_robot_fits",
         "frame_mistaken",
+        "frame_left_handed",
     }
 )
 """Codes of findings that cause other findings: an assessment with one of them lists no other reason."""

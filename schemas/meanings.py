@@ -23,10 +23,13 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "*Use with care.*",
             "frame_mistaken": "In another frame than R0, or with exchanged axes x, y, z, each target has the "
             "same place on the flange in every observation. *Do not use.*",
+            "frame_left_handed": "Each target has the same place on the flange in every observation only in "
+            "a left-handed frame. *Do not use.*",
             "joint_sign_suspect": "The readings fit far better with the opposite signs of joints, or the "
             "angles have no signs. *Do not use.*",
             "joints_counted_otherwise": "The readings fit far better if the third joint is counted from the "
-            "horizontal, or if the zero of a joint is a quarter turn away. *Do not use.*",
+            "horizontal, or if the zero of a joint is a quarter turn away: *do not use*. If a zero is less "
+            "far away: *use with care*.",
             "joints_swapped": "The readings fit far better if two columns of joint angles are exchanged, or "
             "all are in reverse order. *Do not use.*",
             "another_robot_fits": "With another robot, each target is within 5 mm of one place on the flange "
@@ -54,8 +57,8 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "deflection_implausibly_small": "No deflection is above 5 µm. *Do not use.*",
             "residual_outlier": "A residual is far larger than the others. *Use with care.*",
             "drift_in_time": "The unloaded targets drift. *Use with care.*",
-            "repeated_readings": "Repeated postures scatter more than the stated noise: *use with care*. "
-            "If not: a remark.",
+            "repeated_readings": "Two targets have equal readings: *do not use*. Repeated postures scatter "
+            "more than the stated noise: *use with care*. If not: a remark.",
             "joint_outside_limits": "A joint angle is beyond the model's limits. *Use with care.*",
             "deflections_unexplained": "Remark: the joints explain less than half of the median deflection.",
             "deflection_below_noise": "Remark: the observation contributes little.",

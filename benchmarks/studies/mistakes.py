@@ -68,6 +68,7 @@ _CAUSES = frozenset(
         "joints_counted_otherwise",
         "alternative_explains_better",
         "frame_mistaken",
+        "frame_left_handed",
         "lengths_differ",
         "targets_swapped",
         "target_moved",
@@ -263,7 +264,7 @@ def _tracker(mirror: float) -> Callable[[Array], Array]:
 
 
 _LENGTH, _ANGLE, _ROWS = "length_unit_suspect", "angle_unit_suspect", "observations_out_of_order"
-_FRAME = "frame_mistaken"
+_FRAME, _LEFT_HANDED = "frame_mistaken", "frame_left_handed"
 _SIGN, _SWAPPED, _COUNTED = "joint_sign_suspect", "joints_swapped", "joints_counted_otherwise"
 _MAP = "alternative_explains_better"
 _FORCE, _STATES = "force_sign_suspect", "deflection_against_force"
@@ -273,10 +274,10 @@ MISTAKES: Mapping[str, Mistake] = {
     "cm as mm": Mistake(_moved(lambda p: p / 10.0), (_LENGTH,), ("in cm, not in mm",)),
     "m as mm": Mistake(_moved(lambda p: p / 1000.0), (_LENGTH,), ("in m",)),
     "a scale of 1.01": Mistake(_moved(lambda p: 1.01 * p), ("lengths_differ",), ("times those of",)),
-    "z y x": Mistake(_moved(lambda p: p[..., ::-1]), (_FRAME,), ("z, y, x of the readings",)),
+    "z y x": Mistake(_moved(lambda p: p[..., ::-1]), (_LEFT_HANDED,), ("z, y, x of the readings",)),
     "y z x": Mistake(_moved(lambda p: p[..., [1, 2, 0]]), (_FRAME,), ("z, x, y of the readings",)),
     "a tracker's frame": Mistake(_moved(_tracker(1.0)), (_FRAME,), ("not in R0",)),
-    "a left-handed frame": Mistake(_moved(_tracker(-1.0)), (_FRAME,), ("left-handed frame",)),
+    "a left-handed frame": Mistake(_moved(_tracker(-1.0)), (_LEFT_HANDED,), ("left-handed frame",)),
     "radians as degrees": Mistake(_turned(np.radians), (_ANGLE,), ("in rad, not in deg",)),
     "degrees as radians": Mistake(
         lambda readings: replace(readings, angle="rad"), (_ANGLE,), ("in deg, not in rad",)

@@ -302,6 +302,7 @@ STEPS: Final[tuple[Step, ...]] = (
     Step(19, 21, ("comparison",), _name_the_same_load),
     Step(19, 21, ("run",), dropped=_LEAST_MISTAKES),
     Step(21, 22, KINDS),
+    Step(22, 23, KINDS),
 )
 """All steps; those from one version come after those to that version."""
 

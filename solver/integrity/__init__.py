@@ -22,6 +22,7 @@ from jointstiff.solver.integrity.against_model import (
     inspect_rigidity,
     inspect_whole_set,
 )
+from jointstiff.solver.integrity.mistaken_target import inspect_equal_targets
 from jointstiff.solver.integrity.order import inspect_loaded
 from jointstiff.solver.integrity.rounded_angles import inspect_rounded_angles
 from jointstiff.solver.integrity.values import (
@@ -88,7 +89,7 @@ def inspect_measurements(
         The findings, at most `MAX_FINDINGS_PER_CODE` of each kind.
     """
     posted = View(robot, measurements, degrees, flange_fields)
-    findings = list(inspect_values(posted))
+    findings = [*inspect_values(posted), *inspect_equal_targets(posted)]
     mistakes_in_loaded = inspect_loaded(posted)
     if mistakes_in_loaded:
         # These loaded readings are no positions of these postures: nothing can be compared with them.
@@ -130,7 +131,13 @@ def inspect_unloaded(
     was_read = measurements.present if unloaded_only is None else measurements.present | unloaded_only
     view = View(robot, replace(measurements, present=was_read), degrees)
     findings: list[Finding] = []
-    for check in (inspect_angles, inspect_rare_targets, inspect_stated_noise, inspect_duplicates):
+    for check in (
+        inspect_angles,
+        inspect_rare_targets,
+        inspect_stated_noise,
+        inspect_duplicates,
+        inspect_equal_targets,
+    ):
         findings += check(view)
     suspects, good_rows = _inspect_positions(view, others)
     findings = [*_leave_out_effects(findings, suspects), *suspects]

@@ -29,18 +29,20 @@ from jointstiff.solver.integrity.exchanged import (
     find_exchanged_targets,
     report_exchanged_targets,
 )
+from jointstiff.solver.integrity.mistaken_target import find_mistaken_target
 from jointstiff.solver.integrity.mistakes import (
     EXPLAINED,
     LARGEST_MODEL_ERROR,
+    are_unusual,
     compute_median_places,
     find_best_trial,
     find_consensus_places,
     find_frame_mistake,
     find_missing_signs,
     find_scale_mistake,
+    find_zero_mistake,
     greatest_distances,
     inspect_other_robots,
-    is_worth_a_scale,
     propose_angle_mistakes,
     report_trial,
     sample_rows,
@@ -120,8 +122,7 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
         exchanged, findings = _find_exchanges_under_load(view, rows, usual_places)
         may_be_checked[exchanged] = False
         mistyped = _report_mistyped_rows(view, rows, seen_from_flange, usual_places)
-        scale = find_scale_mistake(view, rows) if is_worth_a_scale(distances) else None
-        return [*([scale] if scale else []), *mistyped, *findings], may_be_checked
+        return [*_list_small_mistakes(view, rows, distances), *mistyped, *findings], may_be_checked
     # Some targets are far from their usual places: find the mistake that explains this.
     usual_places = find_consensus_places(seen_from_flange)
     agrees = greatest_distances(seen_from_flange, usual_places) <= LARGEST_MODEL_ERROR
@@ -132,7 +133,8 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     if explained_count >= EXPLAINED * len(sample) and explained_count / len(sample) > posted_share + 0.1:
         return [report_trial(view, best, agrees, rows)], ~may_be_checked  # no row may be checked further
     if 2 * agrees.sum() < len(rows) and 2 * explained_count < len(sample):
-        mixed_up = inspect_order(view, rows)
+        mistaken_target = find_mistaken_target(view, rows)
+        mixed_up = [mistaken_target] if mistaken_target else inspect_order(view, rows)
         if mixed_up:
             return mixed_up, ~may_be_checked
     # If many rows are shifted, the places of the corrected rows are right, not those of the posted rows.
@@ -148,6 +150,20 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     ]
     # If less than half of the rows agree, no row may be checked further.
     return findings, may_be_checked & (agrees.sum() >= max(2, len(rows) // 2))
+
+
+def _list_small_mistakes(view: View, rows: IndexArray, distances: FloatArray) -> list[Finding]:
+    """Return the finding about a scale, or the zero of a joint, that moves all targets by millimetres.
+
+    Args:
+        view: measurement set.
+        rows: (M,) indices of the rows with positions.
+        distances: (M,) greatest distance of a target from its usual place in each row [m].
+    """
+    if not are_unusual(distances):
+        return []
+    mistake = find_scale_mistake(view, rows) or find_zero_mistake(view, rows)
+    return [mistake] if mistake else []
 
 
 def inspect_whole_set(view: View, others: Iterable[KnownRobot]) -> list[Finding]:
@@ -832,6 +848,9 @@ BETTER: Final = 0.5
 FLIPPED: Final = 0.5
 """Ratio of the residual with the load reversed to that with the load as posted, below which the load is
 reported as reversed. The ratio is near 0 for a wrong sign."""
+UNEXPLAINED_REVERSED: Final = 0.3
+"""Greatest residual with the load reversed, relative to the predicted motion, of a load with the wrong sign:
+what bends besides the joints remains. A load that belongs to another observation leaves more."""
 BEYOND_NOISE: Final = 5.0
 """Deflection, in standard deviations of its noise, above which it is not noise."""
 AGAINST_SIGMAS: Final = 5.0
@@ -977,7 +996,8 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     predicted = compute_observation_norms(springs.predicted)
     residual = compute_observation_norms(springs.residual)
     reversed_residual = compute_observation_norms(springs.residual + 2.0 * springs.predicted)
-    is_against_load = np.asarray((reversed_residual < FLIPPED * residual) & (predicted > noise_limit))
+    is_explained = reversed_residual < np.minimum(FLIPPED * residual, UNEXPLAINED_REVERSED * predicted)
+    is_against_load = np.asarray(is_explained & (predicted > noise_limit))
     for position in np.flatnonzero(is_against_load):
         yield view.build_finding(
             "deflection_against_force",

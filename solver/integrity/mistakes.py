@@ -15,6 +15,7 @@ from itertools import combinations
 from typing import Final
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from jointstiff.schemas.finding import AdvisedAction, Finding, FindingCode, Unit
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
@@ -65,6 +66,14 @@ _LEAST_TURN: Final = 0.1
 """Least change of the flange's orientation [rad] that shows where the origin of a frame is."""
 _SCALE_BY_RESIDUAL: Final = 3.0
 """Least change of the positions by a scale, relative to the residual that is left."""
+_LARGEST_ZERO: Final = 0.1
+"""Largest error of a joint's zero that is searched [rad]: quarter turns are searched elsewhere."""
+_LEAST_ZERO: Final = 5e-3
+"""Least error of a joint's zero that is reported [rad]: marks and gauges set zeros to a tenth of it."""
+_ZERO_TOLERANCE: Final = 1e-5
+"""Tolerance of the search for a zero [rad]."""
+_ZERO_BY_RESIDUAL: Final = 3.0
+"""Least ratio of the distances as posted and with the zero corrected."""
 _CENTIMETRES_AND_INCHES: Final = (
     ("cm", "mm", 10.0),
     ("cm", "m", 1e-2),
@@ -294,22 +303,75 @@ def report_trial(view: View, trial: Trial, agreeing: BoolArray, rows: IndexArray
     action = None
     if hypothesis.exchanged:
         action = AdvisedAction.of("exchange_columns", joints=hypothesis.exchanged)
-    correction = hypothesis.correction
-    if correction is not None:
-        joint_map = view.robot.joint_map
-        matrix = joint_map.matrix @ correction.matrix
-        offset = joint_map.matrix @ correction.offset + joint_map.offset
-        changed = np.abs(correction.matrix - np.eye(len(matrix))).any(axis=1) | (correction.offset != 0.0)
-        names = [view.robot.joint_names[joint] for joint in np.flatnonzero(changed)]
-        action = AdvisedAction.of(
-            "apply_joint_map", joints=names, joint_map=matrix.tolist(), offset=offset.tolist()
-        )
+    if hypothesis.correction is not None:
+        action = _advise_joint_map(view.robot, hypothesis.correction)
         # An arm in a plane and its mirror image have the same places: both causes are stated.
         found = _fit_frame_of(view, rows)
         axes = None if found is None else _name_axes(found)
         if axes is not None:
             effect += f"; x, y, z given as {axes} explain the readings as well"
     return view.build_finding(hypothesis.code, effect, hypothesis.remedy, "do_not_use", action)
+
+
+def _advise_joint_map(robot: Robot, correction: JointCorrection) -> AdvisedAction:
+    """Return the action that applies a correction of the joint positions by another joint map."""
+    joint_map = robot.joint_map
+    matrix = joint_map.matrix @ correction.matrix
+    offset = joint_map.matrix @ correction.offset + joint_map.offset
+    changed = np.abs(correction.matrix - np.eye(len(matrix))).any(axis=1) | (correction.offset != 0.0)
+    names = [robot.joint_names[joint] for joint in np.flatnonzero(changed)]
+    return AdvisedAction.of(
+        "apply_joint_map", joints=names, joint_map=matrix.tolist(), offset=offset.tolist()
+    )
+
+
+def find_zero_mistake(view: View, rows: IndexArray) -> Finding | None:
+    """Return the finding that the zero of one joint is off; None unless one zero explains the distances.
+
+    The last joint turns all targets on the flange alike, so that its zero does not show.
+
+    Args:
+        view: measurement set whose targets are farther from their places than those of most robots.
+        rows: (M,) indices of the rows with positions.
+    """
+    robot, sample = view.robot, sample_rows(rows)
+    before = median(_measure_at_offset(view, sample, np.zeros(robot.n)))
+    trials = []
+    for joint in np.flatnonzero(~robot.prismatic[:-1]).tolist():
+        direction = np.eye(robot.n)[joint]
+        found = minimize_scalar(
+            lambda offset, direction=direction: median(_measure_at_offset(view, sample, offset * direction)),
+            bounds=(-_LARGEST_ZERO, _LARGEST_ZERO),
+            method="bounded",
+            options={"xatol": _ZERO_TOLERANCE},
+        )
+        trials.append((float(found.fun), joint, float(found.x)))
+    after, joint, offset = min(trials)
+    if after > before / _ZERO_BY_RESIDUAL or abs(offset) < _LEAST_ZERO:
+        return None
+    name = robot.joint_names[joint]
+    unit, size = ("°", np.degrees(offset)) if view.degrees else (" rad", offset)
+    amount = f"{figure(size, '.2g')}{unit}"
+    correction = JointCorrection(np.eye(robot.n), offset * np.eye(robot.n)[joint])
+    return view.build_finding(
+        "joints_counted_otherwise",
+        f"the targets are {length_text(before)} from their places on the flange in the median; with {amount} "
+        f"added to {name} in every observation, {length_text(after)}",
+        f"check the zero of {name}, its mastering or its offset in the joint map; {PAST_CARE}",
+        "use_with_care",
+        _advise_joint_map(robot, correction),
+    )
+
+
+def _measure_at_offset(view: View, sample: IndexArray, offset: FloatArray) -> FloatArray:
+    """Return for each row (M,) of a sample the greatest distance of a target from its place [m].
+
+    `offset` (n,) is added to all joint positions of the controller [rad or m].
+    """
+    measurements = view.measurements[sample]
+    postures = Postures(view.robot, view.robot.joint_map.model_angles(measurements.joints + offset))
+    seen = transform_to_flange(postures, measurements.position, view.measured[sample])
+    return greatest_distances(seen, compute_median_places(seen))
 
 
 def find_missing_signs(view: View, rows: IndexArray) -> Finding | None:
@@ -488,7 +550,8 @@ def find_frame_mistake(view: View, rows: IndexArray) -> Finding | None:
             f"the axes of the positions are exchanged: x, y, z of R0 are {axes} of the readings, {within}"
         )
         remedy = f"give the positions as {axes}; {PAST_DO_NOT_USE}"
-        return view.build_finding("frame_mistaken", message, remedy, "do_not_use")
+        code: FindingCode = "frame_left_handed" if fit.frame.is_mirrored else "frame_mistaken"
+        return view.build_finding(code, message, remedy, "do_not_use")
     if fit.frame.is_mirrored:
         return _report_left_handed_frame(view, rows, within)
     turn = float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0))))
@@ -536,7 +599,7 @@ def _report_left_handed_frame(view: View, rows: IndexArray, within: str) -> Find
             names = ", ".join(reversed_names)
             message += f", or if {names} are reversed and the positions are in another frame than R0"
             remedy += f"; or, if the axes of the instrument are right, change the signs of {names}"
-    return view.build_finding("frame_mistaken", message, f"{remedy}; {PAST_DO_NOT_USE}", "do_not_use")
+    return view.build_finding("frame_left_handed", message, f"{remedy}; {PAST_DO_NOT_USE}", "do_not_use")
 
 
 def find_scale_mistake(view: View, rows: IndexArray) -> Finding | None:
@@ -657,7 +720,7 @@ def _name_axes(found: _FrameFit) -> str | None:
     return ", ".join(names)
 
 
-def is_worth_a_scale(distances: FloatArray) -> bool:
+def are_unusual(distances: FloatArray) -> bool:
     """Return whether targets are farther from their usual places than those of most robots.
 
     `distances` (M,) are the greatest distances of a target in each row [m].

@@ -105,8 +105,8 @@ def identify_by_weight(
 def _leave_out_settled(noticed: Sequence[Finding], weight: OwnWeight) -> list[Finding]:
     """Return the findings of the integrity checks without those that an option of the run settles.
 
-    With `estimate_gravity`, the positions may be in any frame that is fixed to the base, because the fit
-    finds the direction of gravity in this frame.
+    With `estimate_gravity`, the positions may be in any right-handed frame that is fixed to the base, because
+    the fit finds the direction of gravity in this frame.
     """
     if not weight.estimate_gravity:
         return list(noticed)

@@ -766,6 +766,8 @@ def choose_targets(
         RequestError: neither has targets, or the campaign was measured with gauges and the plan is not.
     """
     if request.targets:
+        for name, place in request.targets.items():
+            refuse_far_point(place, f"targets['{name}']")
         return PlannedTargets(tuple(request.targets), np.array(list(request.targets.values())))
     if campaign_readings is None:
         raise RequestError(

@@ -23,7 +23,7 @@ TURN = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
 TURN *= np.sign(np.linalg.det(TURN))
 LENGTH, ANGLE, ROWS = "length_unit_suspect", "angle_unit_suspect", "observations_out_of_order"
 SIGN, SWAPPED, COUNTED = "joint_sign_suspect", "joints_swapped", "joints_counted_otherwise"
-FRAME = "frame_mistaken"
+FRAME, LEFT_HANDED = "frame_mistaken", "frame_left_handed"
 
 
 def moved(change):
@@ -47,6 +47,25 @@ def reverse(*joints):
     return turned(lambda q: q * signs)
 
 
+def of_one_target(change):
+    """Return a mistake in the positions of the second target."""
+
+    def make(measurements):
+        parts = [measurements.position, measurements.position + measurements.deflection]
+        unloaded, loaded = (each.copy() for each in parts)
+        for each in (unloaded, loaded):
+            each[:, 1] = change(each[:, 1])
+        return replace(measurements, position=unloaded, deflection=loaded - unloaded)
+
+    return make
+
+
+def equal_targets(m):
+    position, deflection = m.position.copy(), m.deflection.copy()
+    position[:, 1], deflection[:, 1] = position[:, 0], deflection[:, 0]
+    return replace(m, position=position, deflection=deflection)
+
+
 def loaded_of_another_row(m):
     return replace(m, deflection=np.roll(m.position + m.deflection, 1, axis=0) - m.position)
 
@@ -65,11 +84,11 @@ MISTAKES = {
     "rolled by one": (turned(lambda q: np.roll(q, 1, axis=0)), ROWS, "the row after"),
     "rolled by five": (turned(lambda q: np.roll(q, 5, axis=0)), ROWS, "the row that is 5 rows after"),
     "joints reversed": (turned(lambda q: q[:, ::-1]), SWAPPED, "the joints in reverse order"),
-    "z y x": (moved(lambda p: p[..., [2, 1, 0]]), FRAME, "are z, y, x of the readings"),
+    "z y x": (moved(lambda p: p[..., [2, 1, 0]]), LEFT_HANDED, "are z, y, x of the readings"),
     "y z x": (moved(lambda p: p[..., [1, 2, 0]]), FRAME, "are z, x, y of the readings"),
     "a tracker's frame": (moved(lambda p: p @ TURN.T + [2.5, -1.2, 0.4]), FRAME, "not in R0"),
     "a left-handed frame": (
-        moved(lambda p: (p @ TURN.T + [2.5, -1.2, 0.4]) * [1, -1, 1]), FRAME, "in a left-handed frame"
+        moved(lambda p: (p @ TURN.T + [2.5, -1.2, 0.4]) * [1, -1, 1]), LEFT_HANDED, "in a left-handed frame"
     ),
     "loaded rolled by one": (loaded_of_another_row, ROWS, "the loaded readings of 14 of 14"),
     "loaded minus unloaded": (deflections_as_loaded, "deflection_implausibly_large", "to be deflections"),
@@ -80,6 +99,16 @@ MISTAKES = {
     "two joints exchanged": (turned(lambda q: q[:, [0, 1, 2, 4, 3, 5]]), SWAPPED, "{3} and {4} exchanged"),
     "third joint with the second": (
         turned(lambda q: q + q[:, [1]] * np.eye(6)[2]), COUNTED, "{2} minus {1} as the angle of {2}"
+    ),
+    "axes of a target": (
+        of_one_target(lambda p: p[..., [1, 0, 2]]), "target_off_model", "With y, x, z of its readings as x, y, z"
+    ),
+    "sign of an axis of a target": (
+        of_one_target(lambda p: p * [1, 1, -1]), "target_off_model", "With x, y, −z of its readings as x, y, z"
+    ),
+    "equal targets": (equal_targets, "repeated_readings", "same readings to the last digit in 14 observations"),
+    "a zero that is 2° away": (
+        turned(lambda q: q + np.radians(2.0) * np.eye(6)[4]), COUNTED, " rad added to {4}"
     ),
     "a quarter turn": (turned(lambda q: q + 0.5 * np.pi * np.eye(6)[1]), COUNTED, "-90° added to {1}"),
 }  # fmt: skip
