@@ -101,12 +101,12 @@ MISTAKES = {
         turned(lambda q: q + q[:, [1]] * np.eye(6)[2]), COUNTED, "{2} minus {1} as the angle of {2}"
     ),
     "axes of a target": (
-        of_one_target(lambda p: p[..., [1, 0, 2]]), "target_off_model", "With y, x, z of its readings as x, y, z"
+        of_one_target(lambda p: p[..., [1, 0, 2]]), "target_off_model", "With y, x, z of its readings"
     ),
     "sign of an axis of a target": (
-        of_one_target(lambda p: p * [1, 1, -1]), "target_off_model", "With x, y, −z of its readings as x, y, z"
+        of_one_target(lambda p: p * [1, 1, -1]), "target_off_model", "With x, y, −z of its readings"
     ),
-    "equal targets": (equal_targets, "repeated_readings", "same readings to the last digit in 14 observations"),
+    "equal targets": (equal_targets, "repeated_readings", "readings to the last digit in 14 observations"),
     "a zero that is 2° away": (
         turned(lambda q: q + np.radians(2.0) * np.eye(6)[4]), COUNTED, " rad added to {4}"
     ),
