@@ -6,7 +6,8 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from itertools import chain
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -388,6 +389,20 @@ def build_robot(document: RobotDocument) -> Robot:
     return build_chain_robot(chain, document.joint_map, document.bodies or (), document.payload)
 
 
+def list_other_conventions(document: RobotDocument) -> Iterator[KnownRobot]:
+    """Yield the robot of a Denavit-Hartenberg table in the other convention; nothing without a table.
+
+    `document` is one that `prepare_robot` returned.
+    """
+    model = document.model
+    if not isinstance(model, DhModel):
+        return
+    convention: Literal["standard", "modified"] = "modified" if model.convention == "standard" else "standard"
+    other = document.model_copy(update={"model": model.model_copy(update={"convention": convention})})
+    remedy = f"set `convention` of the Denavit-Hartenberg table to `{convention}`, and post the robot again"
+    yield KnownRobot(f"{document.name} in the convention {convention}", build_robot(other), remedy=remedy)
+
+
 def check_set(
     document: MeasurementSetDocument,
     robot: Robot,
@@ -482,7 +497,7 @@ def prepare_set(
         robot.robot,
         resolve_stated_frame(document),
         [],
-        others,
+        chain(list_other_conventions(robot.document), others),
         robot_id=robot_id,
         robot_hash=robot.content_hash,
     )

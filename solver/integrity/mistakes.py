@@ -448,16 +448,20 @@ def inspect_other_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[F
     for fit in fits:
         equals = [f"'{each.known.name}'" for each in fits if each is not fit and _are_alike(each, fit)]
         tie = f"; {' and '.join(equals)} fit{'s' if len(equals) == 1 else ''} as well" if equals else ""
-        name = fit.known.name
+        name, identifier = fit.known.name, fit.known.identifier
+        remedy, action = fit.known.remedy, None
+        if not remedy:
+            remedy = f"check which robot was measured; if '{name}' was measured, choose this robot"
+            action = AdvisedAction.of("choose_robot", robot=name, robot_id=identifier)
         yield view.build_finding(
             "another_robot_fits",
             f"with the robot '{name}', the targets keep their places on the flange in {fit.explained} "
             f"of {len(rows)} observations, within {length_text(fit.greatest_distance)}; with the chosen "
             f"robot, in only {explained_by_chosen} of {len(rows)}, within "
             f"{length_text(LARGEST_MODEL_ERROR)}{tie}",
-            f"check which robot was measured; if '{name}' was measured, choose this robot",
+            remedy,
             "do_not_use",
-            AdvisedAction.of("choose_robot", robot=name, robot_id=fit.known.identifier),
+            action,
         )
 
 

@@ -327,6 +327,8 @@ class KnownRobot:
     name: str  #: name of the robot
     robot: Robot  #: model of the robot
     identifier: str | None = None  #: id of the stored robot; None for an arm of the catalogue
+    #: what to do if this robot was measured; empty if the robot can be chosen by its name
+    remedy: str = ""
 
 
 def _read_kind_and_axis(model: pin.Model, index: int) -> tuple[JointKind, FloatArray]:

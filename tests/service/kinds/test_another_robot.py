@@ -8,6 +8,7 @@ from support.catalogue_arms import build_nominal_robots, readings_on
 
 import jointstiff as js
 from jointstiff.schemas.finding import AdvisedAction
+from jointstiff.service.conversion.catalogue import catalogue
 from jointstiff.service.resources.known_robots import catalogue_robots
 from jointstiff.service.tables.report import remedies
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -44,6 +45,29 @@ def test_the_action_identifies_with_the_arm_that_was_measured():
     assert after.campaign.measurement_set.name == f"readings from arrays ({MEASURED})"
     assert after.campaign.measurement_set.observations == campaign().measurement_set.observations
     assert codes(after.result) == codes(js.identify(campaign(chosen=MEASURED)).result)
+
+
+@pytest.mark.parametrize(
+    ("arm", "right", "wrong"),
+    [(CHOSEN, "modified", "standard"), ("Universal Robots UR10e", "standard", "modified")],
+)
+def test_a_table_in_the_other_convention_is_named_and_its_remedy_works(arm, right, wrong):
+    rows = next(each.model.rows for each in catalogue().arms if each.name == arm)
+    measured = campaign(measured=arm, chosen=arm).model_dump(mode="json")
+
+    def identify(convention):
+        model = {
+            "format": "dh",
+            "convention": convention,
+            "rows": [row.model_dump(mode="json") for row in rows],
+        }
+        return js.identify(measured | {"robot": measured["robot"] | {"model": model}}).result
+
+    reason, *_ = identify(wrong).assessment.reasons
+    assert reason.code == "another_robot_fits"
+    assert reason.remedy.startswith(f"set `convention` of the Denavit-Hartenberg table to `{right}`")
+    assert reason.action is None
+    assert identify(right).assessment.verdict != "do_not_use"
 
 
 def test_of_an_unknown_arm_no_joint_map_is_proposed_that_explains_little():
