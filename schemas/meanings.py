@@ -22,7 +22,8 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "keeps its place on the flange: another arm was measured, or the tracker has a wrong scale. "
             "*Use with care.*",
             "frame_mistaken": "In another frame than R0, or with exchanged axes x, y, z, each target has the "
-            "same place on the flange in every observation. *Do not use.*",
+            "same place on the flange in every observation; or forces in other axes explain the deflections. "
+            "*Do not use.*",
             "frame_left_handed": "Each target has the same place on the flange in every observation only in "
             "a left-handed frame. *Do not use.*",
             "joint_sign_suspect": "The readings fit far better with the opposite signs of joints, or the "

@@ -48,6 +48,12 @@ from jointstiff.solver.integrity.mistakes import (
     sample_rows,
 )
 from jointstiff.solver.integrity.order import inspect_order
+from jointstiff.solver.integrity.turned_forces import (
+    describe_axes,
+    find_axes_of_forces,
+    measure_turn,
+    turn_forces,
+)
 from jointstiff.solver.integrity.values import (
     FALSE_ALARM,
     MEDIAN_SIZE,
@@ -851,6 +857,8 @@ reported as reversed. The ratio is near 0 for a wrong sign."""
 UNEXPLAINED_REVERSED: Final = 0.3
 """Greatest residual with the load reversed, relative to the predicted motion, of a load with the wrong sign:
 what bends besides the joints remains. A load that belongs to another observation leaves more."""
+LEAST_TURN: Final = 0.05
+"""Least turn of all forces [rad] that is reported: a rope is known to some degrees."""
 BEYOND_NOISE: Final = 5.0
 """Deflection, in standard deviations of its noise, above which it is not noise."""
 AGAINST_SIGMAS: Final = 5.0
@@ -1040,6 +1048,8 @@ def _find_mistake_of_the_set(
         exchanged := _find_exchanged_by_springs(view, block, springs)
     ):
         return exchanged
+    if springs.unexplained > WORTH_A_SEARCH and (turned := _find_turned_forces(view, block, springs)):
+        return turned
     if springs.unexplained > UNEXPLAINED:
         typical_deflection = median(np.linalg.norm(measurements.deflection, axis=2)[measurements.present])
         return view.build_finding(
@@ -1092,6 +1102,27 @@ def _find_exchanged_by_springs(view: View, block: RegressorBlock, springs: Sprin
         targets,
         f"joint compliances leave {100.0 * springs.unexplained:.3g} % of the deflections unexplained, and "
         f"after the exchange {100.0 * best.unexplained:.3g} %",
+    )
+
+
+def _find_turned_forces(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
+    """Return the finding about forces in other axes than R0, which halve what springs leave unexplained.
+
+    None is returned if no axes do, or if the axes are turned by less than `LEAST_TURN`.
+    """
+    measurements = block.measurements
+    axes = find_axes_of_forces(view.robot, measurements)
+    turned = Springs.fit(get_whole_block(view.robot, turn_forces(measurements, axes)))
+    is_better = turned.unexplained < BETTER * springs.unexplained and turned.work > 0.0
+    if not is_better or measure_turn(axes) < LEAST_TURN:
+        return None
+    return view.build_finding(
+        "frame_mistaken",
+        f"the forces are not in the axes of R0: joint compliances leave {100.0 * springs.unexplained:.3g} % "
+        f"of the deflections unexplained, and {describe_axes(axes)} {100.0 * turned.unexplained:.3g} %",
+        "give the forces in the axes of R0; forces in the axes of a tracker's frame that is stated need "
+        f"`forces` `tracker` in the `frame`; {PAST_DO_NOT_USE}",
+        "do_not_use",
     )
 
 

@@ -66,6 +66,11 @@ def equal_targets(m):
     return replace(m, position=position, deflection=deflection)
 
 
+def forces_in(axes):
+    """Return a mistake of the axes of all forces and moments."""
+    return lambda m: replace(m, force=m.force @ np.array(axes).T, moment=m.moment @ np.array(axes).T)
+
+
 def loaded_of_another_row(m):
     return replace(m, deflection=np.roll(m.position + m.deflection, 1, axis=0) - m.position)
 
@@ -130,6 +135,23 @@ def test_a_mistake_of_the_whole_set_is_named_by_its_cause_alone(mistake, arm):
     (cause,) = name_cause(known, measurements, degrees=mistake == "radians as degrees")
     assert cause.code == code
     assert words.format(*known.robot.joint_names) in cause.message
+
+
+@pytest.mark.parametrize("arm", ["FANUC R-2000iC/165F", "KUKA KR 210 R2700 extra", "ABB IRB 6640-185/2.8"])
+@pytest.mark.parametrize(
+    ("axes", "words"),
+    [
+        ([[0.8, 0.6, 0], [-0.6, 0.8, 0], [0, 0, 1]], "with all forces turned by 37"),
+        ([[0, 1, 0], [1, 0, 0], [0, 0, 1]], "with y, x, z of the forces as x, y, z"),
+        ([[1, 0, 0], [0, 0, -1], [0, 1, 0]], "with x, z, −y of the forces as x, y, z"),
+    ],
+)
+def test_forces_in_other_axes_are_named_where_loads_move_the_arm_by_more_than_noise(axes, words, arm):
+    known = ROBOTS[arm]
+    mistaken = forces_in(axes)(readings_on(known.robot, seed=11, configurations=14))
+    (cause,) = [each for each in name_cause(known, mistaken) if each.code != "joint_outside_limits"]
+    assert cause.code == FRAME
+    assert words in cause.message
 
 
 NEED_LOADS = ("loaded rolled by one", "loaded minus unloaded")
