@@ -596,7 +596,8 @@ def _find_marks(
         for mark in marks:
             if mark not in first_cells:
                 first_cells[mark] = text, grid.place(row, column)
-            sure_marks.update([] if _THOUSANDS.fullmatch(text) else [mark])
+            may_separate_thousands = mark_by_thousands is None and _THOUSANDS.fullmatch(text)
+            sure_marks.update([] if may_separate_thousands else [mark])
     return first_cells, sure_marks
 
 

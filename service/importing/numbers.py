@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import PurePath
 from typing import Final
 
@@ -19,8 +20,10 @@ from jointstiff.service.importing.grid import (
     Row,
     count_numbers,
     decide_decimal_mark,
+    has_separated_thousands,
     looks_like_a_number,
     read_number,
+    remove_thousands_separators,
 )
 from jointstiff.service.importing.masses import is_mass_table
 from jointstiff.service.importing.reading import SourceFile, read_grids
@@ -28,7 +31,7 @@ from jointstiff.solver.meaning.table import Table
 
 _LEAST_NUMBERS: Final = 3
 """Numbers of a row of data, at least."""
-_OTHER_KINDS: Final = frozenset(("force", "moment", "load point", "mass", "along", "uncertainty"))
+_OTHER_KINDS: Final = frozenset(("force", "moment", "load point", "mass", "along", "uncertainty", "ignored"))
 """Kinds of columns that are neither joints nor positions."""
 
 
@@ -91,8 +94,12 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     rows = tuple(grid.rows[index] for index in data if len(grid.rows[index].cells) == width)
     headers = _find_headers(grid, data[0], width)
     columns = [c for c in range(width) if any(looks_like_a_number(row.cells[c]) for row in rows)]
-    mark, _ = decide_decimal_mark(grid, rows, columns, options.decimal_mark)
-    numbers = np.array([[_read_cell(cell, mark) for cell in row.cells] for row in rows])
+    is_separated = grid.preview.format != "text" or has_separated_thousands(rows, columns)
+    mark, _ = decide_decimal_mark(
+        grid, rows, columns, options.decimal_mark, are_thousands_separated=is_separated
+    )
+    read = partial(_read_cell, mark=mark, are_thousands_separated=is_separated)
+    numbers = np.array([[read(cell) for cell in row.cells] for row in rows])
     meanings = _find_meanings(headers, Vocabulary(options, joints))
     named_joints = _list_joint_columns(meanings)
     known_joints = named_joints if len(named_joints) == len(joints) else ()
@@ -136,9 +143,10 @@ def _find_meanings(headers: Sequence[str], words: Vocabulary) -> tuple[Meaning |
     return tuple(words.find(header) if header else None for header in headers)
 
 
-def _read_cell(cell: str, mark: DecimalMark) -> float:
+def _read_cell(cell: str, mark: DecimalMark, *, are_thousands_separated: bool) -> float:
     """Return the number of a cell; NaN for a cell without a number."""
+    text = remove_thousands_separators(cell, mark) if are_thousands_separated else cell
     try:
-        return read_number(cell, mark)
+        return read_number(text, mark)
     except ImportFileError:
         return math.nan

@@ -36,6 +36,8 @@ OPTIONS_OF_COLUMNS: Final = (
 
 _LARGEST_WORSENING: Final = 3.0
 """Largest ratio of the residuals of files and of those of their template."""
+_CLEARLY_FARTHER: Final = 2.0
+"""Ratio of the distances to positions without and under load from which a reading is one under load."""
 _TURNS_OF_AXES: Final = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 """Orders of x, y and z that keep the hand of a frame. Where two axes are exchanged, the place of the
 instrument decides which order is proposed; a template keeps the order of its first files."""
@@ -131,12 +133,35 @@ def _propose_importable(
     """
     proposal = _find_proposal(tables, request, robots)
     named = name_readings(proposal, tables, request.state_words)
+    _refuse_loaded_after_unloading(named)
     proposed = _build_import(proposal, named, tables, request)
     fault = proposed.find_fault()
     if fault is not None:
         sentence = proposed.sentence
         raise _NoProposalError(f"{sentence}, but the import of these columns is refused: {fault.reason}")
     return proposed
+
+
+def _refuse_loaded_after_unloading(named: Sequence[NamedReading]) -> None:
+    """Refuse positions after unloading that are nearer to those under load than to those before.
+
+    Raises:
+        _NoProposalError: a target has such positions: a second load, or the same load once more.
+    """
+    positions = {(each.target, each.state): each.reading.positions for each in named}
+    for target in dict.fromkeys(each.target for each in named):
+        states = [positions.get((target, state)) for state in ("unloaded", "loaded", "unloaded_after")]
+        unloaded, loaded, after = states
+        if unloaded is None or loaded is None or after is None:
+            continue
+        to_loaded, to_unloaded = (
+            float(np.nanmedian(np.linalg.norm(after - other, axis=1))) for other in (loaded, unloaded)
+        )
+        if to_unloaded > _CLEARLY_FARTHER * to_loaded:
+            raise _NoProposalError(
+                f"the third positions of {target} are {1e3 * to_unloaded:.2g} mm from those without load and "
+                f"{1e3 * to_loaded:.2g} mm from those under load, so that headers must name the states"
+            )
 
 
 def _propose_as_template(

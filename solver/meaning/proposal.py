@@ -51,6 +51,7 @@ class TargetReading:
     target: int  #: number of the target, from 1
     state: int  #: number of the state in the order of the columns, from 0
     place: FloatArray  #: (3,) on the flange [m]
+    positions: FloatArray  #: (N, 3) in R0 [m]; NaN where no position is
     distances: FloatArray  #: (N,) from the place by the robot [m]; NaN where no position is
 
 
@@ -305,7 +306,7 @@ def _list_fitting_points(
         targets, distances = fit_targets(flange.rotation, flange.place, positions)
         is_chosen = hypothesis.columns == interpretation.points
         if is_chosen or _fit_as_targets(positions, distances, interpretation):
-            yield _PointSet(hypothesis.columns, targets, distances, is_chosen=is_chosen)
+            yield _PointSet(hypothesis.columns, targets, positions, distances, is_chosen=is_chosen)
 
 
 def _choose_disjoint(fitting: Sequence[_PointSet], joints: JointColumns) -> list[_PointSet]:
@@ -327,6 +328,7 @@ class _PointSet:
 
     columns: PointColumns
     targets: FloatArray  #: (K, 3) places on the flange [m]
+    positions: FloatArray  #: (N, K, 3) in R0 [m]
     distances: FloatArray  #: (N, K) [m]
     is_chosen: bool  #: whether the frame was fitted to these positions
 
@@ -344,6 +346,7 @@ class _PointSet:
                 target=0,
                 state=0,
                 place=target,
+                positions=self.positions[:, k],
                 distances=self.distances[:, k],
             )
 

@@ -81,6 +81,30 @@ def test_a_template_keeps_the_meaning_and_reads_the_next_day_without_a_question(
     assert_said(shown, "wrote c.json, a campaign")
 
 
+def test_a_third_reading_under_load_is_no_reading_after_unloading(tmp_path):
+    joints, points = measure(next(each for each in catalogue_robots() if each.name == ARM))
+    loaded = points[:, 0] - [0.0, 0.0, 0.6]
+    for name, third in (("again", loaded + 0.01), ("after", points[:, 0] + 0.01)):
+        write_bare(tmp_path / f"{name}.txt", wide(joints, points[:, 0], loaded, third))
+    shown = refused(f"import again.txt --robot '{ARM}' {STATED} --yes -o c.json")
+    assert_said(shown, "the third positions of T1 are", "so that headers must name the states")
+    assert_said(typed(f"import after.txt --robot '{ARM}' {STATED} --yes -o c.json"), "T1 unloaded after")
+
+
+@pytest.mark.parametrize(("separator", "mark"), [(" ", ","), (".", ","), (",", "."), ("'", ".")])
+def test_numbers_with_separated_thousands_are_read_by_a_proposal(tmp_path, separator, mark):
+    joints, points = measure(next(each for each in catalogue_robots() if each.name == ARM))
+    numbers = wide(joints, points[:, 0], points[:, 0] - [0.0, 0.0, 0.6])
+
+    def write(number):
+        return f"{number:,.3f}".translate({ord(","): separator, ord("."): mark})
+
+    rows = [";".join(map(write, row)) for row in numbers]
+    (tmp_path / "a.csv").write_text("\n".join(rows) + "\n")
+    shown = typed(f"import a.csv --robot '{ARM}' {STATED} --yes -o c.json")
+    assert_said(shown, "7–9 as T1 unloaded [mm] and 10–12 as T1 loaded [mm] fit", "wrote c.json")
+
+
 def test_a_template_with_exchanged_axes_reads_files_of_an_instrument_that_stands_elsewhere(
     monkeypatch, tmp_path
 ):
