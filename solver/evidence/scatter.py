@@ -10,10 +10,11 @@ the residuals that the fit of c takes away (Patterson & Thompson, *Biometrika* 5
     V_i = Σ_i + ρ² J_i J_iᵀ + τ² 1 1ᵀ.
 
 An s that is not significant is not zero: fits use the roots of the posterior means of s² and u²,
-``p(s, u | readings) ∝ L(s, u) p(s) p(u)`` on a grid. The priors are half-Student (Gelman, *Bayesian Anal.* 1,
-2006). The station's is half-Cauchy: a lighter tail takes a station's 50 µm for turns of the joints, a larger
-scale widens the intervals of campaigns whose station does not move. A stated repeatability s₀
-gives the log-normal p(s) about s₀ with the factor 2; if it is zero, the joints repeat exactly.
+``p(s, u | readings) ∝ L(s, u) p(s) p(u)`` on a grid. The priors are half-Cauchy (Gelman, *Bayesian Anal.* 1,
+2006): a heavy tail lets the readings decide, a lighter one takes a station's 50 µm for turns of the joints.
+Larger scales widen the intervals of campaigns whose joints repeat or whose station does not move. A stated
+repeatability s₀ gives the log-normal p(s) about s₀ with the factor 2; if it is zero, the joints repeat
+exactly.
 
 The residuals *show* shared errors, beyond those stated, if a likelihood ratio test is significant. Zero is a
 bound of each ratio, so that the statistic has the distribution ¼ χ²₀ + ½ χ²₁ + ¼ χ²₂ (Self & Liang, *J. Am.
@@ -56,14 +57,10 @@ from jointstiff.solver.mechanics.terms import list_stated_terms
 
 SCATTER_LEVEL: Final = 0.01
 """Significance level of the test for shared errors."""
-ASSUMED_REPEATABILITY: Final = 2e-5
-"""Scale of the prior of a joint's turns [rad] where nothing is stated: 0.1 mm (ISO 9283) at 2 m."""
+ASSUMED_REPEATABILITY: Final = 1e-5
+"""Scale of the prior of a joint's turns [rad] where nothing is stated: 0.02 mm at 2 m. It is the median."""
 ASSUMED_STATION_ERROR: Final = 1e-6
 """Scale of the prior of a shift of all targets [m]."""
-_FREEDOM_OF_TURNS: Final = 4.0
-"""Degrees of freedom of the half-Student prior of turns."""
-_FREEDOM_OF_STATION: Final = 1.0
-"""Degrees of freedom of the half-Student prior of a shift: half-Cauchy."""
 STATED_FACTOR: Final = 2.0
 """Factor of one standard deviation of the log-normal prior about a stated repeatability."""
 LARGEST_REPEATABILITY: Final = 2e-4
@@ -392,14 +389,14 @@ class RestrictedLikelihood:
         log_likelihood = -(fit.half_log_determinant + 0.5 * fit.log_variance)[:, None] - of_residuals
         log_prior = self._log_prior_of_turns(rho[:, None] * sigma)
         shift = tau[:, None] * sigma  # (K, Z) [m]
-        log_prior = log_prior + _log_half_student(shift / ASSUMED_STATION_ERROR, _FREEDOM_OF_STATION)
+        log_prior = log_prior + _log_half_cauchy(shift / ASSUMED_STATION_ERROR)
         return Posterior(turns, station, sigma, log_likelihood, log_prior + measure, motions)
 
     def _log_prior_of_turns(self, turns: FloatArray) -> FloatArray:
         """Return the logarithm of the prior density of standard deviations [rad], up to a constant."""
         stated = self._measurements.repeatability
         if not stated:
-            return _log_half_student(turns / ASSUMED_REPEATABILITY, _FREEDOM_OF_TURNS)
+            return _log_half_cauchy(turns / ASSUMED_REPEATABILITY)
         logarithm = np.log(np.maximum(turns, _NO_TURN * stated) / stated)
         return np.asarray(-0.5 * (logarithm / np.log(STATED_FACTOR)) ** 2 - logarithm)
 
@@ -652,9 +649,9 @@ class Posterior:
         return float(np.sqrt((mass * ratio**2).sum() / mass.sum()))
 
 
-def _log_half_student(size: FloatArray, freedom: float) -> FloatArray:
-    """Return the logarithm of the half-Student density of sizes in units of their scale, up to a constant."""
-    return np.asarray(-0.5 * (freedom + 1.0) * np.log1p(np.square(size) / freedom))
+def _log_half_cauchy(size: FloatArray) -> FloatArray:
+    """Return the logarithm of the half-Cauchy density of sizes in units of their scale, up to a constant."""
+    return np.asarray(-np.log1p(np.square(size)))
 
 
 def _refine(nodes: FloatArray) -> FloatArray:

@@ -32,7 +32,7 @@ def folder(tmp_path_factory):
                 "Joint stiffness, partial pose, covariance weights, compliance ≥ 0",
                 "┃ joint ┃ stiffness ┃ 95 % interval ┃ prior/data ┃ verdict ┃",
                 "│ joint_1 │ — │ — │ — │ not observable │",
-                "│ joint_2 │ 3.112 │ 3.042 … 3.186 │ — │ well determined │",
+                "│ joint_2 │ 3.112 │ 3.042 … 3.185 │ — │ well determined │",
                 "│ joint_6 │ 0.0962 │ 0.0795 … 0.1156 │ — │ determined │",
                 f"{UNSEEN}; {PRIOR} assumed: load point ± 10 mm, force ± 1 %; --details",
                 TO_DO,
@@ -80,7 +80,7 @@ def folder(tmp_path_factory):
             [
                 FIVE,
                 "Joint stiffness, partial pose, covariance weights, unconstrained",
-                "│ joint_2 │ 3.112 │ 3.042 … 3.186 │ well determined │",
+                "│ joint_2 │ 3.112 │ 3.042 … 3.185 │ well determined │",
                 f"{TO_DO}: the interval becomes ± 0.0037 µrad/(N·m)",
             ],
         ),

@@ -105,10 +105,10 @@ def test_the_terminal_shows_numbers_before_and_after_an_action(tmp_path, clean):
         "│ explained │ 83.4 % │ 98.6 % │",
         "│ rms residual │ 609 µm │ 44.2 µm │",
         "│ joint_1 │ 2.868 (",
-        "│ joint_4 │ — │ 0.435 (",
+        "│ joint_4 │ — │ 0.434 (",
         "stiffness (interval) in 10⁶ N·m/rad",
         "Use: all 6 joints passed the checks",
-        "│ joint_5 │ 0.2529 │ 0.2395 … 0.2679 │ determined │",
+        "│ joint_5 │ 0.2529 │ 0.2396 … 0.2678 │ determined │",
     ]:
         assert line in words
     written = tmp_path / "wrong-exchange-columns.json"

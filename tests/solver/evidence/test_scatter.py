@@ -153,7 +153,7 @@ def test_the_posterior_is_the_restricted_likelihood_of_whole_covariances_times_t
             r = d - A @ fit
             squares = (r.mT @ np.linalg.solve(V, r)).sum()
             log_likelihood = -0.5 * (np.linalg.slogdet(V)[1].sum() + squares + np.linalg.slogdet(N)[1])
-            of_turns = stats.t(4).logpdf(turn * SIGMA / ASSUMED_REPEATABILITY)
+            of_turns = stats.cauchy.logpdf(turn * SIGMA / ASSUMED_REPEATABILITY)
             of_station = stats.cauchy.logpdf(shift * SIGMA / ASSUMED_STATION_ERROR)
             expected[s, u] = log_likelihood + of_turns + of_station
     found = posterior.density.reshape(expected.shape)
