@@ -33,9 +33,9 @@ from jointstiff.solver.predict.answers import build_stored_model
 from jointstiff.solver.predict.models import JointModel
 
 if TYPE_CHECKING:
+    from jointstiff.solver.fit.weight_rows import Balancer, StatedLoads, WeightReadings
     from jointstiff.solver.geometry.poses import Poses
-    from jointstiff.solver.own_weight.identification import WeightEstimate
-    from jointstiff.solver.own_weight.rows import Balancer, StatedLoads, WeightReadings
+    from jointstiff.solver.own_weight.estimate import WeightEstimate
 
 _NO_MODEL_ERROR: Final = RequestError(
     "the stiffnesses come from the robot's own weight, not from postures under load",
@@ -117,7 +117,7 @@ def _estimate(
     robot: Robot, measurements: Measurements, options: RunOptions, readings: WeightReadings
 ) -> WeightEstimate:
     """Fit joint stiffnesses, geometry and masses to positions that were collected from measurements."""
-    from jointstiff.solver.own_weight.identification import identify_weight
+    from jointstiff.solver.own_weight.estimate import identify_weight
 
     weight = options.weight or OwnWeight()
     return identify_weight(
@@ -220,7 +220,7 @@ def _collect_positions(
     Raises:
         RequestError: the robot has no masses, or the set has no positions.
     """
-    from jointstiff.solver.own_weight.rows import Burden, WeightReadings
+    from jointstiff.solver.fit.weight_rows import Burden, WeightReadings
 
     if not robot.bodies:
         raise RequestError(
@@ -262,7 +262,7 @@ def _collect_stated_loads(robot: Robot, measurements: Measurements, count: int) 
         measurements: N observations.
         count: number of observations of positions, without and under load.
     """
-    from jointstiff.solver.own_weight.rows import StatedLoads, list_errors_of_loads
+    from jointstiff.solver.fit.weight_rows import StatedLoads, list_errors_of_loads
 
     terms = list_errors_of_loads(measurements)
     under_load = np.flatnonzero((measurements.present & ~measurements.in_flange).any(axis=1))
@@ -308,7 +308,7 @@ def _build_balancers(robot: Robot, weight: OwnWeight) -> tuple[Balancer, ...]:
     Raises:
         RequestError: the robot has no joint that a balancer names.
     """
-    from jointstiff.solver.own_weight.rows import Balancer
+    from jointstiff.solver.fit.weight_rows import Balancer
 
     return tuple(
         Balancer(

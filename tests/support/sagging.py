@@ -7,11 +7,11 @@ import numpy as np
 
 from jointstiff.simulator import TARGETS, SpringArm, default_arm, random_configurations, robot_document
 from jointstiff.simulator.own_weight import Balancer, Bodies, default_bodies, sag
+from jointstiff.solver.fit.weight_rows import Balancer as StatedBalancer
+from jointstiff.solver.fit.weight_rows import Burden, WeightReadings
 from jointstiff.solver.geometry.poses import Poses
 from jointstiff.solver.mechanics.robot import Body, JointMap, Robot
 from jointstiff.solver.mechanics.urdf import read_urdf
-from jointstiff.solver.own_weight.rows import Balancer as StatedBalancer
-from jointstiff.solver.own_weight.rows import Burden, WeightReadings
 
 ARM, BODIES = default_arm(), default_bodies()
 SPRING = Balancer(3e4, 0.3, np.array([-0.2, 0.0, 0.5]), 1, np.array([-0.3, 0.0, 0.2]))

@@ -25,20 +25,20 @@ from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.fit.cone import Block
 from jointstiff.solver.fit.constraints import Bounds, Constraints
-from jointstiff.solver.geometry.poses import PoseState, list_chain_axes, transform_points
-from jointstiff.solver.mechanics.block import OwnWeight
-from jointstiff.solver.mechanics.cases import LoadCases
-from jointstiff.solver.mechanics.postures import Postures
-from jointstiff.solver.mechanics.robot import Body
-from jointstiff.solver.own_weight.identification import identify_weight
-from jointstiff.solver.own_weight.masses import (
+from jointstiff.solver.fit.masses import (
     FreedMass,
     find_contradicted_mass,
     fit_freed_masses,
     report_unchecked_masses,
     widen_mass_bounds,
 )
-from jointstiff.solver.own_weight.rows import Burden, linearise_readings
+from jointstiff.solver.fit.weight_rows import Burden, linearise_readings
+from jointstiff.solver.geometry.poses import PoseState, list_chain_axes, transform_points
+from jointstiff.solver.mechanics.block import OwnWeight
+from jointstiff.solver.mechanics.cases import LoadCases
+from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.robot import Body
+from jointstiff.solver.own_weight.estimate import identify_weight
 from jointstiff.solver.predict.forward import CorrectionLimits, compensate
 from jointstiff.solver.predict.models import JointModel
 

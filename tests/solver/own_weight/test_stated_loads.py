@@ -9,9 +9,9 @@ from support.springs import readings_of
 
 from jointstiff.simulator import deflections, random_configurations
 from jointstiff.solver.fit.rows import Rows
+from jointstiff.solver.fit.weight_rows import StatedLoads, list_errors_of_loads
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
-from jointstiff.solver.own_weight.identification import identify_weight
-from jointstiff.solver.own_weight.rows import StatedLoads, list_errors_of_loads
+from jointstiff.solver.own_weight.estimate import identify_weight
 
 OF_POSITIONS = {
     "load_point": (1e-6, 5e-2),
