@@ -1,7 +1,7 @@
 """Numerical core: from arrays of readings to joint compliances with their evidence.
 
-    estimate = identify(robot, measurements, settings)
-    estimate = identify_weight(robot, readings)             # own weight instead of loads
+    estimate = identify(rows, settings)
+    estimate = identify_weight(readings)                    # own weight instead of loads
 
 Everything is in SI units and in the base frame R0. `CONTRIBUTING.md` shows how the packages lie on each
 other. Names are imported when they are first used.

@@ -9,11 +9,13 @@ until the predictions no longer change.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
+import pinocchio as pin
 from scipy import special
 
 from jointstiff.schemas.finding import Finding
@@ -27,25 +29,24 @@ from jointstiff.solver.fit.masses import (
     report_unchecked_masses,
     widen_mass_bounds,
 )
-from jointstiff.solver.fit.problem import LeastSquares, Problem, Solution
+from jointstiff.solver.fit.problem import Certificate, LeastSquares, Problem, Solution
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import solve
+from jointstiff.solver.fit.stages import Scale
 from jointstiff.solver.fit.statements import LEAST_STATED_SIGMA, Statements
 from jointstiff.solver.fit.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.fit.weight_rows import (
     Burden,
     ReducedProblem,
-    StatedLoads,
     WeightReadings,
     WeightRows,
     compute_perpendicular_basis,
     linearise_readings,
+    list_errors_of_deflections,
 )
-from jointstiff.solver.geometry.poses import PoseReadings, Poses, PoseState
-from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import Body, Robot
+from jointstiff.solver.geometry.poses import PoseState, calibrate
+from jointstiff.solver.mechanics.robot import Body
 from jointstiff.solver.mechanics.springs import JOINTS
-from jointstiff.solver.mechanics.terms import FORCE_SCALE, list_stated_terms
 
 NEGLIGIBLE_TORQUE: Final = 1e-3
 """Weight torque of a joint, relative to the greatest torque of all joints, below which gravity does not load
@@ -65,16 +66,29 @@ RANK: Final = 1e-10
 """Singular value of the geometry's columns, scaled to unit norm, below which it counts as rounding."""
 BEYOND_CHANCE: Final = 1e-3
 """p-value below which residuals contradict the stated sigma, or readings contradict the masses."""
-LEAST_NOISE: Final = 3e-6
+_LEAST_NOISE: Final = 3e-6
 """Least noise [m] that is assumed if no sigma is stated: no instrument reads a position better."""
 _RANK_TOLERANCE: Final = 1e-10
 """Singular value, relative to the greatest, below which columns count as linearly dependent."""
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """Options of a fit by own weight."""
+
+    free_gravity: bool = False  #: whether the direction of gravity is estimated; else it is as stated
+    #: whether the tilt of the base is estimated in any case; else only if the readings prove a tilt
+    free_base: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class WeightFit:
     """Fitted geometry, compliances and weights after the last Gauss-Newton step."""
 
+    readings: WeightReadings  #: N observations, with the bounds of masses that the fit used
+    rms_without_sag: float  #: rms residual of a whitened coordinate for the best rigid arm [m]
+    statements: Statements  #: stated errors of the loads that were fitted together with the compliances
+    base_is_free: bool  #: whether the tilt of the base was estimated
     state: PoseState  #: fitted geometry
     gravity: FloatArray  #: (3,) vector of gravity in R0 [m/s²]
     sag: FloatArray  #: (N, n) sag θ of the joints [rad]
@@ -86,22 +100,41 @@ class WeightFit:
     steps: int  #: number of Gauss-Newton steps
     #: (N, T, 3) motion of the targets by the errors of the loads that fit best [m]; 0 for exact loads
     motion_by_loads: FloatArray | float
+    findings: tuple[Finding, ...] = ()  #: findings and remarks on masses and on the base
 
     @property
     def loss(self) -> float:
         """Loss of the convex problem at its optimum: what the bounds of the masses add."""
         return self.reduced.convex.squares.loss(self.optimum.x)
 
-    def count_degrees_of_freedom(self, load_coordinates: int) -> int:
-        """Return the degrees of freedom of the residuals: coordinates read minus unknowns determined.
+    @property
+    def certificates(self) -> tuple[Certificate, ...]:
+        """Certificate of the convex program of the last step."""
+        return (self.optimum.certificate,)
 
-        Args:
-            load_coordinates: number of coordinates of deflections under known loads.
+    @cached_property
+    def scale(self) -> Scale:
+        """Sigma, as stated or from the residuals, and the chi-square of the residuals.
 
         Raises:
             NotObservableError: fewer coordinates than unknowns.
         """
-        remaining = self.reduced.remaining_coordinates + load_coordinates  # after the fit of the geometry
+        squares, degrees_of_freedom = self.reduced.residual_squares, self.count_degrees_of_freedom()
+        sigma = self.readings.poses.sigma
+        if sigma is not None:
+            return Scale(sigma, given=True, chi_square=squares, degrees_of_freedom=degrees_of_freedom)
+        sigma = float(np.sqrt(squares / degrees_of_freedom))
+        chi_square = float(degrees_of_freedom)
+        return Scale(sigma, given=False, chi_square=chi_square, degrees_of_freedom=degrees_of_freedom)
+
+    def count_degrees_of_freedom(self) -> int:
+        """Return the degrees of freedom of the residuals: coordinates read minus unknowns determined.
+
+        Raises:
+            NotObservableError: fewer coordinates than unknowns.
+        """
+        # Coordinates of positions that remain after the fit of the geometry, and those of deflections.
+        remaining = self.reduced.remaining_coordinates + self.readings.load_coordinates
         rank = self.reduced.rank
         if remaining > rank:
             return remaining - rank
@@ -112,161 +145,259 @@ class WeightFit:
             remedy="read more postures, or more targets in each posture",
         )
 
-    def estimate_noise(self, load_coordinates: int, least_square: float) -> float:
+    def estimate_noise(self) -> float:
         """Return the mean square of the residuals that no compliances and weights explain.
 
-        Args:
-            load_coordinates: number of coordinates of deflections under known loads.
-            least_square: lower limit of the returned value, in the fit's unit squared.
+        The unit is that of the fit, squared. The noise is at least the stated sigma, or that of the best
+        instrument.
         """
-        return max(
-            self.reduced.residual_squares / self.count_degrees_of_freedom(load_coordinates), least_square
-        )
+        least_square = 1.0 if self.readings.poses.sigma is not None else _LEAST_NOISE**2
+        mean_square = self.reduced.residual_squares / self.count_degrees_of_freedom()
+        return max(mean_square, least_square)
 
-    def compute_p_value_of_bounds(self, noise: float, load_coordinates: int) -> float:
+    def compute_p_value_of_bounds(self) -> float:
         """Return the p-value of the hypothesis that the true masses lie within their bounds (F test).
 
         The loss that the bounds of the masses add is compared with the noise.
-
-        Args:
-            noise: mean square of the residuals.
-            load_coordinates: number of coordinates of deflections under known loads.
         """
         rank = self.reduced.rank
-        return float(
-            special.fdtrc(rank, self.count_degrees_of_freedom(load_coordinates), self.loss / rank / noise)
+        f_ratio = self.loss / rank / self.estimate_noise()
+        return float(special.fdtrc(rank, self.count_degrees_of_freedom(), f_ratio))
+
+    def add_finding(self, finding: Finding) -> WeightFit:
+        """Return the fit with a further finding."""
+        return replace(self, findings=(*self.findings, finding))
+
+
+def fit_weight(readings: WeightReadings, options: Weighed) -> WeightFit:
+    """Fit geometry, compliances and weights; repeat the fit with a tilting base or wider bounds of a mass.
+
+    A tilting base, or wider bounds of a mass, are used only if the readings prove the need. If a further fit
+    fails, the previous fit is returned.
+
+    Args:
+        readings: N observations of positions, with bodies and gravity.
+        options: whether the direction of gravity and the tilt of the base are estimated.
+
+    Raises:
+        MeasurementError: the fit with a rigid base does not converge, or positions and deflections are
+            combined but not all of their sigmas are stated.
+        NotObservableError: even with a rigid base, there are fewer coordinates than unknowns, or no joint's
+            torque varies.
+        SolverError: a convex program is not certified.
+    """
+    _refuse_unstated_sigma(readings)
+    fitter = _WeightFitter.start(readings, free_gravity=options.free_gravity)
+    if readings.stated is not None or readings.loaded is not None:
+        fitter = fitter.with_uncertain_loads()
+    fit = _fit_base(fitter, free_base=options.free_base)
+    return _correct_wrong_mass(fitter, fit)
+
+
+def _refuse_unstated_sigma(readings: WeightReadings) -> None:
+    """Refuse positions and deflections together whose sigmas are not all stated.
+
+    Raises:
+        MeasurementError: a sigma is not stated, so that positions and deflections cannot be combined.
+    """
+    if readings.loaded is None:
+        return
+    if readings.poses.sigma is None or readings.loaded.sigma is None:
+        raise MeasurementError(
+            "positions and deflections are combined, but not all of their uncertainties are stated",
+            where="noise",
+            remedy="state `noise.sigma` for the positions and for the deflections",
         )
 
 
-def fit_own_weight(
-    robot: Robot,
-    readings: WeightReadings,
-    whitened: PoseReadings,
-    state: PoseState,
-    *,
-    free_gravity: bool = False,
-    free_base: bool = False,
-    loaded: Measurements | None = None,
-    stated: StatedLoads | None = None,
-    stated_at: FloatArray | None = None,
-) -> WeightFit:
-    """Fit geometry, compliances and weights by Gauss-Newton steps, each with a convex program.
+@dataclass(frozen=True, eq=False)
+class _WeightFitter:
+    """Fit of the same readings for bodies whose mass bounds may differ from the stated bounds."""
 
-    Args:
-        robot: nominal robot, n joints.
-        readings: N observations of positions, with bodies and gravity.
-        whitened: these positions with their weights, in units of 1/sigma.
-        state: geometry to start from, fitted without sag.
-        free_gravity: whether the direction of gravity is also estimated.
-        free_base: whether the tilt of the base is also estimated.
-        loaded: deflections under known loads, fitted together with the positions, and weighted with the sigma
-            of the deflections; None if no deflections were read.
-        stated: what is stated of the loads of positions under load; None for exact loads.
-        stated_at: (n,) compliances at which columns of statements on the loads of deflections are computed
-            [rad/(N·m)]; None for exact loads.
+    readings: WeightReadings  #: N observations of positions, with bodies as stated
+    rigid_arm: PoseState  #: geometry of the best arm without sag
+    rms_without_sag: float  #: rms residual of a whitened coordinate for this arm [m]
+    statements: Statements  #: stated errors of the loads; none for exact loads
+    #: (N, T, 3, K) motion of the targets by one standard uncertainty of each error of the loads of positions
+    #: [m]; None for exact loads
+    motion_by_loads: FloatArray | None
+    free_gravity: bool  #: whether the direction of gravity is estimated
 
-    Returns:
-        The fitted geometry, gravity, sag, tilt of the base and compliances, with the last convex problem.
+    @classmethod
+    def start(cls, readings: WeightReadings, *, free_gravity: bool) -> _WeightFitter:
+        """Fit the best arm without sag, from which the fits with exact loads start."""
+        rigid = calibrate(readings.robot.chain, readings.poses, start=pin.SE3.Identity(), hold_out=False)
+        rigid_arm = PoseState(rigid.axes, rigid.targets, np.zeros(len(readings.poses)))
+        rms_without_sag = float(np.sqrt(rigid.rss / rigid.dof))
+        exact = Statements.none(readings.robot.n)
+        return cls(readings, rigid_arm, rms_without_sag, exact, None, free_gravity)
 
-    Raises:
-        NotObservableError: no joint's torque varies.
-        MeasurementError: the steps do not converge.
-        SolverError: a convex program is not certified.
-    """
-    burden = readings.burden
-    gravity, sag = burden.gravity, np.zeros(whitened.angles.shape)
-    compliance: FloatArray = np.zeros(robot.n)  # compliances
-    base: FloatArray = np.zeros(3)
-    weight_norm = np.linalg.norm(whitened.weight)
-    for step in range(1, MOST_STEPS + 1):
-        with_gravity = replace(readings, burden=replace(burden, gravity=gravity))
-        rows = linearise_readings(robot, with_gravity, whitened, state, sag, compliance, stated)
-        whole_triangle = triangle = rows.stack.triangle()
-        if stated is not None:
-            unit_uncertainties = np.ones(rows.stack.widths["statements"])
-            whole_triangle = triangle.state("statements", unit_uncertainties, stated.sigma)
-            triangle = whole_triangle.project_out(["statements"], RANK)
-        nuisance = ["geometry", *(["base"] if free_base else []), *(["gravity"] if free_gravity else [])]
-        deflection_rows = np.zeros((0, robot.n + 1))
-        if loaded is not None:
-            deflection_rows = _compress_deflections(robot, loaded, compliance, stated_at)
-        reduced = reduce_problem(rows, triangle, nuisance, burden, deflection_rows)
-        optimum = solve(reduced.convex)
-        # Change of the nuisance unknowns: geometry, then three of the base, then two of gravity.
-        nuisance_change = triangle.fit(nuisance, reduced.expand_solution(rows, optimum.x), RANK)
-        nuisance_columns = np.concatenate([triangle.span[name] for name in nuisance])
-        unknowns = reduced.expand_solution(rows, optimum.x)
-        unknowns[nuisance_columns] += nuisance_change
-        geometry_width = rows.stack.widths["geometry"]
-        previous_sag, sag = sag, reduced.compute_sag(rows.torques, optimum.x)
-        state = state.displace(nuisance_change[:geometry_width])
+    def with_uncertain_loads(self) -> _WeightFitter:
+        """Return the fitter that accounts for what is stated of the loads.
+
+        A fit with exact loads gives the compliances at which the columns of statements are computed, and
+        sigma if none is stated.
+        """
+        readings, exact = self.readings, self.fit(self.readings.burden.bodies)
+        sigma = readings.poses.sigma
+        if sigma is None:
+            sigma = float(np.sqrt(exact.estimate_noise()))
+        compliance = np.maximum(exact.compliance, 0.0)
+        errors = readings.list_stated_errors()
+        statements = Statements(errors, readings.common_uncertainty, compliance, sigma)
+        motion = None
+        if readings.stated is not None:
+            motion = readings.stated.move_positions(compliance)
+        return replace(self, statements=statements, motion_by_loads=motion)
+
+    def try_fit(self, bodies: tuple[Body, ...], *, free_base: bool) -> WeightFit | None:
+        """Fit with other bounds of the masses or a tilting base; return None if the fit fails.
+
+        A fit with more unknowns than coordinates counts as failed.
+        """
+        try:
+            fit = self.fit(bodies, free_base=free_base)
+            fit.count_degrees_of_freedom()
+        except (MeasurementError, NotObservableError):
+            return None
+        return fit
+
+    def fit(self, bodies: tuple[Body, ...], *, free_base: bool = False) -> WeightFit:
+        """Fit geometry, compliances and weights by Gauss-Newton steps, each with a convex program.
+
+        Args:
+            bodies: bodies with bounds of their masses.
+            free_base: whether the tilt of the base is estimated.
+
+        Raises:
+            NotObservableError: no joint's torque varies.
+            MeasurementError: the steps do not converge.
+            SolverError: a convex program is not certified.
+        """
+        burden = replace(self.readings.burden, bodies=bodies)
+        readings = replace(self.readings, burden=burden)
+        whitened, state = readings.whitened, self.rigid_arm
+        gravity, sag = burden.gravity, np.zeros(whitened.angles.shape)
+        compliance: FloatArray = np.zeros(readings.robot.n)
+        base: FloatArray = np.zeros(3)
+        weight_norm = np.linalg.norm(whitened.weight)
+        nuisance = ["geometry"]
         if free_base:
-            # Deflections are linear in the base's compliances, so the step fits the compliances themselves,
-            # not their change: subtract the previous values.
-            in_base = slice(geometry_width, geometry_width + 3)
-            base, nuisance_change[in_base] = nuisance_change[in_base].copy(), nuisance_change[in_base] - base
-        if free_gravity:
-            turned_gravity = (
-                gravity
-                + np.linalg.norm(gravity) * compute_perpendicular_basis(gravity) @ nuisance_change[-2:]
-            )
-            gravity = turned_gravity * np.linalg.norm(gravity) / np.linalg.norm(turned_gravity)
-        compliance[reduced.observed_joints] = reduced.unit * optimum.x[reduced.convex.cone.first]
-        nuisance_effect = np.linalg.norm(triangle.matrix[:, nuisance_columns] @ nuisance_change)
-        prediction_change = nuisance_effect + weight_norm * np.abs(sag - previous_sag).max()
-        squares = reduced.convex.squares
-        residual_norm = np.sqrt(squares.loss(optimum.x) + reduced.residual_squares)
-        if prediction_change <= _CONVERGED * residual_norm + _EXACT * np.linalg.norm(squares.z):
-            motion = 0.0 if stated is None else _move_by_loads(stated, whole_triangle, unknowns)
-            return WeightFit(state, gravity, sag, base, compliance, rows, reduced, optimum, step, motion)
-    raise MeasurementError(
-        f"the fit of geometry and own weight did not converge in {MOST_STEPS} steps",
-        where="observations",
-        remedy="check masses, centres of mass, gravity's direction, and the unit and sign of the angles",
-    )
+            nuisance.append("base")
+        if self.free_gravity:
+            nuisance.append("gravity")
+        for step in range(1, MOST_STEPS + 1):
+            with_gravity = replace(readings, burden=replace(burden, gravity=gravity))
+            rows = linearise_readings(with_gravity, state, sag, compliance, self.motion_by_loads)
+            with_statements = self._state_errors(rows)
+            triangle = with_statements
+            if self.motion_by_loads is not None:
+                triangle = with_statements.project_out(["statements"], RANK)
+            deflection_rows = _compress_deflections(readings, compliance, self.statements)
+            reduced = reduce_problem(rows, triangle, nuisance, burden, deflection_rows)
+            optimum = solve(reduced.convex)
+            # Change of the nuisance unknowns: geometry, then three of the base, then two of gravity.
+            nuisance_change = triangle.fit(nuisance, reduced.expand_solution(rows, optimum.x), RANK)
+            nuisance_columns = np.concatenate([triangle.span[name] for name in nuisance])
+            unknowns = reduced.expand_solution(rows, optimum.x)
+            unknowns[nuisance_columns] += nuisance_change
+            geometry_width = rows.stack.widths["geometry"]
+            previous_sag, sag = sag, reduced.compute_sag(rows.torques, optimum.x)
+            state = state.displace(nuisance_change[:geometry_width])
+            if free_base:
+                # Deflections are linear in the base's compliances, so the step fits the compliances
+                # themselves, not their change: subtract the previous values.
+                in_base = slice(geometry_width, geometry_width + 3)
+                previous_base, base = base, nuisance_change[in_base].copy()
+                nuisance_change[in_base] = base - previous_base
+            if self.free_gravity:
+                gravity = _turn_gravity(gravity, nuisance_change[-2:])
+            compliance[reduced.observed_joints] = reduced.unit * optimum.x[reduced.convex.cone.first]
+            nuisance_effect = np.linalg.norm(triangle.matrix[:, nuisance_columns] @ nuisance_change)
+            prediction_change = nuisance_effect + weight_norm * np.abs(sag - previous_sag).max()
+            squares = reduced.convex.squares
+            residual_norm = np.sqrt(squares.loss(optimum.x) + reduced.residual_squares)
+            if prediction_change <= _CONVERGED * residual_norm + _EXACT * np.linalg.norm(squares.z):
+                return WeightFit(
+                    readings=readings,
+                    rms_without_sag=self.rms_without_sag,
+                    statements=self.statements,
+                    base_is_free=free_base,
+                    state=state,
+                    gravity=gravity,
+                    sag=sag,
+                    base=base,
+                    compliance=compliance,
+                    rows=rows,
+                    reduced=reduced,
+                    optimum=optimum,
+                    steps=step,
+                    motion_by_loads=self._move_by_loads(with_statements, unknowns),
+                )
+        raise MeasurementError(
+            f"the fit of geometry and own weight did not converge in {MOST_STEPS} steps",
+            where="observations",
+            remedy="check masses, centres of mass, gravity's direction, and the unit and sign of the angles",
+        )
+
+    def _state_errors(self, rows: WeightRows) -> Triangle:
+        """Compress linearised readings, with a row for each stated error of the loads of positions."""
+        triangle = rows.stack.triangle()
+        if self.motion_by_loads is None:
+            return triangle
+        sigma = self.statements.sigma / self.readings.unit
+        unit_uncertainties = np.ones(rows.stack.widths["statements"])
+        return triangle.state("statements", unit_uncertainties, sigma)
+
+    def _move_by_loads(self, triangle: Triangle, unknowns: FloatArray) -> FloatArray | float:
+        """Return the motion (N, T, 3) of the targets by the errors of the loads that fit best [m].
+
+        The motion is 0 for exact loads.
+
+        Args:
+            triangle: compressed rows of the positions and of the statements, whose columns come last.
+            unknowns: (P,) all other unknowns.
+        """
+        if self.motion_by_loads is None:
+            return 0.0
+        count = len(triangle.span["statements"])
+        errors = triangle.fit(["statements"], np.concatenate([unknowns, np.zeros(count)]), RANK)
+        return np.asarray(self.motion_by_loads @ errors)
 
 
-def _move_by_loads(stated: StatedLoads, triangle: Triangle, unknowns: FloatArray) -> FloatArray:
-    """Return the motion (N, T, 3) of the targets by the errors of the loads that fit best [m].
-
-    Args:
-        stated: what is stated of the loads.
-        triangle: compressed rows of the positions and of the statements, whose columns come last.
-        unknowns: (P,) all other unknowns.
-    """
-    count = len(triangle.span["statements"])
-    errors = triangle.fit(["statements"], np.concatenate([unknowns, np.zeros(count)]), RANK)
-    return np.asarray(stated.columns @ errors)
+def _turn_gravity(gravity: FloatArray, angles: FloatArray) -> FloatArray:
+    """Return a vector of gravity (3,) turned by small angles (2,) [rad] about its perpendicular axes."""
+    size = np.linalg.norm(gravity)
+    turned = gravity + size * compute_perpendicular_basis(gravity) @ angles
+    return np.asarray(turned * size / np.linalg.norm(turned))
 
 
 def _compress_deflections(
-    robot: Robot, loaded: Measurements, compliance: FloatArray, stated_at: FloatArray | None
+    readings: WeightReadings, compliance: FloatArray, statements: Statements
 ) -> FloatArray:
-    """Compress the rows (n + 1, n + 1) of deflections under known loads, in units of their sigma.
+    """Compress the rows (k, n + 1) of deflections under known loads, in units of their sigma.
 
     What is stated of loads and places is fitted together with the compliances.
 
     Args:
-        robot: n joints.
-        loaded: deflections under known loads.
+        readings: observations of a robot with n joints, with or without deflections.
         compliance: (n,) compliances at which the loads are in balance [rad/(N·m)].
-        stated_at: (n,) compliances at which the columns of statements are computed; None for exact loads.
+        statements: stated errors of all loads; none for exact loads.
     """
-    common, sigma = loaded.common_uncertainty, loaded.sigma or 1.0
-    statements = Statements.none(robot.n)
-    if stated_at is not None:
-        terms = list_stated_terms(loaded)
-        if any(FORCE_SCALE.prior(common)):  # next to the weight of the robot, the size of a force shows
-            terms = (*terms, FORCE_SCALE)
-        stated_sigma = max(sigma, LEAST_STATED_SIGMA)
-        statements = Statements(terms, common, np.maximum(stated_at, 0.0), stated_sigma)
-    blocks = list(statements.generate(Rows(robot, loaded, compliance), [JOINTS]))
+    robot, loaded = readings.robot, readings.loaded
+    if loaded is None:
+        return np.zeros((0, robot.n + 1))
+    sigma = loaded.sigma or 1.0
+    stated = {term.name for term in statements.terms}
+    terms = tuple(term for term in list_errors_of_deflections(loaded) if term.name in stated)
+    of_deflections = replace(statements, terms=terms, sigma=max(sigma, LEAST_STATED_SIGMA))
+    blocks = list(of_deflections.generate(Rows(robot, loaded, compliance), [JOINTS]))
     count = blocks[0].targets.shape[-1] - 1 - robot.n
     triangle = Triangle(joints=robot.n, statements=count)
     for of_block in blocks:
         triangle.add(of_block.flat)
     if count:
-        triangle = triangle.given("statements", np.ones(count), statements.sigma)
+        triangle = triangle.given("statements", np.ones(count), of_deflections.sigma)
     return triangle.R / sigma
 
 
@@ -351,34 +482,29 @@ _BASE_UNCHECKED: Final = Finding(
 )
 
 
-def try_further_fit(
-    fit_with_bodies: Callable[..., WeightFit],
-    bodies: tuple[Body, ...],
-    load_coordinates: int,
-    *,
-    free_base: bool,
-) -> WeightFit | None:
-    """Fit again with other bounds of the masses or a tilting base; return None if the fit fails.
-
-    A fit with more unknowns than coordinates counts as failed.
+def _fit_base(fitter: _WeightFitter, *, free_base: bool) -> WeightFit:
+    """Fit with a rigid base, or with a tilting base if the readings prove the tilt or it is requested.
 
     Args:
-        fit_with_bodies: function that returns the fit for some bodies, with the keyword `free_base`.
-        bodies: bodies with bounds of their masses.
-        load_coordinates: number of coordinates of deflections under known loads.
-        free_base: whether the tilt of the base is estimated.
+        fitter: fit of the readings.
+        free_base: whether the tilt of the base is estimated even if the readings do not prove a tilt.
+
+    Raises:
+        NotObservableError: even with a rigid base, there are fewer coordinates than unknowns.
+        MeasurementError: the fit with a rigid base does not converge.
     """
-    try:
-        fit = fit_with_bodies(bodies, free_base=free_base)
-        fit.count_degrees_of_freedom(load_coordinates)
-    except (MeasurementError, NotObservableError):
-        return None
-    return fit
+    bodies = fitter.readings.burden.bodies
+    rigid = fitter.fit(bodies)
+    tilting = fitter.try_fit(bodies, free_base=True)
+    if tilting is None:
+        return rigid.add_finding(_BASE_UNCHECKED) if free_base else rigid
+    p_value = compute_tilt_p_value(rigid, tilting)
+    if p_value < _BASE_LEVEL:
+        return tilting.add_finding(_report_tilt(tilting, p_value))
+    return tilting if free_base else rigid
 
 
-def compute_tilt_p_value(
-    rigid: WeightFit, tilting: WeightFit, burden: Burden, load_coordinates: int, least_square: float
-) -> float:
+def compute_tilt_p_value(rigid: WeightFit, tilting: WeightFit) -> float:
     """Return the p-value of the hypothesis that the base does not tilt (F test).
 
     The p-value is 1 if a wrong mass explains the readings at least as well as a tilting base does, or if even
@@ -387,157 +513,51 @@ def compute_tilt_p_value(
     Args:
         rigid: fit without tilt.
         tilting: fit with the tilt of the base.
-        burden: bodies and springs.
-        load_coordinates: number of coordinates of deflections under known loads.
-        least_square: lower limit of the mean square of the residuals, in the fit's unit squared.
     """
-    noise = tilting.estimate_noise(load_coordinates, least_square)
+    noise = tilting.estimate_noise()
     gain = (
         rigid.loss + rigid.reduced.residual_squares - tilting.loss - tilting.reduced.residual_squares
     ) / noise
     wrong_mass = find_contradicted_mass(
-        fit_freed_masses(rigid.reduced, burden, rigid.estimate_noise(load_coordinates, least_square))
+        fit_freed_masses(rigid.reduced, rigid.readings.burden, rigid.estimate_noise())
     )
     tilt_is_better = gain > (0.0 if wrong_mass is None else wrong_mass.gain)
-    if not tilt_is_better or tilting.compute_p_value_of_bounds(noise, load_coordinates) <= BEYOND_CHANCE:
+    if not tilt_is_better or tilting.compute_p_value_of_bounds() <= BEYOND_CHANCE:
         return 1.0
-    return float(special.fdtrc(3, tilting.count_degrees_of_freedom(load_coordinates), gain / 3.0))
+    return float(special.fdtrc(3, tilting.count_degrees_of_freedom(), gain / 3.0))
 
 
-def fit_with_proved_corrections(
-    fit_with_bodies: Callable[..., WeightFit],
-    burden: Burden,
-    load_coordinates: int,
-    least_square: float,
-    *,
-    free_base: bool,
-) -> tuple[WeightFit, tuple[Body, ...], list[Finding]]:
-    """Fit geometry, compliances and weights; repeat the fit with a tilting base or wider bounds of a mass.
+def _report_tilt(tilting: WeightFit, p_value: float) -> Finding:
+    """Build the finding about a base that the readings prove to tilt."""
+    tilts = " and ".join(f"{1e9 * each:.2g}" for each in tilting.base[:2])
+    return Finding(
+        code="base_bends",
+        weight="use_with_care",
+        message=f"the base below the first joint tilts under the weight (F test, p = {p_value:.1g}), "
+        f"by {tilts} nrad/(N·m) about x and y; the joints' stiffnesses do not include this tilt",
+        remedy="tighten and stiffen the base; a target on the base plate shows directly how the base tilts",
+    )
 
-    A tilting base, or wider bounds of a mass, are used only if the readings prove the need. If a further fit
-    fails, the previous fit is returned.
+
+def _correct_wrong_mass(fitter: _WeightFitter, fit: WeightFit) -> WeightFit:
+    """Fit again with wider bounds of the mass that the readings contradict, if they contradict one.
 
     Args:
-        fit_with_bodies: function that returns the fit for some bodies, with the keyword `free_base`.
-        burden: bodies and springs as stated.
-        load_coordinates: number of coordinates of deflections under known loads.
-        least_square: lower limit of the mean square of the residuals, in the fit's unit squared.
-        free_base: whether the tilt of the base is estimated even if the readings do not prove a tilt.
-
-    Returns:
-        The fit, the bodies with the bounds used in it, and the findings.
-
-    Raises:
-        NotObservableError: even with a rigid base, there are fewer coordinates than unknowns.
-        MeasurementError: the fit with a rigid base does not converge.
+        fitter: fit of the readings.
+        fit: fit with the bounds as stated.
     """
-    findings, bodies = list[Finding](), burden.bodies
-    rigid = fit_with_bodies(bodies)
-    tilting = try_further_fit(fit_with_bodies, bodies, load_coordinates, free_base=True)
-    p_value = (
-        1.0
-        if tilting is None
-        else compute_tilt_p_value(rigid, tilting, burden, load_coordinates, least_square)
-    )
-    base_tilts = p_value < _BASE_LEVEL
-    if tilting is None and free_base:
-        findings.append(_BASE_UNCHECKED)
-    free_base = tilting is not None and (free_base or base_tilts)
-    fit = tilting if tilting is not None and free_base else rigid
-    if base_tilts:
-        tilts = " and ".join(f"{1e9 * each:.2g}" for each in fit.base[:2])
-        findings.append(
-            Finding(
-                code="base_bends",
-                weight="use_with_care",
-                message=f"the base below the first joint tilts under the weight (F test, p = {p_value:.1g}), "
-                f"by {tilts} nrad/(N·m) about x and y; the joints' stiffnesses do not include this tilt",
-                remedy="tighten and stiffen the base; a target on the base plate shows directly how the "
-                "base tilts",
-            )
-        )
-    freed = fit_freed_masses(fit.reduced, burden, fit.estimate_noise(load_coordinates, least_square))
+    burden = fit.readings.burden
+    freed = fit_freed_masses(fit.reduced, burden, fit.estimate_noise())
     wrong_mass = find_contradicted_mass(freed)
-    if wrong_mass is not None:
-        wrong_body, widened = bodies[wrong_mass.body], widen_mass_bounds(bodies, wrong_mass)
-        second = try_further_fit(fit_with_bodies, widened, load_coordinates, free_base=free_base)
-        if second is None:
-            findings.append(report_contradicted_mass(wrong_body, wrong_mass, covered=False))
-        # The wider bounds are used only if the readings no longer contradict them; otherwise this mass alone
-        # is not the cause.
-        elif (
-            second.compute_p_value_of_bounds(
-                second.estimate_noise(load_coordinates, least_square), load_coordinates
-            )
-            > BEYOND_CHANCE
-        ):
-            findings.append(report_contradicted_mass(wrong_body, wrong_mass))
-            return second, widened, findings
-    elif (remark := report_unchecked_masses(bodies, freed)) is not None:
-        findings.append(remark)
-    return fit, bodies, findings
-
-
-def count_load_coordinates(loaded: Measurements, poses: Poses) -> int:
-    """Return the number of coordinates and encoder readings of deflections under known loads.
-
-    Raises:
-        MeasurementError: not all sigmas of positions and deflections are stated, so they cannot be combined.
-    """
-    if poses.sigma is None or loaded.sigma is None:
-        raise MeasurementError(
-            "positions and deflections are combined, but not all of their uncertainties are stated",
-            where="noise",
-            remedy="state `noise.sigma` for the positions and for the deflections",
-        )
-    encoder_readings = 0 if loaded.encoders is None else int(loaded.encoders.present.sum())
-    return int(loaded.coordinates.sum()) + encoder_readings
-
-
-@dataclass(frozen=True, eq=False)
-class WeightFitter:
-    """Fit of the same readings for bodies whose mass bounds may differ from the stated bounds."""
-
-    robot: Robot
-    readings: WeightReadings  #: N observations of positions, with bodies as stated
-    whitened: PoseReadings  #: these positions, in units of sigma, or of 1 m if no sigma is stated
-    start: PoseState  #: geometry of the best arm without sag
-    loaded: Measurements | None  #: deflections under known loads
-    stated: StatedLoads | None  #: what is stated of the loads; None for exact loads
-    #: (n,) compliances at which the columns of statements are computed [rad/(N·m)]; None for exact loads
-    stated_at: FloatArray | None
-    free_gravity: bool  #: whether the direction of gravity is estimated
-
-    def fit(self, bodies: tuple[Body, ...], *, free_base: bool = False) -> WeightFit:
-        """Fit geometry, compliances and weights for these bodies, with or without a tilt of the base."""
-        burden = replace(self.readings.burden, bodies=bodies)
-        return fit_own_weight(
-            self.robot,
-            replace(self.readings, burden=burden),
-            self.whitened,
-            self.start,
-            free_gravity=self.free_gravity,
-            free_base=free_base,
-            loaded=self.loaded,
-            stated=None if self.stated_at is None else self.stated,
-            stated_at=self.stated_at,
-        )
-
-    def with_uncertain_loads(self, load_coordinates: int, least_square: float) -> WeightFitter:
-        """Return the fitter that accounts for what is stated of the loads.
-
-        A fit with exact loads gives the compliances at which the columns of statements are computed, and
-        sigma if none is stated.
-
-        Args:
-            load_coordinates: number of coordinates of deflections under known loads.
-            least_square: lower limit of the mean square of the residuals, in the fit's unit squared.
-        """
-        exact = self.fit(self.readings.burden.bodies)
-        if self.stated is None:
-            return replace(self, stated_at=exact.compliance)
-        noise = 1.0
-        if self.readings.poses.sigma is None:
-            noise = exact.estimate_noise(load_coordinates, least_square)
-        stated = replace(self.stated, compliance=exact.compliance, sigma=float(np.sqrt(noise)))
-        return replace(self, stated=stated, stated_at=exact.compliance)
+    if wrong_mass is None:
+        remark = report_unchecked_masses(burden.bodies, freed)
+        return fit if remark is None else fit.add_finding(remark)
+    wrong_body = burden.bodies[wrong_mass.body]
+    widened = fitter.try_fit(widen_mass_bounds(burden.bodies, wrong_mass), free_base=fit.base_is_free)
+    if widened is None:
+        return fit.add_finding(report_contradicted_mass(wrong_body, wrong_mass, covered=False))
+    masses_agree = widened.compute_p_value_of_bounds() > BEYOND_CHANCE
+    if not masses_agree:  # this mass alone is not the cause, so that wider bounds do not help
+        return fit
+    finding = report_contradicted_mass(wrong_body, wrong_mass)
+    return replace(widened, findings=(*fit.findings, finding))

@@ -1,6 +1,6 @@
 """Estimate by own weight: a fit of compliances, masses and geometry, with its intervals (method.md §14).
 
-    estimate = identify_weight(robot, readings)
+    estimate = identify_weight(readings)
 
 An interval of c_j contains all values for which some geometry, and some masses within their bounds, reach a
 loss of at most the least loss plus a quantile of χ². The program lets each joint have different masses, so
@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import pinocchio as pin
 from scipy import special
 
 from jointstiff.schemas.finding import Finding
@@ -24,25 +23,13 @@ from jointstiff.solver.fit.estimate import JointCompliance
 from jointstiff.solver.fit.problem import Certificate
 from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.fit.triangle import compute_triangular_factor
-from jointstiff.solver.fit.weight import (
-    BEYOND_CHANCE,
-    LEAST_NOISE,
-    NEGLIGIBLE_TORQUE,
-    WeightFit,
-    WeightFitter,
-    count_load_coordinates,
-    fit_with_proved_corrections,
-)
+from jointstiff.solver.fit.weight import BEYOND_CHANCE, NEGLIGIBLE_TORQUE, Weighed, WeightFit, fit_weight
 from jointstiff.solver.fit.weight_rows import (
-    Burden,
-    StatedLoads,
     WeightReadings,
     compute_torques,
     differentiate_by_base_compliance,
 )
-from jointstiff.solver.geometry.poses import PoseReadings, PoseState, calibrate, differentiate_numerically
-from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.geometry.poses import PoseReadings, differentiate_numerically
 from jointstiff.solver.outcome.rules import report_no_identified_joint
 from jointstiff.solver.predict.models import IdentifiedWeight
 from jointstiff.solver.text import figure, length_text
@@ -57,7 +44,7 @@ _LEAST_SIGMA: Final = 1e-15
 
 
 def extract_identified_weight(
-    burden: Burden, fit: WeightFit, sigma: float, uncertainty: FloatArray
+    fit: WeightFit, sigma: float, uncertainty: FloatArray
 ) -> IdentifiedWeight | None:
     """Return the identified weights with their covariance, to predict the sag; None with balancing springs.
 
@@ -67,11 +54,11 @@ def extract_identified_weight(
     covariance is widened for joints whose standard uncertainty is greater.
 
     Args:
-        burden: bodies that the joints carry in all observations.
-        fit: fit of the robot and its weight.
+        fit: fit of the robot and its weight; the joints carry the bodies in all observations.
         sigma: standard uncertainty of a residual, in the fit's unit.
         uncertainty: (n,) standard uncertainties of the compliances; zero where unknown.
     """
+    burden = fit.readings.burden
     if burden.balancers:
         return None
     problem, parameters, joint_count = fit.reduced, fit.optimum.x, len(fit.compliance)
@@ -117,20 +104,15 @@ def extract_identified_weight(
     return IdentifiedWeight(mass, centre, fit.gravity, root=covariance_root)
 
 
-def find_reasons_against(
-    fit: WeightFit, rank: int, degrees_of_freedom: int, *, stated_sigma: float | None
-) -> Iterator[Finding]:
+def find_reasons_against(fit: WeightFit) -> Iterator[Finding]:
     """Yield findings that reduce the trust in a result: too large residuals, and contradicted masses.
 
     If the model is right, two sums of squares follow χ²: that of the residuals that no solution explains, and
     the loss that the bounds of the masses add.
 
-    Args:
-        fit: fit of the robot and its weight.
-        rank: number of compliances and weights that the readings determine.
-        degrees_of_freedom: degrees of freedom of the residuals.
-        stated_sigma: stated standard uncertainty of a coordinate [m]; None if sigma comes from the residuals.
     """
+    stated_sigma = fit.readings.poses.sigma
+    degrees_of_freedom, rank = fit.count_degrees_of_freedom(), fit.reduced.rank
     residual_squares, loss = fit.reduced.residual_squares, fit.loss
     mean_square = residual_squares / degrees_of_freedom
     p_value = special.fdtrc(rank, degrees_of_freedom, loss / rank / mean_square)
@@ -158,9 +140,9 @@ def find_reasons_against(
         )
 
 
-def _make_results_without_weight(robot: Robot, fit: WeightFit) -> list[JointCompliance]:
+def _make_results_without_weight(fit: WeightFit) -> list[JointCompliance]:
     """Return for each joint the result of a joint whose compliance its weight torque does not show."""
-    weight_torques = fit.rows.torques.known
+    robot, weight_torques = fit.readings.robot, fit.rows.torques.known
     negligible = NEGLIGIBLE_TORQUE * np.abs(weight_torques).max()
     joints = []
     for name, kind, torque in zip(robot.joint_names, robot.joint_kinds, weight_torques.T, strict=True):
@@ -179,12 +161,11 @@ def _make_results_without_weight(robot: Robot, fit: WeightFit) -> list[JointComp
 
 
 def compute_joint_results(
-    robot: Robot, fit: WeightFit, sigma: float, rise: float
+    fit: WeightFit, sigma: float, rise: float
 ) -> tuple[tuple[JointCompliance, ...], FloatArray]:
     """Compute the compliance of each joint with its interval, or the reason why the compliance is unknown.
 
     Args:
-        robot: n joints.
         fit: fit of the robot and its weight.
         sigma: standard uncertainty of a residual, in the fit's unit.
         rise: increase of the loss above its minimum at the ends of the intervals.
@@ -193,14 +174,14 @@ def compute_joint_results(
         The results of the joints; and (n,) the width that each interval would have if the masses were exact,
         divided by the width of the interval, NaN without an interval.
     """
-    problem = fit.reduced
+    robot, problem = fit.readings.robot, fit.reduced
     intervals = bound_compliances(problem.convex, fit.optimum.x, rise)
     # (m,) half-widths that the intervals would have if the masses were exact
     exact_half_widths = np.sqrt(rise) * np.linalg.norm(
         np.linalg.pinv(problem.convex.squares.R[:, problem.convex.cone.first]), axis=1
     )
     width_ratios = np.full(robot.n, np.nan)
-    joints = _make_results_without_weight(robot, fit)  # those of observed joints are replaced below
+    joints = _make_results_without_weight(fit)  # those of observed joints are replaced below
     for position, joint in enumerate(problem.observed_joints.tolist()):
         name, unit, (lower, upper) = robot.joint_names[joint], problem.unit[position], intervals[position]
         kind = robot.joint_kinds[joint]
@@ -273,9 +254,9 @@ class _FitNoise:
     degrees_of_freedom: int  #: degrees of freedom of the residuals
 
     @classmethod
-    def choose(cls, fit: WeightFit, degrees_of_freedom: int, *, from_residuals: bool) -> _FitNoise:
-        """Take the rms residual of the fit as sigma, or the stated sigma."""
-        sigma = 1.0
+    def choose(cls, fit: WeightFit, *, from_residuals: bool) -> _FitNoise:
+        """Use the rms residual of the fit as sigma, or the stated sigma."""
+        sigma, degrees_of_freedom = 1.0, fit.count_degrees_of_freedom()
         if from_residuals:
             sigma = float(np.sqrt(fit.reduced.residual_squares / degrees_of_freedom))
         return cls(sigma, from_residuals, degrees_of_freedom)
@@ -298,111 +279,86 @@ def _predict_points(fit: WeightFit, sagging: PoseReadings) -> FloatArray:
     return np.asarray(by_joints + by_base + fit.motion_by_loads)
 
 
-def _find_largest_stiffness_ratio(
-    robot: Robot, readings: WeightReadings, fit: WeightFit, sagging: PoseReadings
-) -> float:
+def _find_largest_stiffness_ratio(fit: WeightFit, sagging: PoseReadings) -> float:
     """Return the largest |∂τ_i/∂θ_j| c_i: relative effect of the sag θ on the torques τ.
 
     Args:
-        robot: n joints.
-        readings: N observations, with the bodies that the fit used.
-        fit: geometry and compliances c.
+        fit: geometry and compliances c of n joints.
         sagging: readings whose angles include the sag of the joints.
     """
 
     def compute_sag_at(turn: FloatArray) -> FloatArray:
         """Return the sag (N, n) [rad], torque times compliance, after a turn (n,) [rad] of the joints."""
         motion = fit.state.motion(replace(sagging, angles=sagging.angles + turn))
-        return fit.compliance * compute_torques(robot, readings, motion).known
+        return fit.compliance * compute_torques(fit.readings, motion).known
 
-    return float(np.abs(differentiate_numerically(compute_sag_at, robot.n)).max())
+    return float(np.abs(differentiate_numerically(compute_sag_at, len(fit.compliance))).max())
 
 
-@dataclass(frozen=True, eq=False)
-class _FittedWeight:
-    """Last fit of the readings, from which the estimate with its intervals is computed."""
+def _list_reasons(fit: WeightFit) -> tuple[Finding, ...]:
+    """List the findings that reduce the trust in the result."""
+    from_fit = [finding for finding in fit.findings if not finding.is_remark]
+    return (*from_fit, *find_reasons_against(fit))
 
-    robot: Robot
-    readings: WeightReadings  #: N observations, with the bounds of masses that the fit used
-    fit: WeightFit
-    findings: tuple[Finding, ...]  #: findings and remarks on masses and on the base
-    rms_without_sag: float  #: rms residual of a whitened coordinate for the best rigid arm [m]
-    degrees_of_freedom: int  #: degrees of freedom of the residuals
 
-    def describe(self, confidence: float) -> WeightEstimate:
-        """Compute intervals, predictions and findings at a confidence level."""
-        poses, fit, problem = self.readings.poses, self.fit, self.fit.reduced
-        unit_of_fit = poses.sigma or 1.0  # [m]
-        reasons = self._list_reasons()
-        noise = self._choose_noise(reasons)
-        rise = noise.compute_half_width(confidence) ** 2
-        joints, width_ratios = compute_joint_results(self.robot, fit, noise.sigma, rise)
-        missing = report_no_identified_joint(
-            [joint.status for joint in joints],
-            "read more postures, state better masses, or use a known payload",
-        )
-        uncertainty = np.array([joint.standard_uncertainty or 0.0 for joint in joints])
-        whitened = poses.whitened
-        sagging = replace(whitened, angles=whitened.angles + fit.sag)
-        predicted = _predict_points(fit, sagging)
-        squares = problem.residual_squares + fit.loss
-        return WeightEstimate(
-            joints=joints,
-            shares=width_ratios,
-            fit=fit,
-            reasons=(*reasons, *missing),
-            remarks=tuple(each for each in self.findings if each.is_remark),
-            sigma=noise.sigma * unit_of_fit,
-            sigma_of_residuals=noise.is_of_residuals,
-            chi_square=float(self.degrees_of_freedom) if poses.sigma is None else problem.residual_squares,
-            degrees_of_freedom=self.degrees_of_freedom,
-            rms_residual=unit_of_fit * float(np.sqrt(squares / (self.degrees_of_freedom + problem.rank))),
-            rms_without_sag=self.rms_without_sag,
-            confidence=confidence,
-            displacement=predicted - fit.state.motion(whitened).points,
-            residual=np.where(poses.present[..., None], whitened.points - predicted, 0.0),
-            certificate=fit.optimum.certificate,
-            weight=extract_identified_weight(self.readings.burden, fit, noise.sigma, uncertainty),
-            largest_stiffness_ratio=_find_largest_stiffness_ratio(self.robot, self.readings, fit, sagging),
-        )
+def _choose_noise(fit: WeightFit, reasons: Sequence[Finding]) -> _FitNoise:
+    """Choose the sigma of the residuals if none is stated, or if the residuals exceed the stated sigma."""
+    exceeds_stated = any(reason.code == "residuals_exceed_sigma" for reason in reasons)
+    from_residuals = not fit.scale.given or exceeds_stated
+    return _FitNoise.choose(fit, from_residuals=from_residuals)
 
-    def _list_reasons(self) -> tuple[Finding, ...]:
-        """List the findings that reduce the trust in the result."""
-        of_residuals = find_reasons_against(
-            self.fit,
-            self.fit.reduced.rank,
-            self.degrees_of_freedom,
-            stated_sigma=self.readings.poses.sigma,
-        )
-        return (*(each for each in self.findings if not each.is_remark), *of_residuals)
 
-    def _choose_noise(self, reasons: Sequence[Finding]) -> _FitNoise:
-        """Take sigma from the residuals if none is stated, or if the residuals exceed the stated sigma."""
-        exceeds_stated = any(reason.code == "residuals_exceed_sigma" for reason in reasons)
-        from_residuals = self.readings.poses.sigma is None or exceeds_stated
-        return _FitNoise.choose(self.fit, self.degrees_of_freedom, from_residuals=from_residuals)
+def describe(fit: WeightFit, confidence: float) -> WeightEstimate:
+    """Compute intervals, predictions and findings of a fit at a confidence level."""
+    readings, problem, scale = fit.readings, fit.reduced, fit.scale
+    reasons = _list_reasons(fit)
+    noise = _choose_noise(fit, reasons)
+    rise = noise.compute_half_width(confidence) ** 2
+    joints, width_ratios = compute_joint_results(fit, noise.sigma, rise)
+    missing = report_no_identified_joint(
+        [joint.status for joint in joints],
+        "read more postures, state better masses, or use a known payload",
+    )
+    uncertainty = np.array([joint.standard_uncertainty or 0.0 for joint in joints])
+    whitened = readings.whitened
+    sagging = replace(whitened, angles=whitened.angles + fit.sag)
+    predicted = _predict_points(fit, sagging)
+    mean_square = (problem.residual_squares + fit.loss) / (noise.degrees_of_freedom + problem.rank)
+    return WeightEstimate(
+        joints=joints,
+        shares=width_ratios,
+        fit=fit,
+        reasons=(*reasons, *missing),
+        remarks=tuple(each for each in fit.findings if each.is_remark),
+        sigma=noise.sigma * readings.unit,
+        sigma_of_residuals=noise.is_of_residuals,
+        chi_square=scale.chi_square,
+        degrees_of_freedom=noise.degrees_of_freedom,
+        rms_residual=readings.unit * float(np.sqrt(mean_square)),
+        rms_without_sag=fit.rms_without_sag,
+        confidence=confidence,
+        displacement=predicted - fit.state.motion(whitened).points,
+        residual=np.where(readings.poses.present[..., None], whitened.points - predicted, 0.0),
+        certificate=fit.optimum.certificate,
+        weight=extract_identified_weight(fit, noise.sigma, uncertainty),
+        largest_stiffness_ratio=_find_largest_stiffness_ratio(fit, sagging),
+    )
 
 
 def identify_weight(
-    robot: Robot,
     readings: WeightReadings,
     *,
     confidence: float = 0.95,
     free_gravity: bool = False,
     free_base: bool = False,
-    loaded: Measurements | None = None,
-    stated: StatedLoads | None = None,
 ) -> WeightEstimate:
     """Identify joint compliances from the sag of an arm under its own weight.
 
     Args:
-        robot: nominal robot with n joints; the axes and the positions of the targets are estimated, too.
-        readings: N observations of positions, with bodies and gravity.
+        readings: N observations of positions, with the robot, its bodies and gravity.
         confidence: confidence level of the intervals.
         free_gravity: True to estimate the direction of gravity; False to use the stated direction.
         free_base: True to estimate the tilt of the base in any case; False only if the readings prove a tilt.
-        loaded: deflections under known loads (loaded − unloaded), fitted together with the positions.
-        stated: what is stated of the loads of positions under load; None for exact loads.
 
     Returns:
         The compliances with intervals, the fit, and the findings.
@@ -413,25 +369,5 @@ def identify_weight(
         NotObservableError: fewer coordinates than unknowns, or no weight torque varies.
         SolverError: a convex program is not certified.
     """
-    poses = readings.poses
-    load_coordinates = 0 if loaded is None else count_load_coordinates(loaded, poses)
-    rigid = calibrate(robot.chain, poses, start=pin.SE3.Identity(), hold_out=False)
-    whitened, unit_of_fit = poses.whitened, poses.sigma or 1.0
-    start = PoseState(rigid.axes, rigid.targets, np.zeros(len(poses)))
-    in_unit_of_fit = replace(whitened, weight=whitened.weight / unit_of_fit)
-    fitter = WeightFitter(robot, readings, in_unit_of_fit, start, loaded, stated, None, free_gravity)
-    least_square = 1.0 if poses.sigma is not None else LEAST_NOISE**2
-    if stated is not None or loaded is not None:
-        fitter = fitter.with_uncertain_loads(load_coordinates, least_square)
-    fit, bodies, findings = fit_with_proved_corrections(
-        fitter.fit, readings.burden, load_coordinates, least_square, free_base=free_base
-    )
-    fitted = _FittedWeight(
-        robot,
-        replace(readings, burden=replace(readings.burden, bodies=bodies)),
-        fit,
-        tuple(findings),
-        rms_without_sag=float(np.sqrt(rigid.rss / rigid.dof)),
-        degrees_of_freedom=fit.count_degrees_of_freedom(load_coordinates),
-    )
-    return fitted.describe(confidence)
+    options = Weighed(free_gravity=free_gravity, free_base=free_base)
+    return describe(fit_weight(readings, options), confidence)

@@ -71,6 +71,7 @@ def campaign(
     poses = Poses(angles, places, present, tuple(TARGETS), JointMap.identity(6), sigma=sigma or None)
     burden = stated or burden_of(bodies)
     return WeightReadings(
+        ROBOT,
         poses,
         burden,
         carried=np.ones((len(angles), len(burden.bodies))),
