@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -47,6 +46,7 @@ from jointstiff.solver.fit.weight_rows import (
 from jointstiff.solver.geometry.poses import PoseState, calibrate
 from jointstiff.solver.mechanics.robot import Body
 from jointstiff.solver.mechanics.springs import JOINTS
+from jointstiff.solver.models import OWN_WEIGHT, WeightModel
 
 NEGLIGIBLE_TORQUE: Final = 1e-3
 """Weight torque of a joint, relative to the greatest torque of all joints, below which gravity does not load
@@ -103,6 +103,11 @@ class WeightFit:
     findings: tuple[Finding, ...] = ()  #: findings and remarks on masses and on the base
 
     @property
+    def model(self) -> WeightModel:
+        """Model of the parts that bend: the joints, under the robot's own weight."""
+        return OWN_WEIGHT
+
+    @property
     def loss(self) -> float:
         """Loss of the convex problem at its optimum: what the bounds of the masses add."""
         return self.reduced.convex.squares.loss(self.optimum.x)
@@ -112,7 +117,7 @@ class WeightFit:
         """Certificate of the convex program of the last step."""
         return (self.optimum.certificate,)
 
-    @cached_property
+    @property
     def scale(self) -> Scale:
         """Sigma, as stated or from the residuals, and the chi-square of the residuals.
 

@@ -20,16 +20,18 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.fit.conic import bound_compliances
 from jointstiff.solver.fit.estimate import JointCompliance
+from jointstiff.solver.fit.fit import fit
 from jointstiff.solver.fit.problem import Certificate
 from jointstiff.solver.fit.stages import student_quantile
 from jointstiff.solver.fit.triangle import compute_triangular_factor
-from jointstiff.solver.fit.weight import BEYOND_CHANCE, NEGLIGIBLE_TORQUE, Weighed, WeightFit, fit_weight
+from jointstiff.solver.fit.weight import BEYOND_CHANCE, NEGLIGIBLE_TORQUE, Weighed, WeightFit
 from jointstiff.solver.fit.weight_rows import (
     WeightReadings,
     compute_torques,
     differentiate_by_base_compliance,
 )
 from jointstiff.solver.geometry.poses import PoseReadings, differentiate_numerically
+from jointstiff.solver.models import OWN_WEIGHT
 from jointstiff.solver.outcome.rules import report_no_identified_joint
 from jointstiff.solver.predict.models import IdentifiedWeight
 from jointstiff.solver.text import figure, length_text
@@ -370,4 +372,4 @@ def identify_weight(
         SolverError: a convex program is not certified.
     """
     options = Weighed(free_gravity=free_gravity, free_base=free_base)
-    return describe(fit_weight(readings, options), confidence)
+    return describe(fit(readings, OWN_WEIGHT, options), confidence)

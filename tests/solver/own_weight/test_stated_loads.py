@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.sagging import ARM, BODIES, LOAD_POINT, POINTS, ROBOT, burden_of, campaign
+from support.sagging import ARM, BODIES, LOAD_POINT, POINTS, burden_of, campaign, state_loads
 from support.springs import readings_of
 
 from jointstiff.simulator import deflections, random_configurations
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.weight_rows import StatedLoads, list_errors_of_loads
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
 from jointstiff.solver.own_weight.estimate import identify_weight
 
@@ -33,16 +31,8 @@ PAYLOAD = 80.0
 def hung(seed=0, off=(0.0, 0.0, 0.0), **stated):
     """Positions without and with a load whose point is stated wrong, with what is stated of the load."""
     readings = campaign(postures=POSTURES, payload=PAYLOAD, seed=seed, stated=burden_of(BODIES, 0.05))
-    readings = replace(readings, load_point=readings.load_point + off)
-    before, after = np.split(readings.poses.points, 2)
-    angles, force = readings.poses.angles[POSTURES:], readings.force[POSTURES:]
-    common = CommonUncertainty(**stated)
-    under_load = readings_of(
-        angles, force, LOAD_POINT + off, before, after - before, sigma=3e-5, common_uncertainty=common
-    )
-    terms = list_errors_of_loads(under_load)
-    loads = StatedLoads(Rows(ROBOT, under_load), terms, POSTURES)
-    return replace(readings, stated=loads if terms else None)
+    moved = replace(readings, load_point=readings.load_point + off)
+    return state_loads(moved, CommonUncertainty(**stated))
 
 
 def pushed(**stated):
