@@ -225,7 +225,7 @@ class _WeightFitter:
     statements: Statements  #: stated errors of the loads; none for exact loads
     #: (N, T, 3, K) motion of the targets by one standard uncertainty of each error of the loads of positions
     #: [m]; None for exact loads
-    motion_by_loads: FloatArray | None
+    motion_per_error: FloatArray | None
     free_gravity: bool  #: whether the direction of gravity is estimated
 
     @classmethod
@@ -253,7 +253,7 @@ class _WeightFitter:
         motion = None
         if readings.stated is not None:
             motion = readings.stated.move_positions(compliance)
-        return replace(self, statements=statements, motion_by_loads=motion)
+        return replace(self, statements=statements, motion_per_error=motion)
 
     def try_fit(self, bodies: tuple[Body, ...], *, free_base: bool) -> WeightFit | None:
         """Fit with other bounds of the masses or a tilting base; return None if the fit fails.
@@ -293,10 +293,10 @@ class _WeightFitter:
             nuisance.append("gravity")
         for step in range(1, MOST_STEPS + 1):
             with_gravity = replace(readings, burden=replace(burden, gravity=gravity))
-            rows = linearise_readings(with_gravity, state, sag, compliance, self.motion_by_loads)
+            rows = linearise_readings(with_gravity, state, sag, compliance, self.motion_per_error)
             with_statements = self._state_errors(rows)
             triangle = with_statements
-            if self.motion_by_loads is not None:
+            if self.motion_per_error is not None:
                 triangle = with_statements.project_out(["statements"], RANK)
             deflection_rows = _compress_deflections(readings, compliance, self.statements)
             reduced = reduce_problem(rows, triangle, nuisance, burden, deflection_rows)
@@ -348,7 +348,7 @@ class _WeightFitter:
     def _state_errors(self, rows: WeightRows) -> Triangle:
         """Compress linearised readings, with a row for each stated error of the loads of positions."""
         triangle = rows.stack.triangle()
-        if self.motion_by_loads is None:
+        if self.motion_per_error is None:
             return triangle
         sigma = self.statements.sigma / self.readings.unit
         unit_uncertainties = np.ones(rows.stack.widths["statements"])
@@ -363,11 +363,11 @@ class _WeightFitter:
             triangle: compressed rows of the positions and of the statements, whose columns come last.
             unknowns: (P,) all other unknowns.
         """
-        if self.motion_by_loads is None:
+        if self.motion_per_error is None:
             return 0.0
         count = len(triangle.span["statements"])
         errors = triangle.fit(["statements"], np.concatenate([unknowns, np.zeros(count)]), RANK)
-        return np.asarray(self.motion_by_loads @ errors)
+        return np.asarray(self.motion_per_error @ errors)
 
 
 def _turn_gravity(gravity: FloatArray, angles: FloatArray) -> FloatArray:

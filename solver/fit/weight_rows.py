@@ -310,7 +310,7 @@ def linearise_readings(
     state: PoseState,
     sag: FloatArray,
     compliance: FloatArray,
-    motion_by_loads: FloatArray | None = None,
+    motion_per_error: FloatArray | None = None,
 ) -> WeightRows:
     """Linearise readings of positions about a geometry and a sag: rows of a least-squares problem.
 
@@ -319,7 +319,7 @@ def linearise_readings(
         state: geometry to linearise about.
         sag: (N, n) sag θ of the joints to linearise about [rad].
         compliance: (n,) compliances [rad/(N·m)], for the effect of the direction of gravity on the sag.
-        motion_by_loads: (N, T, 3, K) motion of the targets by one standard uncertainty of each error of the
+        motion_per_error: (N, T, 3, K) motion of the targets by one standard uncertainty of each error of the
             loads [m]; None for exact loads.
     """
     whitened = readings.whitened
@@ -351,8 +351,8 @@ def linearise_readings(
             *whitened_derivative.shape[:2], -1
         ),
     }
-    if motion_by_loads is not None:
-        columns = whitened.weight @ motion_by_loads
+    if motion_per_error is not None:
+        columns = whitened.weight @ motion_per_error
         terms["statements"] = columns.reshape(*whitened_derivative.shape[:2], -1)
     readings_column = (whitened.weight @ differences[..., None]).reshape(observation_count, -1, 1)
     # A coordinate that was not read has weight zero, so that its columns of the geometry are zero.
