@@ -1,7 +1,7 @@
 """Numerical core: from arrays of readings to joint compliances with their evidence.
 
-    estimate = identify(robot, measurements, settings)
-    estimate = identify_weight(robot, readings)             # own weight instead of loads
+    estimate = identify(rows, settings)
+    estimate = identify_weight(readings)                    # own weight instead of loads
 
 Everything is in SI units and in the base frame R0. `CONTRIBUTING.md` shows how the packages lie on each
 other. Names are imported when they are first used.
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from jointstiff.solver.fit.estimate import Estimate
     from jointstiff.solver.fit.identify import identify
     from jointstiff.solver.fit.method import Settings
+    from jointstiff.solver.fit.weight_rows import Balancer, Burden, WeightReadings
     from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.mechanics.chain import KinematicChain
     from jointstiff.solver.mechanics.measurements import Measurements
     from jointstiff.solver.mechanics.robot import Body, Robot
-    from jointstiff.solver.own_weight.identification import WeightEstimate, identify_weight
-    from jointstiff.solver.own_weight.rows import Balancer, Burden, WeightReadings
+    from jointstiff.solver.own_weight.estimate import WeightEstimate, identify_weight
 
 __all__ = [
     "Balancer",
@@ -42,9 +42,9 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Balancer": "own_weight.rows",
+    "Balancer": "fit.weight_rows",
     "Body": "mechanics.robot",
-    "Burden": "own_weight.rows",
+    "Burden": "fit.weight_rows",
     "Estimate": "fit.estimate",
     "JointstiffError": "errors",
     "KinematicChain": "mechanics.robot",
@@ -52,10 +52,10 @@ _HOMES = {
     "Poses": "geometry.poses",
     "Robot": "mechanics.robot",
     "Settings": "fit.method",
-    "WeightEstimate": "own_weight.identification",
-    "WeightReadings": "own_weight.rows",
+    "WeightEstimate": "own_weight.estimate",
+    "WeightReadings": "fit.weight_rows",
     "identify": "fit.identify",
-    "identify_weight": "own_weight.identification",
+    "identify_weight": "own_weight.estimate",
 }
 
 

@@ -1,4 +1,4 @@
-"""Types of arrays, and algebra of many small vectors."""
+"""Types of arrays, and algebra of many small vectors and of columns."""
 
 from __future__ import annotations
 
@@ -26,6 +26,13 @@ def fix_axis_signs(axes: FloatArray) -> FloatArray:
     size = np.abs(axes)
     first_large = np.argmax(size > 0.5 * size.max(axis=-1, keepdims=True), axis=-1)[..., None]
     return np.asarray(np.where(np.take_along_axis(axes, first_large, axis=-1) < 0.0, -axes, axes))
+
+
+def unit_columns(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return columns (m, k) scaled to unit length, and their lengths (k,); a zero column has length 1."""
+    lengths = np.linalg.norm(columns, axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    return columns / lengths, lengths
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
@@ -21,8 +21,8 @@ MOST_JOINTS: Final = 12
 
 
 @dataclass(frozen=True)
-class Model:
-    """Elastic elements that bend; all other elements are rigid. Joints bend in every model."""
+class ElasticModel:
+    """Elastic elements that bend under known loads; all others are rigid. Joints bend in every model."""
 
     name: ModelName
     couples_joints: bool = False  #: whether a full positive semidefinite compliance couples the joints
@@ -50,14 +50,14 @@ class Model:
         return tuple(frames)
 
 
-JOINTS: Final = Model("joints")
-JOINTS_AND_BASE: Final = Model("joints_and_base", has_base=True)
-COUPLED_JOINTS: Final = Model("coupled_joints", couples_joints=True)
-DIAGONAL_LINKS: Final = Model("diagonal_links", links="diagonal")
-JOINTS_AND_LINKS: Final = Model("joints_and_links", links="full")
-LINKS_AND_BASE: Final = Model("links_and_base", links="full", has_base=True)
+JOINTS: Final = ElasticModel("joints")
+JOINTS_AND_BASE: Final = ElasticModel("joints_and_base", has_base=True)
+COUPLED_JOINTS: Final = ElasticModel("coupled_joints", couples_joints=True)
+DIAGONAL_LINKS: Final = ElasticModel("diagonal_links", links="diagonal")
+JOINTS_AND_LINKS: Final = ElasticModel("joints_and_links", links="full")
+LINKS_AND_BASE: Final = ElasticModel("links_and_base", links="full", has_base=True)
 
-MODELS: Final = (
+ELASTIC_MODELS: Final = (
     JOINTS,
     JOINTS_AND_BASE,
     COUPLED_JOINTS,
@@ -65,16 +65,30 @@ MODELS: Final = (
     JOINTS_AND_LINKS,
     LINKS_AND_BASE,
 )
-"""The models, from simple to rich."""
+"""The models of known loads, from simple to rich, which compete on the same readings."""
+
+
+@dataclass(frozen=True)
+class WeightModel:
+    """Joints that bend under the robot's own weight, fitted together with masses and geometry."""
+
+    name: Literal["own_weight"] = "own_weight"
+
+
+OWN_WEIGHT: Final = WeightModel()
+
+Model: TypeAlias = ElasticModel | WeightModel
+MODELS: Final[tuple[Model, ...]] = (*ELASTIC_MODELS, OWN_WEIGHT)
+"""All models."""
 
 
 _ENTRIES_OF_LINK: Final = 21
 """Number of entries in the upper triangle of a 6 × 6 compliance matrix."""
 
 
-def find_model(name: ModelName) -> Model:
-    """Return the model with this name."""
-    return next(model for model in MODELS if model.name == name)
+def find_model(name: ModelName) -> ElasticModel:
+    """Return the model of known loads with this name."""
+    return next(model for model in ELASTIC_MODELS if model.name == name)
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.models import MODELS, Columns, find_model
+from jointstiff.solver.models import ELASTIC_MODELS, Columns, find_model
 from jointstiff.solver.predict.models import ElasticPredictor, estimate_error_by_leaving_folds_out
 
 __all__ = ["held_out_compensation", "run"]
@@ -43,7 +43,7 @@ __all__ = ["held_out_compensation", "run"]
 CAMPAIGN = Path(__file__).parents[3] / "shared" / "data" / "fanuc_r2000ic" / "campaign.json"
 COLUMNS = Columns(6, tuple(range(6)))
 VISIBLE = np.ones(6, dtype=np.bool_)
-_MODELS = tuple(model.name for model in MODELS if not model.has_base)
+_MODELS = tuple(model.name for model in ELASTIC_MODELS if not model.has_base)
 SPLITS, FITTED = 20, 20
 _CHOSEN = "joints_and_links, loss chosen"
 _GAP = 1e-4  # gap of the fit of joints alone, relative to the readings

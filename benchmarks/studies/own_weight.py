@@ -58,7 +58,7 @@ def run(*, quick: bool, part: Part) -> list[Section]:
 
 def estimates(way: Way, seeds: range) -> list[WeightEstimate]:
     """Simulate campaigns and identify each."""
-    return [identify_weight(ROBOT, _readings(way, seed)) for seed in seeds]
+    return [identify_weight(_readings(way, seed)) for seed in seeds]
 
 
 def _bodies(way: Way, draws: np.random.Generator) -> Bodies:

@@ -37,12 +37,14 @@ from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.statements import Statements
 from jointstiff.solver.mechanics.block import BlockRows
 from jointstiff.solver.mechanics.measurements import find_first_equal
-from jointstiff.solver.models import MODELS, Columns
+from jointstiff.solver.models import ELASTIC_MODELS, Columns
 
-_NAMES: Final = tuple(model.name for model in MODELS)
-WITH_BASE: Final = frozenset(model.name for model in MODELS if model.has_base)
+_NAMES: Final = tuple(model.name for model in ELASTIC_MODELS)
+WITH_BASE: Final = frozenset(model.name for model in ELASTIC_MODELS if model.has_base)
 """Models whose base bends: compared with the others only if a test finds that the base bends."""
-LINKS_ALONE: Final = frozenset(model.name for model in MODELS if model.has_links and not model.has_base)
+LINKS_ALONE: Final = frozenset(
+    model.name for model in ELASTIC_MODELS if model.has_links and not model.has_base
+)
 """Models whose links bend and whose base does not."""
 
 

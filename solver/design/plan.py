@@ -22,7 +22,7 @@ from jointstiff.schemas.fields import validate_list
 from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.schemas.plan import MAX_READINGS, JointsGoal, LoadPointGoal, PlanCriterion
 from jointstiff.schemas.run import Advice
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, unit_columns
 from jointstiff.solver.design.candidates import (
     PlanRequest,
     Pool,
@@ -46,7 +46,7 @@ from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.observability import Spectrum
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
-from jointstiff.solver.fit.triangle import orthonormal_basis, unit_columns
+from jointstiff.solver.fit.triangle import orthonormal_basis
 from jointstiff.solver.mechanics.block import targets_in_flange, unloaded_block
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures

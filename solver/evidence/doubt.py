@@ -11,13 +11,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import FloatArray, IndexArray, unit_columns
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.evidence.suspects import MOST_TESTED_OBSERVATIONS
 from jointstiff.solver.evidence.term_tests import join_statements
 from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.triangle import Triangle, unit_columns
+from jointstiff.solver.fit.triangle import Triangle
 from jointstiff.solver.mechanics.block import fitted_errors
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import JOINTS

@@ -36,16 +36,12 @@ import numpy as np
 from scipy import special
 from scipy.optimize import Bounds, minimize
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, unit_columns
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fit.identify import JointsFit
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
-from jointstiff.solver.fit.triangle import (
-    INDEPENDENT,
-    orthonormal_basis,
-    unit_columns,
-)
+from jointstiff.solver.fit.triangle import INDEPENDENT, orthonormal_basis
 from jointstiff.solver.mechanics.block import (
     RegressorBlock,
     Term,

@@ -9,16 +9,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy import special
 
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import FloatArray, IndexArray, unit_columns
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
-from jointstiff.solver.fit.triangle import (
-    DISTINCT,
-    INDEPENDENT,
-    orthonormal_basis,
-    stack_padded,
-    unit_columns,
-)
+from jointstiff.solver.fit.triangle import DISTINCT, INDEPENDENT, orthonormal_basis, stack_padded
 from jointstiff.solver.mechanics.block import Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import JOINTS

@@ -17,18 +17,11 @@ import numpy as np
 from scipy import special
 from scipy.optimize import brentq
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, unit_columns
 from jointstiff.solver.evidence.scatter import RestrictedLikelihood
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
-from jointstiff.solver.fit.triangle import (
-    DISTINCT,
-    INDEPENDENT,
-    RESOLUTION,
-    Triangle,
-    orthonormal_basis,
-    unit_columns,
-)
+from jointstiff.solver.fit.triangle import DISTINCT, INDEPENDENT, RESOLUTION, Triangle, orthonormal_basis
 from jointstiff.solver.mechanics.block import Term
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import DIAGONAL_BASE, DIAGONAL_LINKS, JOINTS

@@ -40,7 +40,7 @@ from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import BASE
 from jointstiff.solver.messages import point
-from jointstiff.solver.models import Columns, Model
+from jointstiff.solver.models import Columns, ElasticModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ class ElasticFit:
     force_scale: float  #: relative standard uncertainty of the size of all loads
 
     @property
-    def model(self) -> Model:
+    def model(self) -> ElasticModel:
         """Elastic elements that bend."""
         return self.candidate.model
 
@@ -178,7 +178,7 @@ def refuse_unsupported_elastic(settings: Settings) -> None:
     )
 
 
-def fit_matrices(rows: Rows, model: Model, options: Penalised) -> ElasticFit:
+def fit_matrices(rows: Rows, model: ElasticModel, options: Penalised) -> ElasticFit:
     """Fit a model with compliance matrices to a whole set for a given penalty, and certify the optimum.
 
     Priors of compliances and errors are weighted by sigma, the standard uncertainty of a reading. If sigma is

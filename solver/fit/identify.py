@@ -54,7 +54,7 @@ from jointstiff.solver.mechanics.block import Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.mechanics.springs import NEGLECTED_STIFFNESS
 from jointstiff.solver.mechanics.terms import FORCE_SCALE, TERMS, list_stated_terms
-from jointstiff.solver.models import JOINTS, Model
+from jointstiff.solver.models import JOINTS, ElasticModel
 
 MAX_ITERATIONS: Final = 60
 """Maximum number of fits: with K_c alone two or three suffice, with stated errors five to fifteen."""
@@ -178,7 +178,7 @@ class JointsFit:
     why_without_k_c: str | None = None  #: why K_c was neglected although it was requested; None if it was not
 
     @property
-    def model(self) -> Model:
+    def model(self) -> ElasticModel:
         """Model of the parts that bend: the joints alone."""
         return JOINTS
 

@@ -23,7 +23,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, unit_columns
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fit.cone import Scalars
 from jointstiff.solver.fit.constraints import Bounds, Constraints
@@ -33,13 +33,7 @@ from jointstiff.solver.fit.problem import LeastSquares, Problem
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import solve
 from jointstiff.solver.fit.statements import Statements
-from jointstiff.solver.fit.triangle import (
-    INDEPENDENT,
-    Triangle,
-    compute_triangular_factor,
-    orthonormal_basis,
-    unit_columns,
-)
+from jointstiff.solver.fit.triangle import INDEPENDENT, Triangle, compute_triangular_factor, orthonormal_basis
 from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.mechanics.terms import BY_JOINT
 

@@ -25,14 +25,14 @@ from scipy.optimize import minimize_scalar
 
 from jointstiff.schemas.options import Method as MethodName
 from jointstiff.schemas.options import RunOptions, Weighting
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, unit_columns
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fit.constraints import Bounds, Constraints, Order
 from jointstiff.solver.fit.observability import Excitation, Spectrum
 from jointstiff.solver.fit.prior import Prior
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.statements import FittedStatements, Statements
-from jointstiff.solver.fit.triangle import Triangle, orthonormal_basis, unit_columns
+from jointstiff.solver.fit.triangle import Triangle, orthonormal_basis
 from jointstiff.solver.mechanics.block import BlockRows, RegressorBlock, Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import Measurements, whitener
 from jointstiff.solver.mechanics.postures import WRIST_JOINTS, Wrist, find_wrist, skew

@@ -10,9 +10,8 @@ from scipy.sparse.csgraph import connected_components
 
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.run import ObservabilityIndex
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, unit_columns
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.fit.triangle import unit_columns
 from jointstiff.solver.mechanics.block import RegressorBlock
 from jointstiff.solver.text import figure
 

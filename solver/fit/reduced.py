@@ -45,7 +45,7 @@ from jointstiff.solver.fit.solution import solve
 from jointstiff.solver.fit.stages import MEDIAN_NORM
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import BASE, triangle_indices
-from jointstiff.solver.models import Columns, Model
+from jointstiff.solver.models import Columns, ElasticModel
 
 LOSSES: Final[tuple[LossName, ...]] = ("squared", "huber")
 """Losses of the norm of each target's residual."""
@@ -71,7 +71,7 @@ compliance of this joint is not estimated."""
 class Candidate:
     """Model with the loss of its fit, as it competes with others."""
 
-    model: Model
+    model: ElasticModel
     columns: Columns  #: columns of the richest model; its links are those that bend here
     loss: LossName = "squared"  #: loss of the norm of each target's whitened residual: its square, or Huber's
     threshold: float = DEFAULT_THRESHOLD  #: threshold of Huber's loss, in units of sigma

@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.fit.triangle import Triangle, orthonormal_basis, unit_columns
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, unit_columns
+from jointstiff.solver.fit.triangle import Triangle, orthonormal_basis
 
 
 @dataclass(frozen=True, eq=False)

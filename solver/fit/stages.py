@@ -27,7 +27,7 @@ from scipy import special
 from scipy.linalg import block_diag
 
 from jointstiff.schemas.run import SupportFinder
-from jointstiff.solver.arrays import ActiveBounds, BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import ActiveBounds, BoolArray, FloatArray, IndexArray, unit_columns
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.fit.cone import Scalars
 from jointstiff.solver.fit.constraints import Constraints
@@ -42,13 +42,7 @@ from jointstiff.solver.fit.prior import Prior
 from jointstiff.solver.fit.problem import Certificate, LeastSquares, Problem
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import SolutionOfScalars, certify, compare_answers, solve
-from jointstiff.solver.fit.triangle import (
-    INDEPENDENT,
-    Triangle,
-    compute_triangular_factor,
-    orthonormal_basis,
-    unit_columns,
-)
+from jointstiff.solver.fit.triangle import INDEPENDENT, Triangle, compute_triangular_factor, orthonormal_basis
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import JOINTS
 

@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy import optimize, special
 
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import FloatArray, IndexArray, unit_columns
 
 _LEAF = 256
 """Rows of the smallest QR, so small that BLAS starts no threads for up to 32 joints."""
@@ -341,13 +341,6 @@ class TermsFit(NamedTuple):
     unknowns: FloatArray  #: (K,) unknowns of the other terms
     root: FloatArray  #: (K, r) L; L Lᵀ is the covariance of the unknowns, in units of sigma²
     hidden: FloatArray  #: (K, K - r) directions of these unknowns that the known term explains equally well
-
-
-def unit_columns(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return columns (m, k) scaled to unit length, and their lengths (k,); a zero column has length 1."""
-    lengths = np.linalg.norm(columns, axis=0)
-    lengths = np.where(lengths > 0.0, lengths, 1.0)
-    return columns / lengths, lengths
 
 
 def stack_padded(columns_of_terms: Sequence[FloatArray]) -> FloatArray:

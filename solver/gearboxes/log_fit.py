@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from scipy import stats
 
-from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.fit.triangle import orthonormal_basis, unit_columns
+from jointstiff.solver.arrays import FloatArray, unit_columns
+from jointstiff.solver.fit.triangle import orthonormal_basis
 from jointstiff.solver.gearboxes.motion import MotionCampaign, MotionLog
 from jointstiff.solver.gearboxes.programs import Carried, TwistProgram
 

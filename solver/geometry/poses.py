@@ -39,9 +39,8 @@ from scipy import special
 from scipy.linalg import qr
 
 from jointstiff.schemas.geometry import PoseEvidence
-from jointstiff.solver.arrays import BoolArray, FloatArray, cross
+from jointstiff.solver.arrays import BoolArray, FloatArray, cross, unit_columns
 from jointstiff.solver.errors import MeasurementError, NotObservableError, RobotError
-from jointstiff.solver.fit.triangle import unit_columns
 from jointstiff.solver.mechanics.chain import KinematicChain
 from jointstiff.solver.mechanics.measurements import whitener
 from jointstiff.solver.mechanics.postures import Postures, skew

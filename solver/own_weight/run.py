@@ -33,9 +33,9 @@ from jointstiff.solver.predict.answers import build_stored_model
 from jointstiff.solver.predict.models import JointModel
 
 if TYPE_CHECKING:
+    from jointstiff.solver.fit.weight_rows import Balancer, StatedLoads, WeightReadings
     from jointstiff.solver.geometry.poses import Poses
-    from jointstiff.solver.own_weight.identification import WeightEstimate
-    from jointstiff.solver.own_weight.rows import Balancer, StatedLoads, WeightReadings
+    from jointstiff.solver.own_weight.estimate import WeightEstimate
 
 _NO_MODEL_ERROR: Final = RequestError(
     "the stiffnesses come from the robot's own weight, not from postures under load",
@@ -82,7 +82,7 @@ def identify_by_weight(
     noticed = _leave_out_settled(noticed, weight_options)
     mistakes = summarise_noticed(noticed, "do_not_use")
     try:
-        estimate = _estimate(robot, measurements, options, readings)
+        estimate = _estimate(options, readings)
     except JointstiffError as error:
         if not mistakes:
             raise
@@ -113,21 +113,16 @@ def _leave_out_settled(noticed: Sequence[Finding], weight: OwnWeight) -> list[Fi
     return [finding for finding in noticed if finding.code != "frame_mistaken"]
 
 
-def _estimate(
-    robot: Robot, measurements: Measurements, options: RunOptions, readings: WeightReadings
-) -> WeightEstimate:
+def _estimate(options: RunOptions, readings: WeightReadings) -> WeightEstimate:
     """Fit joint stiffnesses, geometry and masses to positions that were collected from measurements."""
-    from jointstiff.solver.own_weight.identification import identify_weight
+    from jointstiff.solver.own_weight.estimate import identify_weight
 
     weight = options.weight or OwnWeight()
     return identify_weight(
-        robot,
         readings,
         confidence=options.confidence,
         free_gravity=weight.estimate_gravity,
         free_base=not weight.rigid_base,
-        loaded=_collect_deflections(measurements),
-        stated=_collect_stated_loads(robot, measurements, len(readings.force)),
     )
 
 
@@ -214,13 +209,15 @@ def _collect_positions(
 ) -> tuple[WeightReadings, IndexArray]:
     """Collect all absolute positions: first those without a load, then those under a load.
 
+    Deflections of targets without an absolute position are in the readings, too.
+
     Returns:
         The readings; and (rows,) the index of the observation from which each row of the readings comes.
 
     Raises:
         RequestError: the robot has no masses, or the set has no positions.
     """
-    from jointstiff.solver.own_weight.rows import Burden, WeightReadings
+    from jointstiff.solver.fit.weight_rows import Burden, WeightReadings
 
     if not robot.bodies:
         raise RequestError(
@@ -243,12 +240,15 @@ def _collect_positions(
     load_factor = np.repeat([0.0, 1.0], [len(without_load), len(with_load)])[:, None]
     return (
         WeightReadings(
+            robot,
             poses,
             Burden(robot.bodies, _build_balancers(robot, weight), np.array(weight.gravity)),
             carried=np.ones((len(observation), len(robot.bodies))),
             force=load_factor * measurements.force[observation],
             moment=load_factor * measurements.moment[observation],
             load_point=measurements.load_point[observation],
+            loaded=_collect_deflections(measurements),
+            stated=_collect_stated_loads(robot, measurements, len(observation)),
         ),
         observation,
     )
@@ -262,7 +262,7 @@ def _collect_stated_loads(robot: Robot, measurements: Measurements, count: int) 
         measurements: N observations.
         count: number of observations of positions, without and under load.
     """
-    from jointstiff.solver.own_weight.rows import StatedLoads, list_errors_of_loads
+    from jointstiff.solver.fit.weight_rows import StatedLoads, list_errors_of_loads
 
     terms = list_errors_of_loads(measurements)
     under_load = np.flatnonzero((measurements.present & ~measurements.in_flange).any(axis=1))
@@ -270,7 +270,7 @@ def _collect_stated_loads(robot: Robot, measurements: Measurements, count: int) 
         return None
     rows = Rows(robot, measurements[under_load])
     unloaded = count - len(under_load)
-    return StatedLoads(rows, terms, unloaded, compliance=np.zeros(robot.n))
+    return StatedLoads(rows, terms, unloaded)
 
 
 def _build_poses(robot: Robot, measurements: Measurements, unloaded: BoolArray, loaded: BoolArray) -> Poses:
@@ -308,7 +308,7 @@ def _build_balancers(robot: Robot, weight: OwnWeight) -> tuple[Balancer, ...]:
     Raises:
         RequestError: the robot has no joint that a balancer names.
     """
-    from jointstiff.solver.own_weight.rows import Balancer
+    from jointstiff.solver.fit.weight_rows import Balancer
 
     return tuple(
         Balancer(

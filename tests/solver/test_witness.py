@@ -28,6 +28,7 @@ REQUESTS = [
         for elasticity in ("coupled_joints", "diagonal_links", "joints_and_base")
         for loss in ("squared", "huber")
     ),
+    ("weight_1", {"weight": {}}),
 ]
 """A campaign and the options of a run: each method, each loss, and models of each shape of cone."""
 

@@ -28,7 +28,7 @@ from jointstiff.solver.fit.problem import LeastSquares, Problem
 from jointstiff.solver.fit.solution import GAP, solve
 from jointstiff.solver.fit.stages import Likelihood
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, EncoderReadings
-from jointstiff.solver.models import MODELS
+from jointstiff.solver.models import JOINTS, LINKS_AND_BASE
 
 pytestmark = pytest.mark.slow  # the studies of benchmarks/, each night
 
@@ -307,7 +307,8 @@ def test_fanuc_held_out_compensation_gains_from_links(splits):
     for seed in range(splits):
         drawn = np.random.default_rng(seed).permutation(len(measurements))
         parts = measurements[np.sort(drawn[:20])], measurements[np.sort(drawn[20:])]
-        both = [held_out_compensation(robot, *parts, name, seed=seed) for name in (MODELS[0], MODELS[-1])]
+        models = (JOINTS, LINKS_AND_BASE)
+        both = [held_out_compensation(robot, *parts, model.name, seed=seed) for model in models]
         gains.append(both[1] - both[0])
     assert np.mean(gains) > 0.04
 

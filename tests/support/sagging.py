@@ -7,11 +7,13 @@ import numpy as np
 
 from jointstiff.simulator import TARGETS, SpringArm, default_arm, random_configurations, robot_document
 from jointstiff.simulator.own_weight import Balancer, Bodies, default_bodies, sag
+from jointstiff.solver.fit.rows import Rows
+from jointstiff.solver.fit.weight_rows import Balancer as StatedBalancer
+from jointstiff.solver.fit.weight_rows import Burden, StatedLoads, WeightReadings, list_errors_of_loads
 from jointstiff.solver.geometry.poses import Poses
+from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.mechanics.robot import Body, JointMap, Robot
 from jointstiff.solver.mechanics.urdf import read_urdf
-from jointstiff.solver.own_weight.rows import Balancer as StatedBalancer
-from jointstiff.solver.own_weight.rows import Burden, WeightReadings
 
 ARM, BODIES = default_arm(), default_bodies()
 SPRING = Balancer(3e4, 0.3, np.array([-0.2, 0.0, 0.5]), 1, np.array([-0.3, 0.0, 0.2]))
@@ -71,6 +73,7 @@ def campaign(
     poses = Poses(angles, places, present, tuple(TARGETS), JointMap.identity(6), sigma=sigma or None)
     burden = stated or burden_of(bodies)
     return WeightReadings(
+        ROBOT,
         poses,
         burden,
         carried=np.ones((len(angles), len(burden.bodies))),
@@ -78,3 +81,25 @@ def campaign(
         moment=np.zeros((len(angles), 3)),
         load_point=np.tile(LOAD_POINT, (len(angles), 1)),
     )
+
+
+def state_loads(readings: WeightReadings, uncertainty: CommonUncertainty) -> WeightReadings:
+    """State uncertainties of the payload of a campaign, under which the second half of positions was read."""
+    before, after = np.split(readings.poses.points, 2)
+    unloaded = len(before)
+    present = readings.poses.present[unloaded:]
+    under_load = Measurements(
+        joints=readings.poses.angles[unloaded:],
+        position=before,
+        deflection=after - before,
+        present=present,
+        in_flange=~present,
+        force=readings.force[unloaded:],
+        moment=readings.moment[unloaded:],
+        load_point=readings.load_point[unloaded:],
+        sigma=readings.poses.sigma,
+        common_uncertainty=uncertainty,
+    )
+    terms = list_errors_of_loads(under_load)
+    loads = StatedLoads(Rows(readings.robot, under_load), terms, unloaded)
+    return replace(readings, stated=loads if terms else None)

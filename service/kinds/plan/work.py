@@ -37,6 +37,7 @@ from jointstiff.solver.evidence.refuted import list_refuted
 from jointstiff.solver.fit.estimate import JointCompliance, predict
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
+from jointstiff.solver.fit.weight_rows import Burden, make_planned_rows_function
 from jointstiff.solver.gearboxes.planned import LEAST_POSTURES, PlannedStepRows, find_widening
 from jointstiff.solver.gearboxes.step import Load
 from jointstiff.solver.mechanics.block import targets_in_flange
@@ -45,7 +46,6 @@ from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import build_messages
 from jointstiff.solver.outcome.result import build_assessment_message
 from jointstiff.solver.outcome.rules import assess
-from jointstiff.solver.own_weight.rows import Burden, make_planned_rows_function
 from jointstiff.solver.own_weight.run import identify_by_weight
 
 _LARGEST_RELATIVE_UNCERTAINTY: Final = 0.5

@@ -59,12 +59,11 @@ from jointstiff.solver.mechanics.measurements import CommonUncertainty, EncoderR
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.terms import list_stated_terms
-from jointstiff.solver.models import MODELS as ALL_MODELS
-from jointstiff.solver.models import Columns, find_model
+from jointstiff.solver.models import ELASTIC_MODELS, Columns, find_model
 from jointstiff.solver.predict.answers import build_forward_model, build_stored_model
 from jointstiff.solver.predict.models import ElasticPredictor, estimate_error_by_leaving_folds_out
 
-MODELS = tuple(model.name for model in ALL_MODELS)
+MODELS = tuple(model.name for model in ELASTIC_MODELS)
 COLUMNS = Columns(6, tuple(range(6)))
 VISIBLE = np.ones(6, dtype=bool)
 

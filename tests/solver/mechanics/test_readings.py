@@ -45,7 +45,7 @@ from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import Instrument
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.springs import BASE, NEGLECTED_STIFFNESS
-from jointstiff.solver.models import MODELS, Columns, find_model
+from jointstiff.solver.models import ELASTIC_MODELS, Columns, find_model
 from jointstiff.solver.predict.models import ElasticPredictor
 
 ENCODER_SIGMA = 5e-6
@@ -406,7 +406,7 @@ def test_a_clean_arm_has_no_base(pedestal):
     assert not screening.base_needs_validation
     assert not WITH_BASE & set(list_models_to_compare(screening, None))
     assert not WITH_BASE & set(list_models_to_compare(screening, "joints_and_links"))
-    assert list_models_to_compare(screening, "joints_and_base") == tuple(each.name for each in MODELS)
+    assert list_models_to_compare(screening, "joints_and_base") == tuple(each.name for each in ELASTIC_MODELS)
 
 
 @pytest.mark.parametrize("make", [scara, arm_on_rail, default_arm])

@@ -25,20 +25,20 @@ from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.fit.cone import Block
 from jointstiff.solver.fit.constraints import Bounds, Constraints
-from jointstiff.solver.geometry.poses import PoseState, list_chain_axes, transform_points
-from jointstiff.solver.mechanics.block import OwnWeight
-from jointstiff.solver.mechanics.cases import LoadCases
-from jointstiff.solver.mechanics.postures import Postures
-from jointstiff.solver.mechanics.robot import Body
-from jointstiff.solver.own_weight.identification import identify_weight
-from jointstiff.solver.own_weight.masses import (
+from jointstiff.solver.fit.masses import (
     FreedMass,
     find_contradicted_mass,
     fit_freed_masses,
     report_unchecked_masses,
     widen_mass_bounds,
 )
-from jointstiff.solver.own_weight.rows import Burden, linearise_readings
+from jointstiff.solver.fit.weight_rows import Burden, linearise_readings
+from jointstiff.solver.geometry.poses import PoseState, list_chain_axes, transform_points
+from jointstiff.solver.mechanics.block import OwnWeight
+from jointstiff.solver.mechanics.cases import LoadCases
+from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.robot import Body
+from jointstiff.solver.own_weight.estimate import identify_weight
 from jointstiff.solver.predict.forward import CorrectionLimits, compensate
 from jointstiff.solver.predict.models import JointModel
 
@@ -59,12 +59,12 @@ def holds_the_truth(estimate):
 @pytest.fixture(scope="module")
 def uncertain():
     """40 postures, true masses 8 % off, stated within ± 10 %."""
-    return identify_weight(ROBOT, campaign(bodies=OFF, stated=burden_of(BODIES, 0.1), seed=4))
+    return identify_weight(campaign(bodies=OFF, stated=burden_of(BODIES, 0.1), seed=4))
 
 
 def test_wrong_geometry_of_every_link_costs_nothing():
     arm = with_link_errors(ARM, length=1e-3, angle=1e-3, seed=3)
-    estimate = identify_weight(ROBOT, campaign(sigma=0.0, arm=arm))
+    estimate = identify_weight(campaign(sigma=0.0, arm=arm))
     np.testing.assert_allclose(compliances(estimate)[1:5], ARM.compliances[1:5], rtol=4e-3)
     assert estimate.rms_residual < 1e-6
 
@@ -80,9 +80,7 @@ def test_uncertain_masses_leave_intervals_that_hold_the_truth(uncertain):
 
 
 def test_an_uncertain_centre_of_mass_widens_the_intervals():
-    near, far = (
-        identify_weight(ROBOT, campaign(stated=burden_of(BODIES, 0.0, radius))) for radius in (0.005, 0.05)
-    )
+    near, far = (identify_weight(campaign(stated=burden_of(BODIES, 0.0, radius))) for radius in (0.005, 0.05))
     inner, outer = intervals(near)[1:], intervals(far)[1:]
     assert (outer[:, 0] < inner[:, 0]).all()
     assert (outer[:, 1] > inner[:, 1]).all()
@@ -91,7 +89,7 @@ def test_an_uncertain_centre_of_mass_widens_the_intervals():
 def test_masses_far_from_the_truth_are_contradicted_by_a_payload():
     heavy = replace(BODIES, masses=1.4 * BODIES.masses)
     readings = campaign(bodies=heavy, stated=burden_of(BODIES, 0.05), payload=100.0)
-    estimate = identify_weight(ROBOT, readings)
+    estimate = identify_weight(readings)
     assert [reason.code for reason in estimate.reasons] == ["masses_contradicted"]
     assert estimate.reasons[0].weight == "do_not_use"
 
@@ -100,7 +98,7 @@ def test_masses_far_from_the_truth_are_contradicted_by_a_payload():
 def test_a_link_twice_as_heavy_as_stated_is_named_and_the_intervals_hold(link, payload):
     masses = BODIES.masses * np.where(np.arange(6) == link, 2.0, 1.0)
     heavy, stated = replace(BODIES, masses=masses), burden_of(BODIES, 0.1)
-    estimate = identify_weight(ROBOT, campaign(bodies=heavy, stated=stated, payload=payload))
+    estimate = identify_weight(campaign(bodies=heavy, stated=stated, payload=payload))
     (reason,) = estimate.reasons
     assert (reason.code, reason.weight) == ("masses_contradicted", "use_with_care")
     assert f"mass of link_{link + 1}:" in reason.message
@@ -114,7 +112,7 @@ def test_a_base_that_tilts_is_found_and_takes_nothing_from_the_joints():
     q = standing(readings.poses.angles)
     points = arm.posture(q + sag(arm, bodies, q)).targets_to_base(POINTS)
     points = points + 3e-5 * np.random.default_rng(5).standard_normal(points.shape)
-    estimate = identify_weight(ROBOT, replace(readings, poses=replace(readings.poses, points=points)))
+    estimate = identify_weight(replace(readings, poses=replace(readings.poses, points=points)))
     assert [reason.code for reason in estimate.reasons] == ["base_bends"]
     assert holds_the_truth(estimate)
     np.testing.assert_allclose(estimate.fit.base[:2], 1.0 / 8e6, rtol=0.5)
@@ -123,7 +121,7 @@ def test_a_base_that_tilts_is_found_and_takes_nothing_from_the_joints():
 
 def test_a_mass_of_which_no_reading_tells_is_neither_checked_nor_contradicted():
     readings = campaign(postures=12, stated=burden_of(BODIES, 0.1))
-    problem = identify_weight(ROBOT, readings).fit.reduced
+    problem = identify_weight(readings).fit.reduced
     assert fit_freed_masses(problem, readings.burden, 1.0)
     squares, first = problem.convex.squares, problem.convex.cone.first
     by_joints = np.zeros(squares.R.shape)
@@ -141,7 +139,7 @@ def test_of_one_body_alone_its_weight_times_compliances_is_told_and_twice_its_ma
     alone = replace(BODIES, masses=np.where(np.arange(6) == body, BODIES.masses, 0.0))
     stated = Burden((burden_of(BODIES, 0.1).bodies[body],), ())
     readings = campaign(bodies=alone, stated=stated)
-    estimate = identify_weight(ROBOT, readings)
+    estimate = identify_weight(readings)
     (freed,) = fit_freed_masses(estimate.fit.reduced, stated, 1.0)
     assert freed.uncertainty == np.inf
     np.testing.assert_allclose(freed.change_if_doubled, -1.0, rtol=1e-6)
@@ -153,10 +151,10 @@ def test_of_one_body_alone_its_weight_times_compliances_is_told_and_twice_its_ma
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 3))])
 def test_few_postures_that_do_not_tell_the_tilt_of_the_base_are_fitted_with_a_rigid_one(seed):
     readings = campaign(postures=6, stated=burden_of(BODIES, 0.1), seed=seed)
-    estimate = identify_weight(ROBOT, readings)
+    estimate = identify_weight(readings)
     assert not estimate.fit.base.any()
     assert holds_the_truth(estimate)
-    asked = identify_weight(ROBOT, readings, free_base=True)
+    asked = identify_weight(readings, free_base=True)
     assert "base_unchecked" in [reason.code for reason in asked.reasons]
     np.testing.assert_array_equal(intervals(asked), intervals(estimate))
 
@@ -165,18 +163,18 @@ def test_gravity_may_be_estimated_where_the_tracker_is_not_levelled():
     tilted = np.array([0.02, -0.01, 0.0]) * 9.80665 + BODIES.gravity
     bodies = Bodies(BODIES.masses, BODIES.centres, tilted * 9.80665 / np.linalg.norm(tilted))
     readings = campaign(bodies=bodies, sigma=0.0)
-    estimate = identify_weight(ROBOT, readings, free_gravity=True)
+    estimate = identify_weight(readings, free_gravity=True)
     np.testing.assert_allclose(estimate.fit.gravity, bodies.gravity, atol=1e-4)
     np.testing.assert_allclose(compliances(estimate)[1:], ARM.compliances[1:], rtol=1e-4)
-    assert identify_weight(ROBOT, readings).rms_residual > 1e-6
+    assert identify_weight(readings).rms_residual > 1e-6
 
 
 def test_a_balancer_joins_by_its_attachment_points():
     readings = campaign(balancer=SPRING, stated=burden_of(BODIES, balancers=[stated_spring()]))
-    estimate = identify_weight(ROBOT, readings)
+    estimate = identify_weight(readings)
     assert holds_the_truth(estimate)
     assert estimate.weight is None  # springs leave no sag to predict
-    assert identify_weight(ROBOT, replace(readings, burden=burden_of(BODIES))).reasons
+    assert identify_weight(replace(readings, burden=burden_of(BODIES))).reasons
 
 
 def pushed(along=(1.0, 1.0, 1.0)):
@@ -190,19 +188,19 @@ def pushed(along=(1.0, 1.0, 1.0)):
 
 def test_loaded_deflections_join_the_unloaded_positions():
     unloaded, loaded = campaign(stated=burden_of(BODIES, 0.1)), pushed()
-    alone, both = identify_weight(ROBOT, unloaded), identify_weight(ROBOT, unloaded, loaded=loaded)
+    alone, both = identify_weight(unloaded), identify_weight(replace(unloaded, loaded=loaded))
     found = intervals(both)
     assert ((found[:, 0] <= ARM.compliances) & (ARM.compliances <= found[:, 1])).all()
     assert (np.ptp(found[1:], axis=1) < np.ptp(intervals(alone)[1:], axis=1)).all()
     with pytest.raises(MeasurementError, match="not all of their uncertainties"):
-        identify_weight(ROBOT, unloaded, loaded=replace(loaded, sigma=None))
+        identify_weight(replace(unloaded, loaded=replace(loaded, sigma=None)))
 
 
 def test_readings_that_join_in_count_once_along_a_direction():
     unloaded, loaded = campaign(stated=burden_of(BODIES, 0.1)), pushed()
     oblique = replace(loaded, direction=np.full(loaded.position.shape, 3.0**-0.5))
     vectors, gauges = (
-        identify_weight(ROBOT, unloaded, loaded=each).degrees_of_freedom for each in (loaded, oblique)
+        identify_weight(replace(unloaded, loaded=each)).degrees_of_freedom for each in (loaded, oblique)
     )
     assert gauges == vectors - 2 * loaded.present.sum()
 
@@ -248,7 +246,7 @@ def test_a_body_that_hangs_on_in_some_postures_is_the_force_of_its_weight():
 
 def test_a_payload_of_uncertain_mass_widens_the_intervals():
     readings = campaign(postures=8, payload=100.0, stated=burden_of(BODIES, 0.05))
-    exact, loose = (intervals(identify_weight(ROBOT, hung(readings, each)))[1:5] for each in (0.0, 0.3))
+    exact, loose = (intervals(identify_weight(hung(readings, each)))[1:5] for each in (0.0, 0.3))
     assert (np.ptp(loose, axis=1) > 1.05 * np.ptp(exact, axis=1)).all()
 
 
@@ -257,7 +255,7 @@ def test_a_joint_that_known_loads_alone_twist_is_identified():
     bodies = Bodies(BODIES.masses * (np.arange(6) < 5), BODIES.centres)
     stated = burden_of(Bodies(bodies.masses[:5], bodies.centres[:5]))
     unloaded = campaign(bodies=bodies, postures=12, stated=stated)
-    found = identify_weight(ROBOT, unloaded, loaded=pushed([0.0, 0.0, 1.0])).joints
+    found = identify_weight(replace(unloaded, loaded=pushed([0.0, 0.0, 1.0]))).joints
     assert [joint.status for joint in found[::5]] == ["not_observable", "identified"]
     assert np.prod(found[5].compliance_interval - ARM.compliances[5]) < 0.0
 
@@ -278,7 +276,7 @@ def rows_of(readings, theta=None):
     axes, flange = list_chain_axes(ROBOT.chain)
     theta = np.zeros(readings.poses.angles.shape) if theta is None else theta
     state = PoseState(axes, transform_points(flange, POINTS), np.zeros(len(theta)))
-    return linearise_readings(ROBOT, readings, readings.poses.whitened, state, theta, theta[0])
+    return linearise_readings(readings, state, theta, theta[0])
 
 
 @pytest.mark.parametrize("spring", [None, SPRING])
@@ -343,7 +341,7 @@ def displaced(bodies, asked):
 @pytest.mark.parametrize("load", [0.0, 900.0])
 def test_exact_readings_and_masses_give_the_sag_exactly(load):
     readings = campaign(sigma=0.0)
-    estimate, q = identify_weight(ROBOT, readings), readings.poses.angles
+    estimate, q = identify_weight(readings), readings.poses.angles
     bent, rigid = (ARM.posture(angles).targets_to_base(POINTS) for angles in (q + sag(ARM, BODIES, q), q))
     np.testing.assert_allclose(estimate.displacement, bent - rigid, rtol=0, atol=1e-6)
     found = model_of(estimate).deflect(cases(load))
@@ -355,7 +353,7 @@ def test_exact_readings_and_masses_give_the_sag_exactly(load):
 @pytest.fixture(scope="module")
 def uncertain_centres():
     """40 postures, true masses 8 % off, stated within ± 10 %."""
-    return identify_weight(ROBOT, campaign(bodies=OFF, stated=burden_of(BODIES, 0.1, 0.01), seed=4))
+    return identify_weight(campaign(bodies=OFF, stated=burden_of(BODIES, 0.1, 0.01), seed=4))
 
 
 @pytest.mark.parametrize("load", [0.0, 900.0])

@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.sagging import ARM, BODIES, LOAD_POINT, POINTS, ROBOT, burden_of, campaign
+from support.sagging import ARM, BODIES, LOAD_POINT, POINTS, burden_of, campaign, state_loads
 from support.springs import readings_of
 
 from jointstiff.simulator import deflections, random_configurations
-from jointstiff.solver.fit.rows import Rows
+from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
-from jointstiff.solver.own_weight.identification import identify_weight
-from jointstiff.solver.own_weight.rows import StatedLoads, list_errors_of_loads
+from jointstiff.solver.own_weight.estimate import identify_weight
 
 OF_POSITIONS = {
     "load_point": (1e-6, 5e-2),
@@ -32,15 +31,8 @@ PAYLOAD = 80.0
 def hung(seed=0, off=(0.0, 0.0, 0.0), **stated):
     """Positions without and with a load whose point is stated wrong, with what is stated of the load."""
     readings = campaign(postures=POSTURES, payload=PAYLOAD, seed=seed, stated=burden_of(BODIES, 0.05))
-    readings = replace(readings, load_point=readings.load_point + off)
-    before, after = np.split(readings.poses.points, 2)
-    angles, force = readings.poses.angles[POSTURES:], readings.force[POSTURES:]
-    common = CommonUncertainty(**stated)
-    under_load = readings_of(
-        angles, force, LOAD_POINT + off, before, after - before, sigma=3e-5, common_uncertainty=common
-    )
-    terms = list_errors_of_loads(under_load)
-    return readings, StatedLoads(Rows(ROBOT, under_load), terms, POSTURES, np.zeros(6)) if terms else None
+    moved = replace(readings, load_point=readings.load_point + off)
+    return state_loads(moved, CommonUncertainty(**stated))
 
 
 def pushed(**stated):
@@ -77,8 +69,7 @@ def widest_change(compute, statements):
 
 def test_each_statement_on_the_load_of_positions_counts():
     def compute(stated):
-        readings, loads = hung(**stated)
-        return identify_weight(ROBOT, readings, stated=loads)
+        return identify_weight(hung(**stated))
 
     changes = widest_change(compute, OF_POSITIONS)
     assert min(changes.values()) > 1e-3, changes
@@ -87,9 +78,16 @@ def test_each_statement_on_the_load_of_positions_counts():
 def test_each_statement_on_deflections_counts():
     unloaded = campaign(postures=POSTURES, stated=burden_of(BODIES, 0.1))
     changes = widest_change(
-        lambda stated: identify_weight(ROBOT, unloaded, loaded=pushed(**stated)), OF_DEFLECTIONS
+        lambda stated: identify_weight(replace(unloaded, loaded=pushed(**stated))), OF_DEFLECTIONS
     )
     assert min(changes.values()) > 1e-3, changes
+
+
+def test_loads_of_positions_and_of_deflections_have_one_uncertainty():
+    readings = hung(load_point=0.02)
+    assert replace(readings, loaded=pushed(load_point=0.02)).common_uncertainty.load_point == 0.02
+    with pytest.raises(MeasurementError, match="have different stated uncertainties"):
+        replace(readings, loaded=pushed(load_point=0.01))
 
 
 @pytest.mark.slow
@@ -97,9 +95,9 @@ def test_a_load_point_off_by_what_is_stated_leaves_intervals_that_contain_the_tr
     held = {True: [], False: []}
     for seed in range(12):
         off = 0.02 * np.random.default_rng(seed).standard_normal(3)
-        readings, loads = hung(seed, off, load_point=0.02)
+        readings = hung(seed, off, load_point=0.02)
         for counts in held:
-            found = identify_weight(ROBOT, readings, stated=loads if counts else None)
+            found = identify_weight(readings if counts else replace(readings, stated=None))
             for joint, truth in zip(found.joints, ARM.compliances, strict=True):
                 if joint.compliance_interval is not None:
                     least, most = joint.compliance_interval
@@ -109,7 +107,7 @@ def test_a_load_point_off_by_what_is_stated_leaves_intervals_that_contain_the_tr
 
 
 def test_residuals_are_those_after_the_fitted_error_of_the_load():
-    readings, loads = hung(off=(0.03, 0.0, 0.0), load_point=0.03)
-    with_statement = identify_weight(ROBOT, readings, stated=loads)
+    readings = hung(off=(0.03, 0.0, 0.0), load_point=0.03)
+    with_statement = identify_weight(readings)
     left = with_statement.residual[readings.poses.present]
     assert np.sqrt(np.square(left).mean()) < 1.2 * 3e-5

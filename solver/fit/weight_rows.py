@@ -40,7 +40,7 @@ from jointstiff.solver.geometry.poses import (
     transform_points,
 )
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, Term
-from jointstiff.solver.mechanics.measurements import Measurements, check_array
+from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements, check_array
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Body, Robot
 from jointstiff.solver.mechanics.terms import AXES, FORCE_SCALE, TARGET_PLACES, list_stated_terms
@@ -143,19 +143,69 @@ class Burden:
 
 
 @dataclass(frozen=True, eq=False)
+class StatedLoads:
+    """Statements on the loads under which the last of the positions were read."""
+
+    rows: Rows  #: the observations under load, in the order of these positions
+    terms: tuple[Term, ...]  #: errors of the loads, each zero within its standard uncertainty
+    unloaded: int  #: number of observations of positions without load, which come first
+
+    def move_positions(self, compliance: FloatArray) -> FloatArray:
+        """Return the motion (N, T, 3, K) of all positions by one standard uncertainty of each error [m].
+
+        Positions without load do not move.
+
+        Args:
+            compliance: (n,) compliances of the joints at which the motion is computed [rad/(N·m)].
+        """
+        common = self.rows.measurements.common_uncertainty
+        statements = Statements(self.terms, common, compliance, sigma=1.0)
+        moved = [each.targets[..., :-1] for each in statements.generate(self.rows, whitened=False)]
+        under_load = np.concatenate(moved)
+        unmoved = np.zeros((self.unloaded, *under_load.shape[1:]))
+        return np.concatenate([unmoved, under_load])
+
+
+def list_errors_of_loads(measurements: Measurements) -> tuple[Term, ...]:
+    """Return the errors of loads with a stated uncertainty that positions under load can show.
+
+    Next to the weight of the robot the size of a force shows, too. Places and axes are fitted in any case.
+    """
+    common = measurements.common_uncertainty
+    fitted = {TARGET_PLACES.name, AXES.name}
+    errors = [term for term in list_stated_terms(measurements) if term.name not in fitted]
+    return (*errors, FORCE_SCALE) if any(FORCE_SCALE.prior(common)) else tuple(errors)
+
+
+def list_errors_of_deflections(measurements: Measurements) -> tuple[Term, ...]:
+    """Return the errors with a stated uncertainty that deflections under known loads can show.
+
+    Next to the weight of the robot the size of a force shows, too.
+    """
+    errors = list_stated_terms(measurements)
+    return (*errors, FORCE_SCALE) if any(FORCE_SCALE.prior(measurements.common_uncertainty)) else errors
+
+
+@dataclass(frozen=True, eq=False)
 class WeightReadings:
-    """N observations of absolute positions, with bodies and known loads, in checked read-only arrays.
+    """Rows of own weight: N observations of absolute positions of a robot with bodies, in read-only arrays.
+
+    Deflections under known loads, which have no absolute position, may be fitted together with the positions.
 
     Raises:
-        MeasurementError: shapes disagree, a number is not finite, or a body is on no joint of the robot.
+        MeasurementError: shapes disagree, a number is not finite, a body is on no joint of the robot, or the
+            loads of positions and of deflections have different stated uncertainties.
     """
 
+    robot: Robot  #: nominal robot, n joints; its axes and the places of the targets are fitted, too
     poses: Poses  #: joint angles, and positions of the targets in R0
     burden: Burden  #: bodies (links, tool, payloads), balancing springs, and gravity
     carried: FloatArray  #: (N, bodies) 1 where the robot carries a body, else 0
     force: FloatArray  #: (N, 3) known force on the robot [N]; zero without load
     moment: FloatArray  #: (N, 3) known moment about the load point [N·m]
     load_point: FloatArray  #: (N, 3) point where the force acts, in the flange frame [m]
+    loaded: Measurements | None = None  #: deflections under known loads; None if none were read
+    stated: StatedLoads | None = None  #: what is stated of the loads of positions; None for exact loads
 
     def __post_init__(self) -> None:
         count = len(self.poses.angles)
@@ -170,6 +220,56 @@ class WeightReadings:
                 where="masses",
                 remedy="state for each link its mass, its centre of mass and the joint that carries it",
             )
+        if len(set(self._list_common_uncertainties())) > 1:
+            raise MeasurementError(
+                "the loads of positions and the loads of deflections have different stated uncertainties",
+                where="noise",
+                remedy="state the same uncertainties for all loads of a campaign",
+            )
+
+    @property
+    def unit(self) -> float:
+        """Unit of the fit [m], of a whitened coordinate: the stated sigma, or 1 m if none is stated."""
+        return self.poses.sigma or 1.0
+
+    @property
+    def whitened(self) -> PoseReadings:
+        """Positions at the model's joint angles, with whiteners for the unit of the fit."""
+        whitened = self.poses.whitened
+        return replace(whitened, weight=whitened.weight / self.unit)
+
+    @property
+    def load_coordinates(self) -> int:
+        """Number of coordinates and encoder readings of deflections under known loads."""
+        if self.loaded is None:
+            return 0
+        encoders = self.loaded.encoders
+        encoder_readings = 0 if encoders is None else int(encoders.present.sum())
+        return int(self.loaded.coordinates.sum()) + encoder_readings
+
+    @property
+    def common_uncertainty(self) -> CommonUncertainty:
+        """Standard uncertainties of the errors that all known loads share."""
+        return next(iter(self._list_common_uncertainties()), CommonUncertainty())
+
+    def list_stated_errors(self) -> tuple[Term, ...]:
+        """Return the errors with a stated uncertainty that positions or deflections under load show."""
+        errors = list[Term]()
+        if self.stated is not None:
+            errors.extend(self.stated.terms)
+        if self.loaded is not None:
+            errors.extend(list_errors_of_deflections(self.loaded))
+        by_name = {term.name: term for term in errors}
+        return tuple(by_name.values())
+
+    def _list_common_uncertainties(self) -> list[CommonUncertainty]:
+        """Return the uncertainties of the loads of positions and of deflections, as far as there are any."""
+        uncertainties = list[CommonUncertainty]()
+        if self.stated is not None:
+            uncertainties.append(self.stated.rows.measurements.common_uncertainty)
+        if self.loaded is not None:
+            uncertainties.append(self.loaded.common_uncertainty)
+        return uncertainties
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,27 +306,25 @@ class WeightRows:
 
 
 def linearise_readings(
-    robot: Robot,
     readings: WeightReadings,
-    whitened: PoseReadings,
     state: PoseState,
     sag: FloatArray,
     compliance: FloatArray,
-    stated: StatedLoads | None = None,
+    motion_per_error: FloatArray | None = None,
 ) -> WeightRows:
     """Linearise readings of positions about a geometry and a sag: rows of a least-squares problem.
 
     Args:
-        robot: nominal robot.
         readings: N observations, with the assumed vector of gravity.
-        whitened: these positions with their weights.
         state: geometry to linearise about.
         sag: (N, n) sag θ of the joints to linearise about [rad].
         compliance: (n,) compliances [rad/(N·m)], for the effect of the direction of gravity on the sag.
-        stated: what is stated of the loads; None for exact loads.
+        motion_per_error: (N, T, 3, K) motion of the targets by one standard uncertainty of each error of the
+            loads [m]; None for exact loads.
     """
+    whitened = readings.whitened
     motion = state.motion(replace(whitened, angles=whitened.angles + sag))
-    torques = compute_torques(robot, readings, motion)
+    torques = compute_torques(readings, motion)
     angle_derivative = motion.differentiate_by_angles()  # (N, T, 3, n), J_θ of the module's equation
     differences = whitened.points - motion.points + np.einsum("ktin,kn->kti", angle_derivative, sag)
     whitened_derivative = (whitened.weight @ angle_derivative).reshape(
@@ -253,8 +351,8 @@ def linearise_readings(
             *whitened_derivative.shape[:2], -1
         ),
     }
-    if stated is not None:
-        columns = whitened.weight @ stated.columns
+    if motion_per_error is not None:
+        columns = whitened.weight @ motion_per_error
         terms["statements"] = columns.reshape(*whitened_derivative.shape[:2], -1)
     readings_column = (whitened.weight @ differences[..., None]).reshape(observation_count, -1, 1)
     # A coordinate that was not read has weight zero, so that its columns of the geometry are zero.
@@ -268,41 +366,6 @@ def linearise_readings(
             gravity_size * np.linalg.norm(torques.gravity_derivative, axis=2).max(axis=0),
         ),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class StatedLoads:
-    """Statements on the loads under which the last of the positions were read."""
-
-    rows: Rows  #: the observations under load, in the order of these positions
-    terms: tuple[Term, ...]  #: errors of the loads, each zero within its standard uncertainty
-    unloaded: int  #: number of observations of positions without load, which come first
-    compliance: FloatArray  #: (n,) compliances of the joints at which columns are computed [rad/(N·m)]
-    sigma: float = 1.0  #: standard uncertainty of a coordinate of a position, in the unit of the fit
-
-    @cached_property
-    def columns(self) -> FloatArray:
-        """Motion (N, T, 3, K) of all positions by one standard uncertainty of each error [m].
-
-        Positions without load do not move.
-        """
-        common = self.rows.measurements.common_uncertainty
-        statements = Statements(self.terms, common, np.maximum(self.compliance, 0.0), sigma=1.0)
-        moved = [each.targets[..., :-1] for each in statements.generate(self.rows, whitened=False)]
-        under_load = np.concatenate(moved)
-        unmoved = np.zeros((self.unloaded, *under_load.shape[1:]))
-        return np.concatenate([unmoved, under_load])
-
-
-def list_errors_of_loads(measurements: Measurements) -> tuple[Term, ...]:
-    """Return the errors of loads with a stated uncertainty that positions under load can show.
-
-    Next to the weight of the robot the size of a force shows, too. Places and axes are fitted in any case.
-    """
-    common = measurements.common_uncertainty
-    fitted = {TARGET_PLACES.name, AXES.name}
-    errors = [term for term in list_stated_terms(measurements) if term.name not in fitted]
-    return (*errors, FORCE_SCALE) if any(FORCE_SCALE.prior(common)) else tuple(errors)
 
 
 def differentiate_by_base_compliance(torques: Torques, places: FloatArray) -> FloatArray:
@@ -321,13 +384,13 @@ def compute_perpendicular_basis(vector: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.svd(vector[None])[2][1:].T)
 
 
-def compute_torques(robot: Robot, readings: WeightReadings, motion: Motion) -> Torques:
+def compute_torques(readings: WeightReadings, motion: Motion) -> Torques:
     """Compute the joint torques of loads, bodies and balancers in the B postures of a motion.
 
     The torques are of the fitted arm: the joint frames and the flange frame of the nominal robot are shifted
     onto the fitted axes.
     """
-    burden, axes = readings.burden, motion.axes
+    robot, burden, axes = readings.robot, readings.burden, motion.axes
     home = Postures(robot, np.zeros((1, robot.n)))  # nominal robot with all angles zero
     rotations, nominal_origins = (part[0] for part in home.joint_frames)
     origins = [axis.nearest_point_to(origin) for axis, origin in zip(axes, nominal_origins, strict=True)]
@@ -399,9 +462,9 @@ def make_planned_rows_function(
         positions = Postures(robot, angles).to_base(np.broadcast_to(targets, table_shape))
         poses = Poses(joints, positions, np.ones(table_shape[:2], dtype=np.bool_), names, robot.joint_map)
         no_load, carried = np.zeros((posture_count, 3)), np.ones((posture_count, len(burden.bodies)))
-        readings = WeightReadings(poses, burden, carried, no_load, no_load, no_load)
+        readings = WeightReadings(robot, poses, burden, carried, no_load, no_load, no_load)
         state = PoseState(axes, transform_points(flange, targets), np.zeros(posture_count))
-        rows = linearise_readings(robot, readings, poses.whitened, state, np.zeros(angles.shape), compliance)
+        rows = linearise_readings(readings, state, np.zeros(angles.shape), compliance)
         stack = rows.stack.in_units({"geometry": _GEOMETRY, "base": _BASE})
         columns_of = {name: stack.rows[..., columns] for name, columns in stack.span.items()}
         products = columns_of["products"].reshape(*stack.rows.shape[:2], *rows.torques.of_unknowns.shape[1:])

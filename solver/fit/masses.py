@@ -21,8 +21,8 @@ import numpy as np
 
 from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.fit.weight_rows import Burden, ReducedProblem
 from jointstiff.solver.mechanics.robot import Body
-from jointstiff.solver.own_weight.rows import Burden, ReducedProblem
 
 CONTRADICTED: Final = 9.0
 """Fall of χ² with one mass freed from its bounds, above which the readings contradict the mass: in 2 % of 200
