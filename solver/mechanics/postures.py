@@ -151,6 +151,11 @@ class Postures:
         """
         return self._kinematics[0]
 
+    @cached_property
+    def _twists(self) -> FloatArray:
+        """(6, n, N) columns of the Jacobian, with contiguous components."""
+        return np.ascontiguousarray(self.jacobian.transpose(1, 2, 0))
+
     @property
     def angular_jacobian(self) -> FloatArray:
         """(N, 3, n) J_ω, the last three rows of the spatial Jacobian; zero for a prismatic joint."""
@@ -200,8 +205,7 @@ class Postures:
             J_v (N, T, 3, n), axes of R0 [m/rad].
         """
         x = np.ascontiguousarray(points.transpose(1, 2, 0))[:, :, None]
-        twists = self.jacobian.transpose(1, 2, 0)
-        v, w = twists[:3], twists[3:]
+        v, w = self._twists[:3], self._twists[3:]
         out = np.empty((len(x), 3, *v.shape[1:]))
         for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # components of v + w × x
             np.multiply(w[j], x[:, k], out=out[:, i])
