@@ -188,8 +188,9 @@ class CorrectedRows:
 
     def clear_rows_without_numbers(self) -> None:
         """Replace the corrections of rows whose status has no numbers with NaN."""
+        has_no_numbers = ~self.has_numbers
         for each in fields(self)[2:]:
-            getattr(self, each.name)[~self.has_numbers] = np.nan
+            getattr(self, each.name)[has_no_numbers] = np.nan
 
 
 def find_joints(inverse: InverseKinematics, robot: Robot, waypoints: Waypoints) -> CorrectedRows:
