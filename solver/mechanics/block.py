@@ -235,7 +235,7 @@ def wrench_stiffness(
         The stiffness K_c (B, n, n) [N·m/rad].
     """
     # With the B loads on the last axis, all operations run along contiguous memory: (B, 3, n) → (3, n, B).
-    axes, motions = axes.transpose(1, 2, 0), load_jacobian.transpose(1, 2, 0)
+    axes, motions = (np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (axes, load_jacobian))
     _, n, load_count = axes.shape
     force_cross_axes = cross(force.T[:, None], axes)
     stiffness = np.empty((n, n, load_count))

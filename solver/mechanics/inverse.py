@@ -53,8 +53,10 @@ _NEAR_SINGULAR: Final = 0.04
 """Least singular value of a solution up to which another solution close by may be missing."""
 _POSES_AT_ONCE: Final = 4096
 """Poses of a path whose solutions are held at a time."""
-_LONGEST_RUN: Final = 512
-"""Poses along which a branch is followed at a time."""
+_LONGEST_RUN: Final = 2048
+"""Most poses along which a branch is followed at a time."""
+_SHORTEST_RUN: Final = 16
+"""Poses along which a branch is followed at a time behind a pose where the branch is not certain."""
 _SURE_STEP: Final = 0.5 * np.pi
 """Step of a joint [rad] up to which it is clear which of several full turns is meant."""
 
@@ -442,12 +444,23 @@ def _choose(
         )
         previous_angles = posture_choice.follow(joints[block], unreached[block], previous_angles)
         doubtful[block], apart[block] = posture_choice.doubtful, posture_choice.apart
+        _mark_beyond_limits(robot, joints[block], unreached[block])
+    return FollowedPoses(inverse.insert_held_joints(joints), unreached, doubtful, apart)
+
+
+def _mark_beyond_limits(robot: Robot, joints: FloatArray, unreached: IndexArray) -> None:
+    """Mark postures beyond the joints' limits as `OUT_OF_LIMITS`, unless there is another reason.
+
+    Args:
+        robot: six revolute joints.
+        joints: (m, 6) controller's angles [rad]; NaN without a posture.
+        unreached: (m,) values of `Unreached`, to be changed.
+    """
     is_known: BoolArray = np.asarray(np.isfinite(joints).all(axis=1))
     angles = robot.joint_map.model_angles(np.where(is_known[:, None], joints, 0.0))
     lower, upper = robot.limits.T
-    beyond_limits = np.maximum(lower - angles, angles - upper).max(axis=1) > _TOLERANCE
-    unreached[is_known & beyond_limits & (unreached == Unreached.NO)] = Unreached.OUT_OF_LIMITS
-    return FollowedPoses(inverse.insert_held_joints(joints), unreached, doubtful, apart)
+    is_beyond = np.maximum(lower - angles, angles - upper).max(axis=1) > _TOLERANCE
+    unreached[is_known & is_beyond & (unreached == Unreached.NO)] = Unreached.OUT_OF_LIMITS
 
 
 class _PostureChoice:
@@ -477,9 +490,13 @@ class _PostureChoice:
             ranges,
             ranges_decide,
         )
-        # Solutions (m, 8, 6) of each pose, and a mask (m,) of poses with all solutions found
-        self._branches, self._complete = np.full((len(poses), 8, 6), np.nan), np.ones(len(poses), np.bool_)
-        self._branches[self._is_pose], self._complete[self._is_pose] = inverse.solve(poses[self._is_pose])
+        solutions, is_complete = inverse.solve(poses[self._is_pose])
+        is_used = np.isfinite(solutions[:, :, 0]).any(axis=0)
+        # Solutions (m, k, 6) of each pose on its k ≤ 8 branches, and a mask (m,) of poses with all solutions
+        self._branches = np.full((len(poses), int(is_used.sum()), _JOINTS), np.nan)
+        self._branches[self._is_pose] = solutions[:, is_used]
+        self._complete = np.ones(len(poses), dtype=np.bool_)
+        self._complete[self._is_pose] = is_complete
         # As of `FollowedPoses`
         self.doubtful, self.apart = np.zeros(len(poses), dtype=np.bool_), np.full(len(poses), np.inf)
 
@@ -498,7 +515,7 @@ class _PostureChoice:
         """
         out_of_reach = self._is_pose & np.isnan(self._branches[:, :, 0]).all(axis=1)
         unreached[out_of_reach] = Unreached.OUT_OF_REACH
-        path, position = np.flatnonzero(~out_of_reach), 0
+        path, position, length = np.flatnonzero(~out_of_reach), 0, _LONGEST_RUN
         while position < len(path):
             pose = path[position]
             if not self._is_pose[pose]:  # a joint target already has its angles
@@ -507,7 +524,7 @@ class _PostureChoice:
                 joints[pose], unreached[pose] = self.choose_in_ranges(pose, previous)
                 position += 1
             else:  # follow the branch up to the next joint target, or pose for which the ranges decide
-                poses_to_follow = path[position : position + _LONGEST_RUN]
+                poses_to_follow = path[position : position + length]
                 stops = np.flatnonzero(self._ranges_decide[poses_to_follow] | ~self._is_pose[poses_to_follow])
                 poses_to_follow = poses_to_follow[: stops[0]] if len(stops) else poses_to_follow
                 angles, unreached[pose] = self.follow_nearest(poses_to_follow, previous)
@@ -515,6 +532,8 @@ class _PostureChoice:
                     joints[poses_to_follow[: len(angles)]] = angles
                     pose = poses_to_follow[len(angles) - 1]
                 position += len(angles)
+                is_certain = len(angles) == len(poses_to_follow)
+                length = min(2 * length, _LONGEST_RUN) if is_certain else _SHORTEST_RUN
             previous = joints[pose] if np.isfinite(joints[pose]).all() else previous
         return previous
 

@@ -262,10 +262,16 @@ class Deflection(ABC):
     axes: FloatArray  #: (B, 3, 3) axes of the flange in R0, under load
 
     @cached_property
+    def unloaded_place(self) -> FloatArray:
+        """(B, 3) places without the loads in R0 [m]."""
+        return self.unloaded.to_base(self.cases.place[:, None])[:, 0]
+
+    @cached_property
     def motion(self) -> FloatArray:
         """(B, 6) displacements of the places [m], then rotation vectors of the flange [rad]."""
-        place = self.unloaded.to_base(self.cases.place[:, None])[:, 0]
-        return _compute_pose_difference(place, self.unloaded.flange_rotation, self.place, self.axes)
+        return _compute_pose_difference(
+            self.unloaded_place, self.unloaded.flange_rotation, self.place, self.axes
+        )
 
     @property
     def displacement(self) -> FloatArray:
@@ -382,7 +388,7 @@ def greatest_deviation(covariance_root: FloatArray) -> FloatArray:
     Args:
         covariance_root: (B, 3, p) matrices H; H Hᵀ is the covariance of a vector.
     """
-    roots = covariance_root.transpose(1, 2, 0)
+    roots = np.ascontiguousarray(covariance_root.transpose(1, 2, 0))
     return np.asarray(np.sqrt(greatest_eigenvalue(np.einsum("ikn,jkn->ijn", roots, roots))))
 
 
@@ -481,8 +487,8 @@ def compensate_poses(
     ramp = np.ones(len(cases)) if ramp is None else ramp
     commanded_cases = cases if commanded_cases is None else commanded_cases
     goal = model.unloaded(cases)
-    goal_poses = goal.to_base(cases.place[:, None])[:, 0], goal.flange_rotation
     uncorrected = model.deflect(cases, goal)
+    goal_poses = uncorrected.unloaded_place, goal.flange_rotation
     if uncorrected.unseen.any():
         twisted = ", ".join(np.array(robot.joint_names)[uncorrected.unseen.any(axis=0)])
         raise CasesError(

@@ -34,7 +34,7 @@ from jointstiff.solver.process.frames import FrameGaps, FramesError, invert_pose
 from jointstiff.solver.process.pace import Pace
 from jointstiff.solver.process.path import find_feed_frames
 
-ROWS_AT_ONCE: Final = 2_000
+ROWS_AT_ONCE: Final = 4_000
 """Rows that are corrected at a time."""
 LIMIT_TOLERANCE: Final = 1e-4
 """Angle by which a joint's limit may be exceeded [rad]."""
@@ -188,8 +188,9 @@ class CorrectedRows:
 
     def clear_rows_without_numbers(self) -> None:
         """Replace the corrections of rows whose status has no numbers with NaN."""
+        has_no_numbers = ~self.has_numbers
         for each in fields(self)[2:]:
-            getattr(self, each.name)[~self.has_numbers] = np.nan
+            getattr(self, each.name)[has_no_numbers] = np.nan
 
 
 def find_joints(inverse: InverseKinematics, robot: Robot, waypoints: Waypoints) -> CorrectedRows:
@@ -274,11 +275,13 @@ def _refine_stated_joints(
     """
     _refuse_moving_axes(robot, joints)
     poses, arm = waypoints.flange_poses, inverse.arm
-    stated = arm.joint_map.model_angles(inverse.select_arm_joints(joints))
-    found, reached = np.empty_like(stated), np.empty(len(stated), dtype=np.bool_)
+    controller_joints = inverse.select_arm_joints(joints)
+    stated, found = np.empty(controller_joints.shape), np.empty(controller_joints.shape)
+    reached = np.empty(len(stated), dtype=np.bool_)
     distance, angle = np.empty(len(stated)), np.empty(len(stated))
     for begin in range(0, len(stated), ROWS_AT_ONCE):
         block = slice(begin, begin + ROWS_AT_ONCE)
+        stated[block] = arm.joint_map.model_angles(controller_joints[block])
         postures = Postures(arm, stated[block])
         gaps = FrameGaps.measure(poses[block], postures)
         distance[block], angle[block] = gaps.distance, gaps.angle
@@ -369,26 +372,29 @@ def correct_cases(
         commanded_cases: the same cases with the loads that the commands correct, such as from `blend_loads`;
             None for the loads of `cases`.
     """
-    commanded_cases = cases if commanded_cases is None else commanded_cases
     ramp = np.ones(len(cases)) if ramp is None else ramp
     keep_fixed_joints = partial(inverse.reach_with_held_joints, model.robot)
     faults, rows = dict[int, CasesError](), np.arange(len(cases))
+    own_cases, own_commanded = cases, commanded_cases  # of the rows
     done: Compensation | None = None
     poses = np.full((len(cases), 4, 4), np.nan)
     while done is None and len(rows):
         try:
             done, poses[rows] = compensate_poses(
-                model, cases[rows], settings.limits, ramp[rows], keep_fixed_joints, commanded_cases[rows]
+                model, own_cases, settings.limits, ramp[rows], keep_fixed_joints, own_commanded
             )
         except CasesError as error:
             # The others are computed again without the rows that fail.
             failed = error.failed if error.failed.any() else np.ones(len(rows), dtype=np.bool_)
             faults |= dict.fromkeys(rows[failed].tolist(), error)
             rows = rows[~failed]
+            if len(rows):
+                own_cases = cases[rows]
+                own_commanded = None if commanded_cases is None else commanded_cases[rows]
     columns = _place_rows(done, rows, len(cases), model.robot.n)
     radius, extrapolation = np.full(len(cases), np.nan), np.full(len(cases), np.nan)
     if error_of_model is not None and done is not None:
-        bound = error_of_model.bound(cases[rows], done.leverage, settings.confidence)
+        bound = error_of_model.bound(own_cases, done.leverage, settings.confidence)
         radius[rows] = bound.radius
         extrapolation[rows] = np.maximum(bound.load_ratio, bound.leverage_ratio)
     status = _find_status(model, cases, columns)
@@ -489,6 +495,11 @@ class FoundPath:
         """(k,) rows with a posture and a load."""
         return np.flatnonzero(self.rows.status == RowStatus.CORRECTED)
 
+    @cached_property
+    def _robot_in_base(self) -> FloatArray:
+        """(4, 4) R0 in the base [m]."""
+        return invert_poses(self.waypoints.base)
+
     def __len__(self) -> int:
         return len(self.rows)
 
@@ -511,7 +522,7 @@ class FoundPath:
             )
             quantile = self.model.quantile(self.settings.confidence)
             rows.insert(at - begin, done, quantile)
-            rows.poses[at - begin] = invert_poses(waypoints.base) @ flange @ waypoints.tool
+            rows.poses[at - begin] = self._robot_in_base @ flange @ waypoints.tool
         rows.deflection[:] = rows.deflection @ waypoints.base[:3, :3]
         unchanged = (rows.status == RowStatus.NO_LOAD) | (rows.status == RowStatus.UNCERTAIN)
         as_sent = rows.wanted if waypoints.joints is None else waypoints.joints[begin:end]
@@ -525,9 +536,7 @@ class FoundPath:
     def join(self, blocks: Sequence[CorrectedRows]) -> CorrectedRows:
         """Join all corrected blocks in order, and measure the speeds of the joints."""
         rows = CorrectedRows.concatenate(blocks)
-        rows.joint_speed[:] = _measure_joint_speeds(
-            self.model.robot, self.waypoints.lengths, rows.joints, self.feed
-        )
+        rows.joint_speed[:] = _measure_joint_speeds(self.model.robot, self.waypoints, rows.joints, self.feed)
         return rows
 
     def _select_cases(self, at: IndexArray) -> LoadCases:
@@ -585,7 +594,7 @@ def correct(
 
 
 def _measure_joint_speeds(
-    robot: Robot, lengths: FloatArray, joints: FloatArray, feed: float | None
+    robot: Robot, waypoints: Waypoints, joints: FloatArray, feed: float | None
 ) -> FloatArray:
     """Return the greatest speed (N,) of a revolute joint from the row before, at a feed [rad/s].
 
@@ -594,7 +603,7 @@ def _measure_joint_speeds(
     speed = np.full(len(joints), np.nan)
     if feed is None or robot.prismatic.all():
         return speed
-    steps, turns = np.diff(lengths), np.diff(joints[:, ~robot.prismatic], axis=0)
+    steps, turns = np.diff(waypoints.lengths), np.diff(joints[:, ~robot.prismatic], axis=0)
     moves = steps > 0.0
     speed[1:][moves] = feed * np.abs(turns[moves]).max(axis=1) / steps[moves]
     return speed
