@@ -285,7 +285,13 @@ class NotFoundError(StoreError):
     """No record has the requested id."""
 
     def __init__(self, kind: Resource, identifier: str, owner: str | None = None) -> None:
-        """Build the error; `owner` is the name of another kind of which a record has the id."""
+        """Build the error.
+
+        Args:
+            kind: kind of the missing resource.
+            identifier: the unknown id.
+            owner: name of the other kind that has a resource with this id; None if there is none.
+        """
         reason, remedy = f"there is no {kind.name} {_quote(identifier)}", "check the id"
         if owner is not None:
             reason += f": this is the id of a {owner}"

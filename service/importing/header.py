@@ -450,7 +450,7 @@ class Columns:
 
     @property
     def are_all_named(self) -> bool:
-        """Whether the headers alone say what each row and each number is: only cells can be at fault."""
+        """Return whether the headers alone name all rows and numbers: only cells can be at fault."""
         return self.whole and not self.faulty and "name" in self.texts
 
 
