@@ -118,7 +118,7 @@ def test_a_reading_with_a_mark_for_a_missing_number_is_left_out():
 
 
 def test_equal_faults_of_many_rows_are_one_with_their_places():
-    write_named("named.csv", lambda n, row: [*row, "1"])
+    write_named("named.csv", lambda _n, row: [*row, "1"])
     shown = refused(f"import named.csv --robot '{ARM}' {STATED} -o c.json")
     assert shown.count("the row has 14 cells, but line 1 has 13") == 1
     assert_said(shown, "named.csv:2:14:", "the same at 3:14, 4:14, 5:14 and in 12 more places")
@@ -126,7 +126,7 @@ def test_equal_faults_of_many_rows_are_one_with_their_places():
 
 def test_units_of_headers_are_corrected_in_the_headers():
     """The remedy is carried out: an option with another unit than the headers would be refused."""
-    write_named("named.csv", lambda n, row: [*row[:7], *(f"{float(each) / 1e3:.7f}" for each in row[7:])])
+    write_named("named.csv", lambda _n, row: [*row[:7], *(f"{float(each) / 1e3:.7f}" for each in row[7:])])
     stated = f"--robot '{ARM}' {STATED} -o c.json"
     shown = typed(f"import named.csv {stated}", status=1)
     assert_said(shown, "change the unit of lengths in the headers from mm to m")
