@@ -15,6 +15,7 @@ from jointstiff.schemas.fields import (
     Terminal,
     Vector3,
     parse_numbers,
+    parse_numbers_in_newtons,
     require_exactly_one,
 )
 from jointstiff.schemas.finding import AcceptingOptions
@@ -66,7 +67,7 @@ class CorrectionOptions(AcceptingOptions, PredictionOptions):
         default=None,
         description="Frame of the poses in the base frame R0, as position and rotation vector; default: R0.",
     )
-    force: Annotated[Vector3 | None, Terminal("--force", "X,Y,Z[N]", parse_numbers)] = Field(
+    force: Annotated[Vector3 | None, Terminal("--force", "X,Y,Z[N]", parse_numbers_in_newtons)] = Field(
         default=None,
         description="Force on the tool in every row; omit this field if the columns `fx`, `fy`, `fz` "
         "state forces.",

@@ -344,7 +344,17 @@ def parse_box(text: str) -> list[list[float]]:
 
 def parse_force(text: str) -> dict[str, list[float]]:
     """Parse `X,Y,Z` in N; return the fields of a load without moment."""
-    return {"force": parse_numbers(text)}
+    return {"force": parse_numbers_in_newtons(text)}
+
+
+def parse_numbers_in_newtons(text: str) -> list[float]:
+    """Parse the components of a force in N, separated by commas or blanks; return the numbers."""
+    try:
+        return parse_numbers(text)
+    except ValueError:
+        raise ValueError(
+            f"'{text}' must be numbers in N, such as 0,0,-490.3 for 50 kg: 1 kg weighs 9.80665 N"
+        ) from None
 
 
 def parse_frame(text: str) -> dict[str, Any]:

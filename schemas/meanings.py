@@ -99,7 +99,7 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "biases the stiffnesses.",
             "statement_dropped": "What is stated of load and places contradicts the readings, or its fit did "
             "not come to rest, so it was not fitted.",
-            "prior_dominates": "The stiffness comes from a data sheet (*prior*), not from the readings.",
+            "prior_dominates": "The stiffness comes from a data sheet (*prior*), or contradicts it.",
             "cause_fitted": "The readings contradict stated values, so a further cause was fitted.",
             "residuals_vanish": "The residuals are nearly zero: the readings seem computed, not measured.",
             "lack_of_fit": "An F test shows that something other than the joints bends. Set `elasticity` to "

@@ -265,14 +265,41 @@ class DamagedError(StoreError):
         )
 
 
+_NEXT_STEPS: Final[Mapping[tuple[str, str], str]] = MappingProxyType(
+    {
+        ("run", "measurement set"): 'identify the set with POST /v1/runs {{"measurement_set_id": "{id}"}}',
+        ("run", "robot"): "give the id of one of the robot's runs, GET /v1/jobs?kind=run&robot_id={id}",
+        ("measurement set", "robot"): "give the id of one of the robot's sets, "
+        "GET /v1/measurement-sets?robot_id={id}",
+        ("measurement set", "run"): "give `request.measurement_set_id` of the run, GET /v1/jobs/{id}",
+        ("robot", "measurement set"): "give `robot_id` of the set, GET /v1/measurement-sets/{id}",
+        ("robot", "run"): "give `robot_id` of the run's measurement set, which GET /v1/jobs/{id} names",
+        ("job", "measurement set"): "get the set with GET /v1/measurement-sets/{id}",
+        ("job", "robot"): "get the robot with GET /v1/robots/{id}",
+    }
+)
+"""Kind of the requested resource and kind that has the id → what to do; `{id}` is for the id."""
+
+
 class NotFoundError(StoreError):
     """No record has the requested id."""
 
-    def __init__(self, kind: Resource, identifier: str) -> None:
-        super().__init__(
-            f"there is no {kind.name} {_quote(identifier)}",
-            f"check the id; list the existing ids with GET {kind.listing}",
-        )
+    def __init__(self, kind: Resource, identifier: str, owner: str | None = None) -> None:
+        """Build the error.
+
+        Args:
+            kind: kind of the missing resource.
+            identifier: the unknown id.
+            owner: name of the other kind that has a resource with this id; None if there is none.
+        """
+        reason, remedy = f"there is no {kind.name} {_quote(identifier)}", "check the id"
+        if owner is not None:
+            reason += f": this is the id of a {owner}"
+            remedy = _NEXT_STEPS.get((kind.name, owner), f"give the id of a {kind.name}").format(
+                id=identifier
+            )
+        or_list = "list" if owner is None else "or list"
+        super().__init__(reason, f"{remedy}; {or_list} the existing ids with GET {kind.listing}")
         self.kind = kind  # the kind of the missing resource
         self.id = identifier  # the unknown id; text from outside, of any length
 
@@ -650,6 +677,9 @@ def _find_remedy(error: Mapping[str, Any], parameters: Sequence[str]) -> str | N
     if error["type"] == "extra_forbidden" and error["loc"][:1] == ("query",):
         known = f", or use one of {', '.join(parameters)}" if parameters else ""
         return f"leave out this parameter{known}"
+    is_outside_limit = error["type"] in {"greater_than_equal", "less_than_equal"}
+    if is_outside_limit and {"priors", "stiffness_bounds"}.intersection(error["loc"]):
+        return "give stiffnesses in N·m/rad (prismatic: N/m); 3.1 · 10⁶ N·m/rad in a table is 3.1e6"
     if error["type"] == "missing" and (remedy := _find_remedy_of_units(error["loc"])):
         return remedy
     return _REMEDIES.get(str(error["type"]))
@@ -818,15 +848,21 @@ class AwayError(RefusedError):
     """The service cannot be reached at present; a later request may succeed."""
 
 
+def find_similar_file(path: Path) -> Path | None:
+    """Return the path in the folder of a missing path whose name is most alike; None without one."""
+    folder = path.parent
+    names = [each.name for each in folder.iterdir()] if folder.is_dir() else []
+    similar = get_close_matches(path.name, names, n=1, cutoff=0.8)
+    return folder / similar[0] if similar else None
+
+
 class MissingFileError(CampaignError, FileNotFoundError):
     """A file that does not exist; the remedy names a file with a similar name, if there is one."""
 
     def __init__(self, path: Path) -> None:
-        folder = path.parent
-        names = [each.name for each in folder.iterdir()] if folder.is_dir() else []
-        similar = get_close_matches(path.name, names, n=1, cutoff=0.8)
+        folder, similar = path.parent, find_similar_file(path)
         place = f"in the folder {folder.absolute()}" if folder.is_dir() else f"as there is no folder {folder}"
-        remedy = f"give {folder / similar[0]}" if similar else "give the name of a file that exists"
+        remedy = f"give {similar}" if similar else "give the name of a file that exists"
         super().__init__(http_problem(422, f"there is no file '{path}', {place}", remedy))
         self.errno, self.strerror, self.filename = ENOENT, os.strerror(ENOENT), str(path)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import gc
 import hashlib
-from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Iterator, Mapping, Set
+from contextlib import contextmanager, suppress
 from typing import Annotated, Any, Final
 
 from anyio import CapacityLimiter
@@ -18,9 +18,12 @@ from starlette.datastructures import FormData, Headers, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 
 from jointstiff.schemas.fields import MAX_NAME_LENGTH
-from jointstiff.service.conversion.parsing import NOT_JSON, MalformedError, parse
+from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetRequest
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.schemas.run import Campaign
+from jointstiff.service.conversion.parsing import NOT_JSON, USE_ARRAYS, MalformedError, parse
 from jointstiff.service.security.access import AccessRoute
-from jointstiff.service.security.admission import MAX_BYTES, SMALL_BYTES, refuse_structure
+from jointstiff.service.security.admission import MAX_BYTES, SMALL_BYTES, SPLIT_BODY, refuse_structure
 from jointstiff.service.store.tables import IdempotencyKey
 from jointstiff.solver.errors import RequestError
 
@@ -148,16 +151,55 @@ def parse_body(message: type[BaseModel], content: bytes) -> BaseModel:
     Raises:
         HTTPException: the body has too large a structure (413).
         RequestValidationError: the body does not have the form of the message.
-        RequestError: the body is no text in UTF-8.
+        RequestError: the body is no text in UTF-8, or a document of another kind.
     """
-    refuse_structure(content)
+    is_set = issubclass(message, Campaign | MeasurementSetDocument)
+    refuse_structure(content, USE_ARRAYS if is_set else SPLIT_BODY)
     try:
         with garbage_collector_paused():
             return parse(message, content)
     except MalformedError as error:
         if error.keys is NOT_JSON:
             _refuse_no_text(content)
+        _refuse_other_document(message, content, error.keys)
         raise RequestValidationError(error.faults) from None
+
+
+def _refuse_other_document(message: type[BaseModel], content: bytes, keys: Set[str]) -> None:
+    """Refuse a body that is a valid document of another kind than the expected message.
+
+    Only a kind whose names of fields fit the `keys` of the body is tried.
+
+    Raises:
+        RequestError: the body is a valid document of another kind; the remedy names the address for it.
+    """
+    for other, kind, remedy in _DOCUMENTS:
+        fields = other.model_fields
+        required = {name for name, field in fields.items() if field.is_required()}
+        is_expected = issubclass(other, message) or issubclass(message, other)
+        if is_expected or not required <= keys <= fields.keys():
+            continue
+        with suppress(MalformedError):
+            parse(other, content)
+            raise RequestError(f"the body is {kind}", remedy=remedy, where="body")
+
+
+_DOCUMENTS: Final = (
+    (RobotDocument, "a robot", "send the robot with POST /v1/robots"),
+    (Campaign, "a campaign", "send the campaign with POST /v1/campaigns"),
+    (
+        MeasurementSetRequest,
+        "a measurement set of a stored robot",
+        "send the measurement set with POST /v1/measurement-sets",
+    ),
+    (
+        MeasurementSetDocument,
+        "a measurement set without a robot",
+        "add `robot_id` and send the set with POST /v1/measurement-sets, or send it with its robot as "
+        '{"robot": …, "measurement_set": …} with POST /v1/campaigns',
+    ),
+)
+"""Documents that a program may send to the wrong address: class, kind, and what to do."""
 
 
 def _refuse_no_text(content: bytes) -> None:

@@ -9,6 +9,7 @@ import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import MappingProxyType, NoneType, UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Union, get_args, get_origin
 
@@ -197,8 +198,9 @@ def _choose_vector_value(unit: str) -> _OptionValue:
     """Return the value of an option with three numbers, whose field has a unit: points are typed in mm."""
     if unit == "m":
         return _OptionValue.parsed(cli.parse_point, "X,Y,Z[mm]")
-    has_unit = unit not in {"", "1"}
-    return _OptionValue.parsed(cli.parse_vector, f"X,Y,Z[{unit}]" if has_unit else "X,Y,Z")
+    if unit in {"", "1"}:
+        return _OptionValue.parsed(cli.parse_vector, "X,Y,Z")
+    return _OptionValue.parsed(partial(cli.parse_vector, unit=unit), f"X,Y,Z[{unit}]")
 
 
 def _make_word_parser(words: Sequence[str]) -> Callable[[str], str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -129,12 +130,15 @@ _FORMS: Final = {
         text="Standard uncertainty of a coordinate, in mm.",
     ),
     "load_point": Terminal(
-        "", "X,Y,Z[mm]", cli.parse_vector, text="Point where the force acts, in the flange frame, in mm."
+        "",
+        "X,Y,Z[mm]",
+        partial(cli.parse_vector, unit="mm"),
+        text="Point where the force acts, in the flange frame, in mm.",
     ),
     "force": Terminal(
         "",
         "X,Y,Z[force]",
-        cli.parse_vector,
+        partial(cli.parse_vector, unit="the unit of --units (force=kgf for kg)"),
         text="Force in every observation, axes of R0, in the unit of --units force=…, if no column has "
         "forces.",
     ),
@@ -153,6 +157,8 @@ _FORMS: Final = {
 
 Fields that are not listed have the form that `ImportRequest` declares.
 """
+_UNIT_IN_TEXT: Final = re.compile(r"set `units\.(\w+)` to (\w+)")
+"""Remedy that sets one unit of the field `units`: the option `--units` has all units."""
 _LENGTH_FIELDS: Final = frozenset(("noise", "load_point", "flange_targets"))
 """Fields whose values are typed in mm on the command line."""
 
@@ -500,7 +506,7 @@ def _find_meaning(readings: _StatedReadings, *, may_ask: bool, yes: bool) -> _St
     request = parse_document(options, ImportRequest)
     robots = _list_robots(readings.robot)
     stated = None if readings.robot is None else robots[0].robot
-    if not has_meaning and not _has_faults(readings.sources, request, stated):
+    if not has_meaning and not _lacks_meaning(readings.sources, request, stated):
         return readings
     from jointstiff.service.resources.proposals import NoProposal, propose_import  # imports numpy
 
@@ -513,16 +519,17 @@ def _find_meaning(readings: _StatedReadings, *, may_ask: bool, yes: bool) -> _St
     return readings
 
 
-def _has_faults(sources: Sequence[SourceFile], request: ImportRequest, robot: Robot | None) -> bool:
-    """Return whether names do not explain all columns of the files.
+def _lacks_meaning(sources: Sequence[SourceFile], request: ImportRequest, robot: Robot | None) -> bool:
+    """Return whether the files have faults, and names do not explain all columns.
 
     Raises:
         CampaignError: the files cannot be read; the texts name command-line options in place of fields.
     """
-    from jointstiff.service.resources.imports import import_files
+    from jointstiff.service.resources.imports import import_files, lack_meaning
 
     with _name_options_in_errors():
-        return bool(import_files(sources, request, robot).faults)
+        has_faults = bool(import_files(sources, request, robot).faults)
+    return has_faults and lack_meaning(sources, request, robot)
 
 
 def _report_no_proposal(reason: str, readings: _StatedReadings, *, yes: bool) -> None:
@@ -686,6 +693,7 @@ def _name_options(text: str) -> str:
 
     A campaign that is not to be used is refused by this command, not by a later request.
     """
+    text = _UNIT_IN_TEXT.sub(r"give `units` with \1=\2", text)
     return name_options_in_text(ImportRequest, text, _FORMS).replace("`accept_verdict`", "`--despite-errors`")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -14,8 +15,8 @@ if TYPE_CHECKING:
     pass
 
 
-def parse_vector(text: str) -> tuple[float, ...]:
-    """Parse the text `X,Y,Z` into three numbers.
+def parse_vector(text: str, unit: str = "") -> tuple[float, ...]:
+    """Parse the text `X,Y,Z` into three numbers; `unit` is their unit in the error, if it is known.
 
     Raises:
         typer.BadParameter: the text is not three numbers with commas between them.
@@ -23,23 +24,57 @@ def parse_vector(text: str) -> tuple[float, ...]:
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError:
-        raise typer.BadParameter(f"'{text}' must be three numbers, such as 0,0,120.5") from None
+        unit_words = f" in {unit}" if unit else ""
+        raise typer.BadParameter(f"'{text}' must be three numbers{unit_words}, such as 0,0,120.5") from None
     return x, y, z
 
 
 def parse_point(text: str) -> tuple[float, ...]:
     """Parse the text `X,Y,Z` in mm into a point in m; raise the errors of `parse_vector`."""
-    return tuple(1e-3 * number for number in parse_vector(text))
+    return tuple(1e-3 * number for number in parse_vector(text, "mm"))
 
 
 def file_argument(metavar: str, text: str) -> Any:  # noqa: ANN401 - Typer's
-    """Return a Typer argument whose value is the path of an existing file to read."""
-    return typer.Argument(exists=True, dir_okay=False, readable=True, metavar=metavar, help=text)
+    """Return a Typer argument whose value is the path of an existing file to read, or several paths."""
+    return typer.Argument(callback=_refuse_missing_files, metavar=metavar, help=text)
 
 
 def file_option(text: str) -> Any:  # noqa: ANN401 - Typer's
     """Return a Typer option whose value is the path of an existing file to read."""
-    return typer.Option(exists=True, dir_okay=False, metavar="FILE", help=text)
+    return typer.Option(callback=_refuse_missing_files, metavar="FILE", help=text)
+
+
+def _refuse_missing_files(value: Any) -> Any:  # noqa: ANN401 - of an argument: a path, several, or None
+    """Return the value of an argument for files; the error about a missing file or a folder names a file.
+
+    Raises:
+        typer.BadParameter: a path is no file that can be read.
+    """
+    for path in value if isinstance(value, list | tuple) else [value]:
+        if isinstance(path, Path) and (fault := _describe_missing_file(path)):
+            raise typer.BadParameter(fault)
+    return value
+
+
+def _describe_missing_file(path: Path) -> str | None:
+    """Return why a path is no file to read, and which file may be meant; None for a file."""
+    from jointstiff.service.problems import find_similar_file
+
+    if path.is_dir():
+        names = sorted(each.name for each in path.iterdir() if each.is_file())
+        shown = ", ".join(str(path / name) for name in names[:_MAX_FILES]) + ", …" * (len(names) > _MAX_FILES)
+        return f"'{path}' is a folder; give a file" + (
+            f" in it: {shown}" if names else ", the folder has none"
+        )
+    if not path.exists():
+        similar = find_similar_file(path)
+        remedy = f"give {similar}" if similar else "give the name of a file that exists"
+        return f"file '{path}' does not exist; {remedy}"
+    return None if os.access(path, os.R_OK) else f"file '{path}' is not readable; change its permissions"
+
+
+_MAX_FILES: Final = 3
+"""Files of a folder that an error names."""
 
 
 def output_option(text: str, metavar: str = "FILE") -> Any:  # noqa: ANN401 - Typer's

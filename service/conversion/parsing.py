@@ -10,8 +10,16 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import from_json
 from typing_extensions import TypeAliasType
 
+from jointstiff.schemas.measurement import MAX_OBSERVATIONS
+
 MAX_SET_BYTES: Final = 8 * 1024 * 1024
 """Largest measurement set, or file with one, in bytes."""
+USE_ARRAYS: Final = (
+    "the runs of its parts do not replace one run: identify it in Python from arrays, with "
+    f"`jointstiff.Campaign.from_arrays` up to {MAX_OBSERVATIONS:,} observations, beyond with "
+    "`jointstiff.solver.identify` (docs/python.md)"
+)
+"""What to do with a measurement set that is too large."""
 
 Parsed = TypeVar("Parsed", bound=BaseModel)
 

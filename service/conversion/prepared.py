@@ -411,6 +411,7 @@ def check_set(
     others: Iterable[KnownRobot] = (),
     *,
     flange_fields: Sequence[str] = (),
+    header_units: Collection[str] = (),
     robot_id: str = "",
     robot_hash: str = "",
 ) -> PreparedSet:
@@ -423,6 +424,7 @@ def check_set(
         frame_findings: findings about the frame, which come before the findings about the readings.
         others: known robots, in case another robot was measured instead of `robot`.
         flange_fields: fields that a remedy names if lengths in the flange frame seem to have another unit.
+        header_units: quantities, such as length, whose units the headers of files state.
         robot_id: id of the robot, if it is stored.
         robot_hash: hash of the robot's content.
 
@@ -434,10 +436,17 @@ def check_set(
     degrees = document.units.angle == "deg"
     if measurements.unloaded_only is None:
         findings += inspect_measurements(
-            robot, measurements, degrees=degrees, others=others, flange_fields=flange_fields
+            robot,
+            measurements,
+            degrees=degrees,
+            others=others,
+            flange_fields=flange_fields,
+            header_units=header_units,
         )
     else:
-        findings += inspect_unloaded(robot, measurements, degrees=degrees, others=others)
+        findings += inspect_unloaded(
+            robot, measurements, degrees=degrees, others=others, header_units=header_units
+        )
     content = compute_content_hash(document, readings, resolved)
     return PreparedSet(robot, robot_id, robot_hash, readings, measurements, findings, content)
 

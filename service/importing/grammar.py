@@ -50,6 +50,7 @@ MARKS: Final[Mapping[str, bool]] = MappingProxyType(
     {word: mark == "true" for word, mark in _values_by_word(_WORDS["marks"]).items()}
 )
 """Words in the column `deleted`: True if the word marks its row as deleted."""
+_MISSING_MARKS: Final = frozenset(("", *_WORDS["missing"]["marks"]))
 STATE_OF_DIGIT: Final[Mapping[str, State]] = MappingProxyType({"0": "unloaded", "1": "loaded"})
 """States where nothing else can be meant; elsewhere a digit is part of a name."""
 _ADDED: Final = "plus"
@@ -275,6 +276,11 @@ _STATISTICS: Final = frozenset(
 )
 """Words at the beginning of rows of statistics, without full stops and hyphens."""
 _EXTREMES: Final = frozenset(_WORD_LISTS["extremes"])
+
+
+def lacks_number(text: str) -> bool:
+    """Return whether a cell is empty, or has a mark such as `n/a` in place of a number."""
+    return text.casefold() in _MISSING_MARKS
 
 
 def is_statistic(text: str) -> bool:

@@ -18,6 +18,7 @@ from jointstiff.schemas.fields import MAX_MAGNITUDE
 from jointstiff.schemas.imports import MAX_PREVIEW_ROWS, ColumnMeaning, DecimalMark, Delimiter, FilePreview
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
+from jointstiff.service.importing.grammar import lacks_number
 from jointstiff.service.importing.joint_positions import JointPosition, read_joint_positions
 from jointstiff.service.importing.point_reports import PointReport, read_point_report
 
@@ -589,6 +590,8 @@ def _find_marks(
     sure_marks: set[str] = set()
     for row, column in product(rows, columns):
         text = row.cells[column]
+        if lacks_number(text):
+            continue
         marks = [mark for mark in ",." if mark in text]
         mark_by_thousands = _find_mark_by_thousands(text) if are_thousands_separated else None
         if mark_by_thousands is not None:

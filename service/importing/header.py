@@ -448,6 +448,11 @@ class Columns:
         """Return whether each row holds a whole observation, with all targets and states."""
         return not self.needed and not {"target", "state"} & self.texts.keys()
 
+    @property
+    def are_all_named(self) -> bool:
+        """Return whether the headers alone name all rows and numbers: only cells can be at fault."""
+        return self.whole and not self.faulty and "name" in self.texts
+
 
 def _find_state_words(points: Sequence[Quantity]) -> tuple[str, ...]:
     """Return the words in names of targets without a state, next to a name that occurs with a state.

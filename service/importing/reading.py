@@ -102,6 +102,7 @@ class Understood:
     bodies: tuple[Body, ...] = ()  # from tables of masses; joints as they are named or numbered there
     unusual: tuple[str, ...] = ()  # values to be confirmed, such as those far from all others of their column
     weight_step: StepReadings | None = None  # readings of two encoders, in place of observations
+    are_columns_named: bool = False  # whether headers alone explain all tables: faults are those of cells
 
     @property
     def places(self) -> dict[str, str]:
@@ -207,6 +208,7 @@ class _Reader:
         self._steps: list[StepReadings | None] = []  # of tables of a weight step; None for one with faults
         self._notes: list[str] = []
         self._units: dict[str, str] = {}
+        self._are_columns_named = False
         self._times_and_roundings = TimesAndRoundings()
 
     def read(self, files: Sequence[SourceFile]) -> Understood:
@@ -222,6 +224,7 @@ class _Reader:
         if self._steps:
             return self._conclude_weight_step()
         all_were_read = {preview.file for preview in self._previews} == {file.name for file in files}
+        self._are_columns_named = all_were_read and all(each.columns.are_all_named for each in self._layouts)
         if all_were_read and not any(layout.columns.faulty for layout in self._layouts):
             self._refuse_masses_alone()
             self._check_options()
@@ -361,7 +364,8 @@ class _Reader:
     def build_answer(self) -> Understood:
         """Return the previews of the files that were read so far, and the faults."""
         preview = ImportPreview(files=[self._add_fault_rows(each) for each in self._previews])
-        return Understood(preview, tuple(self._faults.found))
+        are_named = self._are_columns_named
+        return Understood(preview, tuple(self._faults.found), are_columns_named=are_named)
 
     def _add_fault_rows(self, preview: FilePreview) -> FilePreview:
         """Return the preview of a file, extended by rows with faults that the preview does not show yet."""
@@ -1009,7 +1013,7 @@ def _describe_gap(observation: ObservationRecord, target: str, states: dict[Stat
         return f"target {target} has no reading"
     partly_read = [state for state, point in states.items() if point.lacks_coordinate]
     if partly_read:
-        return f"a coordinate of target {target} {_describe_states(partly_read)} is empty"
+        return f"a coordinate of target {target} {_describe_states(partly_read)} has no number"
     present = _list_states(states)
     if "deflection" in present and len(present) > 1:
         reason = f"{quote(observation.label)}: target {target} has both positions and a deflection"
@@ -1028,9 +1032,9 @@ def _describe_states(states: Iterable[State]) -> str:
 
 
 def _report_skipped_points(observations: list[ObservationRecord]) -> list[str]:
-    """Return a note on each point that is skipped because a coordinate is empty."""
+    """Return a note on each point that is skipped because a coordinate has no number."""
     return [
-        f"{observation.label}: a coordinate of target {target} is empty; skipped"
+        f"{observation.label}: a coordinate of target {target} has no number; skipped"
         for observation in observations
         for target, states in observation.points.items()
         if any(point.lacks_coordinate for point in states.values())

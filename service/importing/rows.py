@@ -28,6 +28,7 @@ from jointstiff.service.importing.grammar import (
     find_state,
     find_state_in_name,
     join_state_phrases,
+    lacks_number,
 )
 from jointstiff.service.importing.grid import (
     CellKind,
@@ -790,8 +791,8 @@ class RowReader:
         return None
 
     def _read_vector(self, row: Row, indices: tuple[int, ...], faults: Faults) -> Vector | None:
-        """Return the numbers of some columns; None if all of their cells are empty, () if one is faulty."""
-        if not any(row.cells[index] for index in indices):
+        """Return the numbers of some columns; None if all cells lack a number, () if one is faulty."""
+        if all(lacks_number(row.cells[index]) for index in indices):
             return None
         numbers: list[float] = []
         for index in indices:
@@ -800,8 +801,8 @@ class RowReader:
         return tuple(numbers) if len(numbers) == len(indices) else ()
 
     def _skips_point(self, row: Row, indices: tuple[int, ...]) -> bool:
-        """Return whether gaps are allowed, and some cells of a point are empty, but not all."""
-        are_filled = [bool(row.cells[index]) for index in indices]
+        """Return whether gaps are allowed, and some cells of a point lack a number, but not all."""
+        are_filled = [not lacks_number(row.cells[index]) for index in indices]
         return self._allows_missing and any(are_filled) and not all(are_filled)
 
     def _read_number(self, row: Row, index: int) -> float:
@@ -811,13 +812,23 @@ class RowReader:
             ImportFileError: the cell does not hold a number.
         """
         text = row.cells[index]
+        if lacks_number(text):
+            raise self._describe_missing_number(text, index)
         kind = "text" if row.kinds is None else row.kinds[index]
         mark = "point" if kind == "number" else self._decimal_mark
         if kind == "text" and self._layout.are_thousands_separated:
             text = remove_thousands_separators(text, mark)
         is_text = row.kinds is None or (kind == "text" and looks_like_a_number(text))
-        if text and kind != "number" and not is_text:
+        if kind != "number" and not is_text:
             reason = f"a number is needed, but the cell has type {kind}: {quote(text)}"
             raise ImportFileError(self._grid.place(row, index), reason, _REMEDIES.get(kind, _ENTER_A_NUMBER))
         factor = self._length_factor if self._columns.meanings[index].dimension == "length" else 1.0
         return factor * read_number(text, mark)
+
+    def _describe_missing_number(self, text: str, index: int) -> ImportFileError:
+        """Return the error for a cell without a number; only readings of points may be left out."""
+        reason = f"{quote(text)} is no number" if text else "the cell is empty, but needs a number"
+        if self._columns.meanings[index].kind != "position":
+            return ImportFileError(NOWHERE, reason, "fill in the cell")
+        remedy = "fill in the cell, or use `allow_missing` to leave this reading out"
+        return ImportFileError(NOWHERE, reason, remedy, "allow_missing")

@@ -24,7 +24,7 @@ from jointstiff.service.problems import (
 )
 from jointstiff.service.process import one_thread
 from jointstiff.service.resources.documents import parse_document, read_robot
-from jointstiff.service.resources.imports import import_files
+from jointstiff.service.resources.imports import import_files, lack_meaning
 from jointstiff.service.resources.known_robots import catalogue_robots
 from jointstiff.service.resources.proposals import (
     OPTIONS_OF_COLUMNS,
@@ -139,6 +139,8 @@ def read(
     try:
         answer = import_files(sources, request, robots[0].robot if document is not None else None)
     except FilesError as error:
+        if not lack_meaning(sources, request, robots[0].robot if document is not None else None):
+            raise CampaignError(problem_from_error(error)) from error
         proposed = propose_import(sources, request, robots)
         if isinstance(proposed, NoProposal):
             problem = problem_from_error(error)

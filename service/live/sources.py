@@ -100,6 +100,8 @@ class Source(ABC):
     """Target of each other name that the source sends; None: positions of this name are left out."""
     unknown: Mapping[str, Place] = {}
     """Last position [m] of each name that the source sent and that is no target."""
+    unit: str | None = None
+    """Unit of lengths that the option `source_unit` states; None if the source has no such option."""
     stiffness: FloatArray | None = None
     """(n,) planted stiffnesses of a simulated arm [N·m/rad, N/m of a prismatic joint]; None for other
     sources, and before the source is open."""
@@ -440,14 +442,40 @@ class CheckedSource:
         on_flange = np.array(setting.targets[name])
         expected_position = Postures(setting.robot, angles).to_base(on_flange[None, None])[0, 0]  # in R0
         position_error = float(np.linalg.norm(setting.to_base(position) - expected_position))
-        if position_error > _LARGEST_POSITION_ERROR:
+        if position_error <= _LARGEST_POSITION_ERROR:
+            return
+        fitting_unit = self._find_fitting_unit(position, expected_position)
+        if fitting_unit is not None:
             raise SourceError(
-                f"the source has jumped to another target: {name} is {position_error:.3g} m from the "
-                "position that the robot's joint values give; up to "
-                f"{_LARGEST_POSITION_ERROR:g} m is plausible",
-                remedy="check the posture, and the frame and the unit of the readings, then read again; "
-                f"{_PAST}",
+                f"{name} is {position_error:.3g} m from the position that the robot's joint values give, but "
+                f"within {_LARGEST_POSITION_ERROR:g} m if the source's lengths are in {fitting_unit}, not in "
+                f"{self._source.unit}",
+                remedy=f"give the unit of the source: `--source-unit {fitting_unit}`, in Python "
+                f"`source_unit='{fitting_unit}'`",
             )
+        raise SourceError(
+            f"the source has jumped to another target: {name} is {position_error:.3g} m from the "
+            "position that the robot's joint values give; up to "
+            f"{_LARGEST_POSITION_ERROR:g} m is plausible",
+            remedy=f"check the posture, and the frame and the unit of the readings, then read again; {_PAST}",
+        )
+
+    def _find_fitting_unit(self, position: FloatArray, expected_position: FloatArray) -> str | None:
+        """Return the unit of lengths with which a reading fits the kinematics; None if no unit does.
+
+        Args:
+            position: (3,) position as it was read, in the frame of the readings [m].
+            expected_position: (3,) position that the joint values give, in R0 [m].
+        """
+        stated_unit = getattr(self._source, "unit", None)
+        if stated_unit is None:
+            return None
+        for unit, size in _LENGTHS.items():
+            converted = position * (size / _LENGTHS[stated_unit])
+            distance = float(np.linalg.norm(self._setting.to_base(converted) - expected_position))
+            if distance <= _LARGEST_POSITION_ERROR:
+                return unit
+        return None
 
 
 _BASE_JOINT_STIFFNESS: Final = 3e6
@@ -700,6 +728,7 @@ class Lines(Source):
             RequestError: the address or the profile cannot be understood.
         """
         self._profile = Profile.from_options(pattern, columns, source_unit)
+        self.unit = source_unit
         self._address, self._url = address, urlsplit(address)
         self._request, self._baud, self._sample, self._warn = request, baud, sample, warn
         is_net = self._url.scheme in {"tcp", "udp"}

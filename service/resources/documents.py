@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
-from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
+from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, USE_ARRAYS, MalformedError, parse
 from jointstiff.service.problems import (
     CampaignError,
     as_campaign_error,
@@ -82,9 +82,7 @@ def read_content(path: Path) -> bytes:
         content = file.read(MAX_SET_BYTES + 1)
     if len(content) > MAX_SET_BYTES:
         limit = f"{MAX_SET_BYTES // 1024**2} MiB"
-        raise CampaignError(
-            http_problem(413, f"{path} exceeds {limit}", "split the campaign into several sets")
-        )
+        raise CampaignError(http_problem(413, f"{path} exceeds {limit}", USE_ARRAYS))
     if not content.strip():
         raise CampaignError(http_problem(422, f"{path} is empty", "give a file that was saved completely"))
     return content

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 
 T = TypeVar("T")
+_MAX_PLACES: Final = 3
+"""Further places named for equal faults."""
 _LENGTHS: Final = frozenset(
     ("sigma", "station", "constant", "load_point", "target_places", "drift", "position")
 )
@@ -46,10 +48,30 @@ class ImportRefusedError(FilesError):
     """Files that were not understood, so that nothing is imported."""
 
     def __init__(self, faults: Sequence[ImportFileError]) -> None:
-        first = faults[0]
         self.faults = tuple(faults)  # the faults that were found, in the order of the files
-        items = [(_place_text(fault.place), fault.reason, fault.remedy) for fault in self.faults]
-        super().__init__(first.reason, remedy=first.remedy, where=_place_text(first.place), items=items)
+        items = [_describe_equal_faults(equal) for equal in _group_equal_faults(self.faults)]
+        where, reason, remedy = items[0]
+        super().__init__(reason, remedy=remedy, where=where, items=items)
+
+
+def _group_equal_faults(faults: Sequence[ImportFileError]) -> list[list[ImportFileError]]:
+    """Return the faults with the same reason and remedy in one file as a group, in the order of the first."""
+    groups = dict[tuple[str | None, str, str], list[ImportFileError]]()
+    for fault in faults:
+        groups.setdefault((fault.place.file, fault.reason, fault.remedy), []).append(fault)
+    return list(groups.values())
+
+
+def _describe_equal_faults(faults: Sequence[ImportFileError]) -> tuple[str, str, str]:
+    """Return place, reason and remedy of equal faults of a file; the reason has the places of the others."""
+    first, *others = faults
+    reason = first.reason
+    if others:
+        shown = [_place_text(fault.place._replace(file=None)) for fault in others[:_MAX_PLACES]]
+        reason += f"; the same at {', '.join(shown)}"
+    if len(others) > _MAX_PLACES:
+        reason += f" and in {len(others) - _MAX_PLACES} more places"
+    return _place_text(first.place), reason, first.remedy
 
 
 def _place_text(place: Place) -> str:
@@ -81,6 +103,12 @@ class _StatedReadings:
     def unit_of_request(self) -> str:
         """Unit of the lengths in the request: the unit of the files unless `length_unit` states another."""
         return self.request.length_unit or self.unit_of_files
+
+    @property
+    def header_units(self) -> Collection[str]:
+        """Quantities, such as length, whose units the files state, and the request does not."""
+        stated = {} if self.request.units is None else self.request.units.model_dump(exclude_none=True)
+        return self.understood.units.keys() - stated.keys()
 
     @property
     def force(self) -> Vector3 | None:
@@ -145,6 +173,15 @@ def import_files(
     return _build_answer(understood, faults, bodies, results)
 
 
+def lack_meaning(files: Sequence[SourceFile], request: ImportRequest, robot: Robot | None) -> bool:
+    """Return whether headers of refused files leave columns unexplained, so that a robot may explain them.
+
+    Where names explain all columns, the faults are those of cells or rows, which no meaning removes.
+    """
+    joints = () if robot is None else robot.joint_names
+    return not understand_files(files, request, joints).are_columns_named
+
+
 def _answer_weight_step(understood: Understood) -> ImportAnswer:
     """Return the answer for a table of a weight step, which has readings of encoders and no positions."""
     return ImportAnswer(
@@ -205,7 +242,7 @@ def _make_results(
     results = _Results(unusual, _list_missing_fields(readings, unusual))
     if not results.missing:
         document = _build_measurement_set(readings)
-        findings = None if robot is None else _inspect_set(document, robot, other_robots)
+        findings = None if robot is None else _inspect_set(document, readings, robot, other_robots)
         template = _build_template(readings)
         results = replace(results, document=document, findings=findings, template=template)
     if _has_geometry(readings, results.missing):
@@ -359,15 +396,19 @@ def _find_farthest_load_point(readings: _StatedReadings) -> float:
 
 
 def _inspect_set(
-    document: MeasurementSetDocument, robot: Robot, other_robots: Iterable[KnownRobot] | None
+    document: MeasurementSetDocument,
+    readings: _StatedReadings,
+    robot: Robot,
+    other_robots: Iterable[KnownRobot] | None,
 ) -> list[Finding]:
     """Check a set against its robot and return the findings.
 
     If a length in the flange frame seems to have a wrong unit, the remedy names the fields that hold such
-    lengths.
+    lengths. For other wrong units the remedy names the headers, unless the request states the unit.
 
     Args:
-        document: measurement set.
+        document: measurement set of the readings.
+        readings: readings of the files.
         robot: robot of the set.
         other_robots: robots that may have been measured by mistake; None takes the arms of the catalogue.
 
@@ -380,7 +421,15 @@ def _inspect_set(
     try:
         known_robots = catalogue_robots() if other_robots is None else other_robots
         flange_fields = [name for name in ("load_point", "flange_targets") if getattr(document, name)]
-        return check_set(document, robot, None, [], known_robots, flange_fields=flange_fields).warnings
+        return check_set(
+            document,
+            robot,
+            None,
+            [],
+            known_robots,
+            flange_fields=flange_fields,
+            header_units=readings.header_units,
+        ).warnings
     except MeasurementError as error:
         where = f" ({error.where})" if error.where else ""
         reason = f"the readings do not fit the robot{where}: {error.reason}"

@@ -14,7 +14,7 @@ from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.numbers import NumberTable, read_number_tables
 from jointstiff.service.importing.reading import SourceFile, understand_files
 from jointstiff.service.importing.rewriting import NamedReading, name_readings, write_readings
-from jointstiff.service.resources.imports import ImportRefusedError, import_files
+from jointstiff.service.resources.imports import ImportRefusedError, import_files, lack_meaning
 from jointstiff.solver.meaning.proposal import Proposal, propose
 from jointstiff.solver.meaning.states import order_states
 from jointstiff.solver.meaning.table import JointColumns
@@ -266,11 +266,13 @@ def import_or_propose(
     try:
         answer = import_files(files, request, robot.robot, others)
     except ImportRefusedError:
+        if not request.accept_proposal or not lack_meaning(files, request, robot.robot):
+            raise
         proposed = propose_import(files, request, [robot])
-        if isinstance(proposed, ProposedImport) and request.accept_proposal:
+        if isinstance(proposed, ProposedImport):
             return _accept_proposal(proposed)
         raise
-    if not answer.faults:
+    if not answer.faults or not lack_meaning(files, request, robot.robot):
         return answer
     proposed = propose_import(files, request, [robot])
     if isinstance(proposed, NoProposal):

@@ -16,7 +16,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from jointstiff.schemas.access import Access
 from jointstiff.schemas.finding import Problem
-from jointstiff.service.conversion.parsing import MAX_SET_BYTES
+from jointstiff.service.conversion.parsing import MAX_SET_BYTES, USE_ARRAYS
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import http_problem
 from jointstiff.service.process import trim_memory
@@ -160,6 +160,8 @@ LARGE_BODIES: Final = 2
 PARSERS: Final = 1
 """Maximum number of bodies above `SMALL_BYTES` parsed at the same time: a parser lets no other thread run."""
 
+SPLIT_BODY: Final = "split the body into several requests"
+"""What to do with a body that is too large."""
 MAX_STRUCTURE: Final[Mapping[bytes, int]] = MappingProxyType(
     {b"{": 60_000, b"[": 400_000, b":": 300_000, b",": 1_000_000}
 )
@@ -258,7 +260,7 @@ class BodyLimits:
             nonlocal counted_bytes
             size = max(declared_bytes, received_bytes)
             if size > limit:
-                raise _make_size_error(limit)
+                raise _make_size_error(limit, scope["path"])
             if is_spooled:  # the body takes no memory
                 return
             self._budget.change(counted_bytes, size)
@@ -281,8 +283,10 @@ class BodyLimits:
                 asyncio.get_running_loop().call_later(_TRIM_SECONDS, trim_memory)
 
 
-def refuse_structure(content: bytes) -> None:
+def refuse_structure(content: bytes, remedy: str = SPLIT_BODY) -> None:
     """Refuse a JSON text for which a parser would need too much memory.
+
+    `remedy` says what to do with a text that has too many parts.
 
     Raises:
         HTTPException: the text has too many objects, lists, members, values or different keys (413).
@@ -291,8 +295,7 @@ def refuse_structure(content: bytes) -> None:
         if content.count(character) > greatest_count:
             raise HTTPException(
                 413,
-                f"the body has more than {greatest_count} '{character.decode()}'; split the body into "
-                "several requests",
+                f"the body has more than {greatest_count} '{character.decode()}'; {remedy}",
             )
     if content.count(b":") <= MAX_KEYS:
         return
@@ -307,6 +310,13 @@ def refuse_structure(content: bytes) -> None:
                 )
 
 
-def _make_size_error(limit: int) -> HTTPException:
-    """Return the error (413) that refuses a body larger than a limit in bytes."""
-    return HTTPException(413, f"the body exceeds {limit // 1024} KiB; split the body into several requests")
+_REMEDIES_OF_SIZE: Final[Mapping[str, str]] = MappingProxyType(
+    {"/v1/campaigns": USE_ARRAYS, "/v1/measurement-sets": USE_ARRAYS}
+)
+"""Path → what to do with a body that is too large and cannot be split."""
+
+
+def _make_size_error(limit: int, path: str) -> HTTPException:
+    """Return the error (413) that refuses a body larger than a limit in bytes at a path."""
+    remedy = _REMEDIES_OF_SIZE.get(path, SPLIT_BODY)
+    return HTTPException(413, f"the body exceeds {limit // 1024} KiB; {remedy}")

@@ -220,9 +220,21 @@ class Collection(Generic[Record, Entry]):
         by_id = self._by_id_with_deleted if include_deleted else self._by_id
         for row in self._database.rows(by_id, {"id": identifier}):
             return self._make_record(row._mapping)
-        was_deleted = self._has_row(self._id_query, identifier)
-        error = problems.DeletedError if was_deleted else problems.NotFoundError
-        raise error(self.resource, identifier)
+        if self._has_row(self._id_query, identifier):
+            raise problems.DeletedError(self.resource, identifier)
+        raise problems.NotFoundError(self.resource, identifier, self._find_other_owner(identifier))
+
+    def _find_other_owner(self, identifier: str) -> str | None:
+        """Return the name of the kind of resource that has an id; None if no visible resource has it.
+
+        Every key that may request a resource may read the resources of all kinds.
+        """
+        kinds = {robots: sa.literal(ROBOT.name), measurement_sets: sa.literal(MEASUREMENT_SET.name)}
+        for table, kind in {**kinds, jobs: jobs.c.kind}.items():
+            visible = sa.select(kind).where(table.c.id == sa.bindparam("id"), table.c.deleted_at.is_(None))
+            for row in self._database.rows(visible, {"id": identifier}):
+                return str(row[0])
+        return None
 
     def _make_record(self, values: Mapping[Any, Any]) -> Record:
         """Return the record of a row; a document of an earlier version is raised to today's shape."""

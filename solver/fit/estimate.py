@@ -42,6 +42,7 @@ from jointstiff.solver.fit.observability import (
     explain_noise,
     observability_indices,
 )
+from jointstiff.solver.fit.prior import Prior
 from jointstiff.solver.fit.problem import Certificate, LeastSquares, Problem
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.solution import greatest_violations, solve, solve_batch
@@ -461,6 +462,14 @@ def stiffness_interval(interval: tuple[float, float] | None) -> tuple[float, flo
     return least_stiffness, invert_compliance(least_compliance)
 
 
+class JointPrior(NamedTuple):
+    """Prior of a joint, and the joint's compliance by the readings alone."""
+
+    mean: float  #: of the prior [rad/(N·m)]
+    standard_uncertainty: float  #: of the prior [rad/(N·m)]
+    by_readings: float  #: compliance of the fit without priors [rad/(N·m)]
+
+
 @dataclass(frozen=True)
 class JointCompliance:
     """Result for one joint; numbers are None if the joint is not observable."""
@@ -478,6 +487,8 @@ class JointCompliance:
     #: information of the joint's prior over the readings' information; inf where only the prior separates the
     #: joint from other joints, None without a prior
     prior_to_data: float | None = None
+    #: the joint's prior and the readings; None without a prior, or where only the prior separates the joint
+    prior: JointPrior | None = None
     reason: str | None = None  #: why there is no number, or which limit applies to the number
     limit: str = ""  #: text of the lower limit of the stiffness, with which the reason begins; may be empty
 
@@ -734,6 +745,7 @@ class Evidence:
     #: (n,) information of each joint's prior over that of the readings; NaN for a joint without a prior, inf
     #: where only the prior separates the joint from other joints
     prior_to_data: FloatArray
+    prior: Prior | None = None  #: of the n joints
     #: profiles of joints near the line of the load
     profiles: Mapping[int, LeverProfile] = field(default_factory=dict)
 
@@ -820,8 +832,19 @@ class Evidence:
             compliance_interval=compliance_interval,
             one_sided=one_sided,
             prior_to_data=None if np.isnan(prior_to_data) else prior_to_data,
+            prior=self._compare_with_prior(j) if np.isfinite(prior_to_data) else None,
             reason="; ".join(reasons) or None,
             limit=limit,
+        )
+
+    def _compare_with_prior(self, j: int) -> JointPrior | None:
+        """Return the prior of joint j with the compliance by the readings alone; None without a prior."""
+        if self.prior is None or self.fit.alone is None:
+            return None
+        return JointPrior(
+            mean=float(self.prior.mean[j]),
+            standard_uncertainty=float(self.prior.standard_uncertainty[j]),
+            by_readings=float(self.fit.alone.compliance[j]),
         )
 
     def _judge(

@@ -758,6 +758,7 @@ class _DescribedFit:
             constraints=settings.constraints,
             confidence=settings.confidence,
             prior_to_data=_compare_prior_to_data(self.fit.alone, settings.prior, sigma, n),
+            prior=settings.prior,
             profiles=_profile_short_levers(self),
         )
 

@@ -5,7 +5,7 @@ Each finding has a weight, a message with a figure, and a remedy. No mistake is 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -70,6 +70,7 @@ def inspect_measurements(
     degrees: bool,
     others: Iterable[KnownRobot] = (),
     flange_fields: Sequence[str] = (),
+    header_units: Collection[str] = (),
 ) -> list[Finding]:
     """Return findings on the usual mistakes of a day of measurements.
 
@@ -84,11 +85,12 @@ def inspect_measurements(
             model of `robot`, targets are far from their usual places and no mistake in the readings explains
             the distance.
         flange_fields: fields that a remedy names if lengths in the flange frame seem to have another unit.
+        header_units: quantities, such as length, whose units the headers of files state.
 
     Returns:
         The findings, at most `MAX_FINDINGS_PER_CODE` of each kind.
     """
-    posted = View(robot, measurements, degrees, flange_fields)
+    posted = View(robot, measurements, degrees, flange_fields, header_units)
     findings = [*inspect_values(posted), *inspect_equal_targets(posted)]
     mistakes_in_loaded = inspect_loaded(posted)
     if mistakes_in_loaded:
@@ -114,7 +116,12 @@ def inspect_measurements(
 
 
 def inspect_unloaded(
-    robot: Robot, measurements: Measurements, *, degrees: bool, others: Iterable[KnownRobot] = ()
+    robot: Robot,
+    measurements: Measurements,
+    *,
+    degrees: bool,
+    others: Iterable[KnownRobot] = (),
+    header_units: Collection[str] = (),
 ) -> list[Finding]:
     """Return findings on the positions without load of a set in which some were not read under load.
 
@@ -126,10 +133,11 @@ def inspect_unloaded(
         measurements: N observations of T targets.
         degrees: whether the angles were posted in degrees.
         others: robots that may have been measured instead.
+        header_units: quantities, such as length, whose units the headers of files state.
     """
     unloaded_only = measurements.unloaded_only
     was_read = measurements.present if unloaded_only is None else measurements.present | unloaded_only
-    view = View(robot, replace(measurements, present=was_read), degrees)
+    view = View(robot, replace(measurements, present=was_read), degrees, header_units=header_units)
     findings: list[Finding] = []
     for check in (
         inspect_angles,

@@ -7,7 +7,7 @@ counts: quantiles are then those of the F distribution with the degrees of freed
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -72,6 +72,7 @@ class View:
     measurements: Measurements  #: measurements as they were posted
     degrees: bool = False  #: whether the angles were posted in degrees
     flange_fields: Sequence[str] = ()  #: fields of lengths in the flange frame, to be named in remedies
+    header_units: Collection[str] = ()  #: quantities, such as length, whose units the headers of files state
 
     def build_finding(
         self,
@@ -111,10 +112,13 @@ class View:
             effect: evidence in words.
         """
         quantity, declared, code = OTHER_UNITS[unit]
+        remedy = f"set `units.{quantity}` to {unit}"
+        if quantity in self.header_units:
+            remedy = f"change the unit of {quantity}s in the headers from {declared} to {unit}"
         return self.build_finding(
             code,
             f"the {quantity}s seem to be in {unit}, not in {declared} as declared: {effect}",
-            f"set `units.{quantity}` to {unit}; {PAST_DO_NOT_USE}",
+            f"{remedy}; {PAST_DO_NOT_USE}",
             "do_not_use",
             AdvisedAction.of("convert_units", unit=unit),
         )

@@ -227,6 +227,14 @@ class Robot:
         self._flange_frame = _find_flange_frame(model, flange)
         self.flange, self.flange_placement = self._flange_frame.name, self._flange_frame.placement
 
+    @property
+    def reach_bound(self) -> float:
+        """Upper bound of the flange's distance from the origin of R0 [m]; inf for a slide without limits."""
+        placements = [self.model.jointPlacements[i] for i in range(1, self.n + 1)] + [self.flange_placement]
+        lengths = sum(float(np.linalg.norm(each.translation)) for each in placements)
+        strokes = np.abs(self.limits[self.prismatic]).max(axis=1)
+        return lengths + float(strokes.sum())
+
     def with_payload(self, payload: float | None) -> Robot:
         """Return a copy with another payload [kg]; this object if it has this payload already."""
         if payload == self.payload:

@@ -24,7 +24,7 @@ from jointstiff.schemas.finding import (
     NamedCause,
     Verdict,
 )
-from jointstiff.schemas.joints import JointKind
+from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.options import MAX_CAUSES
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.evidence.alternatives import (
@@ -46,6 +46,7 @@ from jointstiff.solver.fit.estimate import (
     ComplementaryStiffness,
     Estimate,
     JointCompliance,
+    JointPrior,
     Prediction,
 )
 from jointstiff.solver.fit.identify import describe
@@ -106,6 +107,8 @@ LEAST_SIGMA: Final = 1e-8
 """Residuals [m] below which the readings are computed, not measured."""
 PLAUSIBLE_STIFFNESS: Final = (1e3, 1e9)
 """Range of joint stiffness of industrial robots [N·m/rad, N/m], with a margin of three decades."""
+CONTRADICTED_PRIOR: Final = 5.0
+"""Least difference of a prior from the readings, in its standard uncertainties, that is reported."""
 LARGEST_SHIFT: Final = 0.5
 """Bias, in standard uncertainties, at which a 95 % interval contains the true value in only 92 % of cases."""
 _PLACES: Final = 60
@@ -1454,10 +1457,11 @@ def _find_worst_posture(fit: _AssessedFit) -> str:
 
 
 def report_implausible_results(estimate: Estimate) -> Iterator[Finding]:
-    """Yield findings on dominant priors, implausible stiffnesses, and a neglected K_c that matters."""
+    """Yield findings on priors, on implausible stiffnesses, and on a neglected K_c that matters."""
     for joint in estimate.joints:
         if joint.prior_to_data is not None and joint.prior_to_data > 1.0:
             yield _report_dominant_prior(joint.name, joint.prior_to_data)
+    yield from _report_contradicted_priors(estimate)
     yield from report_implausible_joints(estimate.joints)
     if estimate.complementary_stiffness is not None:
         yield from _report_complementary_stiffness(estimate.complementary_stiffness)
@@ -1475,6 +1479,65 @@ def _report_dominant_prior(name: str, ratio: float) -> Finding:
         remedy="add loads and postures with more torque about the joint's axis, or omit the prior "
         "to see the result of the readings alone",
         where=name,
+    )
+
+
+def _report_contradicted_priors(estimate: Estimate) -> Iterator[Finding]:
+    """Yield a finding for each prior that the readings alone contradict.
+
+    With r the ratio of the prior's information to that of the readings, and s₀ the prior's standard
+    uncertainty, the noise of the readings alone has the variance ``r s₀²``. In the fit with the prior this
+    variance, and the response to errors that all observations share, are smaller by the factor ``1 + r``.
+    """
+    if estimate.covariance is None:
+        return
+    for joint, variance in zip(estimate.joints, np.diagonal(estimate.covariance), strict=True):
+        prior, ratio = joint.prior, joint.prior_to_data
+        if prior is None or ratio is None:
+            continue
+        noise = ratio * prior.standard_uncertainty**2
+        shared = max(float(variance) - noise / (1.0 + ratio), 0.0) * (1.0 + ratio) ** 2
+        deviation = _measure_deviation(prior, float(np.sqrt(noise + shared)))
+        if deviation > CONTRADICTED_PRIOR:
+            yield _report_contradicted_prior(joint, prior, deviation)
+
+
+def _measure_deviation(prior: JointPrior, uncertainty: float) -> float:
+    """Return the difference of a prior and the readings, in standard uncertainties of the difference.
+
+    The prior is normal in the stiffness, as it was stated: 3 ± 1 N·m/rad excludes any stiff joint, although
+    the compliance 0.33 ± 0.11 rad/(N·m) does not. A difference of stiffnesses times ``c c₀`` is one of the
+    compliances c by the readings and c₀ by the prior, so that the uncertainty of the prior is ``s₀ c / c₀``.
+
+    Args:
+        prior: prior of the joint, and its compliance by the readings alone.
+        uncertainty: standard uncertainty of the compliance by the readings alone [rad/(N·m)].
+    """
+    scale = prior.by_readings / prior.mean if prior.by_readings > 0.0 else 1.0
+    uncertainty_of_difference = float(np.hypot(uncertainty, scale * prior.standard_uncertainty))
+    return abs(prior.by_readings - prior.mean) / uncertainty_of_difference
+
+
+def _report_contradicted_prior(joint: JointCompliance, prior: JointPrior, deviation: float) -> Finding:
+    """Return the finding that the prior of a joint contradicts the readings.
+
+    Args:
+        joint: result of the joint.
+        prior: prior of the joint, and its compliance by the readings alone.
+        deviation: their difference in its standard uncertainties.
+    """
+    unit = JOINT_UNITS[joint.kind].stiffness.replace(".", "·")
+    by_prior = stiffness_text(1.0 / prior.mean, joint.kind)
+    by_readings = "no stiffness above zero"
+    if prior.by_readings > 0.0:
+        by_readings = stiffness_text(1.0 / prior.by_readings, joint.kind)
+    return Finding(
+        code="prior_dominates",
+        weight="use_with_care",
+        message=f"the prior of {joint.name}, {by_prior}, contradicts the readings, which alone give "
+        f"{by_readings}: they differ by {figure(deviation, '.3g')} standard uncertainties of the difference",
+        remedy=f"check the prior, and that its numbers are in {unit}; or omit the prior",
+        where=joint.name,
     )
 
 

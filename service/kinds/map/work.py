@@ -41,6 +41,7 @@ from jointstiff.solver.predict.answers import (
     map_places,
     summarise_map,
 )
+from jointstiff.solver.text import length_text
 
 POSES_A_STEP: Final = 10_000
 """Number of postures (places times orientations) in a step, which takes a quarter of a second."""
@@ -116,11 +117,26 @@ class MapWork(Work):
         return [
             *find_implausible_deflection(None if worst is None else worst.deflection, self._run_model.result),
             *find_missing_numbers(
-                places - counts["reached"], places, "places", unseen=counts["unseen_joint"] > 0
+                places - counts["reached"],
+                places,
+                "places",
+                unseen=counts["unseen_joint"] > 0,
+                remedy=self._describe_far_area(),
             ),
             *find_far_points([self.request.place, self.request.load_point]),
             *find_beyond_campaign(numbers["extrapolated"], places, "places"),
         ]
+
+    def _describe_far_area(self) -> str | None:
+        """Return the remedy if all places are farther from the base than the arm can reach; else None."""
+        distance = float(np.linalg.norm(self.places, axis=1).min())
+        reach = self.robot.reach_bound + float(np.linalg.norm(self.request.place))
+        if distance <= reach:
+            return None
+        return (
+            f"move `area`, whose lengths are in m: its nearest place is {length_text(distance)} from the "
+            f"origin of R0, and the tool reaches at most {length_text(reach)}"
+        )
 
     @cached_property
     def table(self) -> DeflectionMap:

@@ -10,6 +10,7 @@ from support.api import posted
 from support.in_process import Client
 from support.kinds import MAP
 
+from jointstiff.service.conversion.parsing import MAX_SET_BYTES, USE_ARRAYS
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -93,14 +94,67 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
     "id of a run for a set": (
         post_run(measurement_set_id="{run}"),
         422,
-        "no measurement set '{run}'.*GET /v1/measurement-sets",
-        get("/v1/measurement-sets"),
+        "no measurement set '{run}': this is the id of a run \\| give `request.measurement_set_id` of the "
+        "run, GET /v1/jobs/{run}; or list the existing ids with GET /v1/measurement-sets",
+        get("/v1/jobs/{run}"),
     ),
     "id of a set for a run": (
         request("POST", "/v1/maps", json=MAP | {"run_id": "{set}"}),
         422,
-        "no run '{set}'.*list the existing ids with GET /v1/jobs",
-        get("/v1/jobs"),
+        "no run '{set}': this is the id of a measurement set \\| identify the set with POST /v1/runs "
+        '{"measurement_set_id": "{set}"}; or list the existing ids with GET /v1/jobs',
+        request("POST", "/v1/runs", json={"measurement_set_id": "{set}"}),
+    ),
+    "id of a robot for a run": (
+        request("POST", "/v1/maps", json=MAP | {"run_id": "{robot}"}),
+        422,
+        r"this is the id of a robot \| give the id of one of the robot's runs, "
+        r"GET /v1/jobs\?kind=run&robot_id={robot}",
+        get("/v1/jobs?kind=run&robot_id={robot}"),
+    ),
+    "id of a robot for a set": (
+        post_run(measurement_set_id="{robot}"),
+        422,
+        r"this is the id of a robot \| .*GET /v1/measurement-sets\?robot_id={robot}",
+        get("/v1/measurement-sets?robot_id={robot}"),
+    ),
+    "id of a set for a job": (
+        get("/v1/jobs/{set}"),
+        404,
+        r"no job '{set}': this is the id of a measurement set \| get the set with "
+        "GET /v1/measurement-sets/{set}",
+        get("/v1/measurement-sets/{set}"),
+    ),
+    "id of a set for a robot": (
+        get("/v1/robots/{set}"),
+        404,
+        "this is the id of a measurement set \\| give `robot_id` of the set, GET /v1/measurement-sets/{set}",
+        get("/v1/measurement-sets/{set}"),
+    ),
+    # Documents
+    "robot for a campaign": (
+        request("POST", "/v1/campaigns", json=CAMPAIGN["robot"]),
+        422,
+        r"the body is a robot \| send the robot with POST /v1/robots$",
+        request("POST", "/v1/robots", json=CAMPAIGN["robot"]),
+    ),
+    "campaign for a robot": (
+        request("POST", "/v1/robots", json=CAMPAIGN),
+        422,
+        r"the body is a campaign \| send the campaign with POST /v1/campaigns$",
+        WELL,
+    ),
+    "set for a campaign": (
+        request("POST", "/v1/campaigns", json=CAMPAIGN["measurement_set"]),
+        422,
+        "the body is a measurement set without a robot.*add `robot_id`.*POST /v1/measurement-sets",
+        request("POST", "/v1/measurement-sets", json=CAMPAIGN["measurement_set"] | {"robot_id": "{robot}"}),
+    ),
+    "set of a robot for a campaign": (
+        request("POST", "/v1/campaigns", json=CAMPAIGN["measurement_set"] | {"robot_id": "{robot}"}),
+        422,
+        "the body is a measurement set of a stored robot.*with POST /v1/measurement-sets$",
+        request("POST", "/v1/measurement-sets", json=CAMPAIGN["measurement_set"] | {"robot_id": "{robot}"}),
     ),
     # Methods
     "delete": (
@@ -328,3 +382,23 @@ def test_a_remedy_names_only_fields_that_exist_at_its_place(send):
     assert "resampling" not in f"{item['reason']} {item['remedy']}"
     refused = send(post_run(bootstrap=100)).json()
     assert refused["remedy"] == "give `resampling` in its place, or remove this field"
+
+
+@pytest.mark.parametrize("path", ["/v1/campaigns", "/v1/measurement-sets"])
+def test_too_large_a_campaign_is_not_to_be_split(client, path):
+    """Two runs of half a campaign are not one run: the remedy is the library."""
+    refused = client.request("POST", path, content=b" " * (MAX_SET_BYTES + 1), headers=JSON)
+    problem = refused.json()
+    assert (refused.status_code, problem["detail"]) == (413, "the body exceeds 8192 KiB")
+    assert problem["remedy"] == USE_ARRAYS
+    assert "split" not in problem["remedy"]
+
+
+def test_an_id_of_a_deleted_resource_of_another_kind_is_not_explained(client):
+    """What no reader sees is not told."""
+    robot = client.request("POST", "/v1/robots", json=CAMPAIGN["robot"] | {"name": "to be deleted"}).json()[
+        "id"
+    ]
+    client.request("PATCH", f"/v1/robots/{robot}", json={"deleted": True})
+    refused = client.request("GET", f"/v1/measurement-sets/{robot}").json()
+    assert refused["detail"] == f"there is no measurement set '{robot}'"

@@ -14,6 +14,12 @@ label,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],Fx [N],Fy [N],Fz [N]
 a,0,0,0,0,30,0,0,0,-500
 """
 
+POINTS = ";".join(f"A {state} {axis} [mm]" for state in ("unloaded", "loaded") for axis in "xyz")
+READINGS = f"""\
+label;J1 [deg];{POINTS}
+a;10;1000.1;20.5;300.2;1000.2;20.4;299.1
+b;20;950.3;310.4;301.7;950.2;310.6;300.4
+"""
 
 AREA = {
     "area": [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]],
@@ -30,13 +36,45 @@ def folder(tmp_path_factory):
     (folder / "postures.csv").write_text(POSTURES)
     (folder / "bounds.json").write_text(json.dumps({"stiffness_bounds": {"joint_2": [1e6, None]}}))
     (folder / "map.json").write_text(json.dumps(AREA))
+    in_millimetres = [[1e3 * part for part in corner] for corner in AREA["area"]]
+    (folder / "far.json").write_text(json.dumps(AREA | {"area": in_millimetres}))
+    (folder / "monday").mkdir()
+    (folder / "monday" / "m.json").write_text(json.dumps(campaign("pull", 8, 2)))
+    (folder / "readings.csv").write_text(READINGS)
+    (folder / "path.src").write_text(PROGRAM)
     return folder
 
 
 @pytest.mark.parametrize(
     ("mistake", "answer", "correction"),
     [
-        ("identify pul.json", "does not exist", "identify pull.json"),
+        ("identify pul.json", "does not exist; give pull.json", "identify pull.json"),
+        (
+            "identify monday",
+            "'monday' is a folder; give a file in it: monday/m.json",
+            "identify monday/m.json",
+        ),
+        (
+            "identify pull.json --options bound.json",
+            "give bounds.json",
+            "identify pull.json --options bounds.json",
+        ),
+        (
+            "identify pull.json --prior joint_2=3.1:0.1",
+            "give stiffnesses in N·m/rad (prismatic: N/m); 3.1 · 10⁶ N·m/rad in a table is 3.1e6",
+            "identify pull.json --prior joint_2=3.1e6:1e5",
+        ),
+        (
+            "compensate pull.json path.src --accuracy-option off -o o.src --overwrite --force 0,0,-50kg",
+            "'0,0,-50kg' must be numbers in N, such as 0,0,-490.3 for 50 kg: 1 kg weighs 9.80665 N",
+            "compensate pull.json path.src --accuracy-option off -o o.src --overwrite --force 0,0,-490.3",
+        ),
+        (
+            "import readings.csv --force 0,0,-50kg",
+            "must be three numbers in the unit of --units (force=kgf for kg)",
+            "import readings.csv --force 0,0,-50 --units force=kgf,length=mm,angle=deg --load-point 0,0,0 "
+            "--encoders motor",
+        ),
         ("identify pull.json --method magic", "'partial_pose'", "identify pull.json --method partial_pose"),
         ("identify pull.json --unit furlong", "'Nm/arcmin'", "identify pull.json --unit Nm/arcmin"),
         ("identify pull.json --cause moon", "give one of: constant_force", "identify pull.json --cause play"),
@@ -90,6 +128,14 @@ def test_a_mistake_is_answered_with_a_remedy_that_works(folder, monkeypatch, mis
     assert answer in said
     assert "openapi" not in said
     assert terminal(*correction.split(), width=200).exit_code == 0
+
+
+def test_a_map_in_millimetres_is_beyond_reach_and_its_unit_is_named(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    said = " ".join(terminal("map", "pull.json", "--options", "far.json", width=200).stdout.split())
+    advice = "move `area`, whose lengths are in m: its nearest place is 1540 m from the origin of R0"
+    assert f"{advice}, and the tool reaches at most" in said
+    assert advice[:10] not in terminal("map", "pull.json", "--options", "map.json", width=200).stdout
 
 
 ROWS = """\

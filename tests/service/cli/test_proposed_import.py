@@ -74,6 +74,66 @@ def test_a_proposal_whose_import_is_refused_is_not_offered():
     assert "--yes" not in shown
 
 
+NAMED = ";".join(
+    ["label", *(f"J{n} [deg]" for n in range(1, 7))]
+    + [f"P1 {state} {axis} [mm]" for state in ("unloaded", "loaded") for axis in "xyz"]
+)
+
+
+def write_named(name, change):
+    """Write a table whose headers explain all columns; `change` alters the cells of a row of a number."""
+    known = next(each for each in catalogue_robots() if each.name == ARM)
+    angles, points = measure(known, seed=1)
+    table = np.column_stack([angles, points[:, 0], points[:, 0] - [0.0, 0.0, 0.6]])
+    rows = [change(n, [f"c{n:02}", *map(str, row)]) for n, row in enumerate(table.tolist(), 1)]
+    Path(name).write_text("\n".join([NAMED, *map(";".join, rows)]) + "\n")
+
+
+@pytest.mark.parametrize("yes", ["", " --yes"])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            lambda n, row: [*row[:7], "n/a", *row[8:]] if n == 5 else row,
+            "named.csv:6:8: 'n/a' is no number remedy: fill in the cell, or use `--allow-missing` to leave "
+            "this reading out",
+        ),
+        (
+            lambda n, row: ["c03", *row[1:]] if n == 4 else row,
+            "named.csv:5: the label 'c03' occurs twice, first at 'named.csv', line 4 "
+            "remedy: rename or remove one of the two rows",
+        ),
+    ],
+    ids=["a missing number", "a label twice"],
+)
+def test_where_headers_explain_all_columns_only_the_faulty_cell_is_named(change, said, yes):
+    write_named("named.csv", change)
+    assert refused(f"import named.csv --robot '{ARM}' {STATED} -o c.json{yes}") == said
+
+
+def test_a_reading_with_a_mark_for_a_missing_number_is_left_out():
+    write_named("named.csv", lambda n, row: [*row[:7], "n/a", *row[8:]] if n == 5 else row)
+    shown = typed(f"import named.csv --robot '{ARM}' {STATED} --allow-missing -o c.json")
+    assert_said(shown, "c05: a coordinate of target P1 unloaded has no number; skipped", "wrote c.json")
+
+
+def test_equal_faults_of_many_rows_are_one_with_their_places():
+    write_named("named.csv", lambda _n, row: [*row, "1"])
+    shown = refused(f"import named.csv --robot '{ARM}' {STATED} -o c.json")
+    assert shown.count("the row has 14 cells, but line 1 has 13") == 1
+    assert_said(shown, "named.csv:2:14:", "the same at 3:14, 4:14, 5:14 and in 12 more places")
+
+
+def test_units_of_headers_are_corrected_in_the_headers():
+    """The remedy is carried out: an option with another unit than the headers would be refused."""
+    write_named("named.csv", lambda _n, row: [*row[:7], *(f"{float(each) / 1e3:.7f}" for each in row[7:])])
+    stated = f"--robot '{ARM}' {STATED} -o c.json"
+    shown = typed(f"import named.csv {stated}", status=1)
+    assert_said(shown, "change the unit of lengths in the headers from mm to m")
+    Path("named.csv").write_text(Path("named.csv").read_text().replace("[mm]", "[m]"))
+    assert_said(typed(f"import named.csv {stated}"), "wrote c.json, a campaign")
+
+
 def test_a_template_keeps_the_meaning_and_reads_the_next_day_without_a_question():
     typed(f"import j.txt u.txt l.txt --robot '{ARM}' {STATED} --yes --save-template t.json")
     assert json.loads(Path("t.json").read_text())["meaning"]["joints"]["columns"] == [1, 2, 3, 4, 5, 6]

@@ -136,7 +136,8 @@ def test_readings_with_errors_are_written_only_despite_them():
         "do not use: the "
         "angles seem to be in rad, not in deg as declared: with the data as given, the targets keep their "
         "positions on the flange (up to 20 mm is plausible) in only 1 of 6 observations; with all "
-        f"angles taken as radians, in 6 of 6, within 56.3 µm; set `units.angle` to rad; {past}"
+        f"angles taken as radians, in 6 of 6, within 56.3 µm; change the unit of angles in the headers "
+        f"from deg to rad; {past}"
     )
     assert_said(
         typed(line, status=1),

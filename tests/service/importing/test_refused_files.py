@@ -51,7 +51,7 @@ def test_an_edit_of_a_file_is_told_by_place_reason_and_remedy(sample, edit, opti
 
 @pytest.mark.parametrize(
     "text",
-    ["1.2.3", "nan", "-Infinity", "1_000", "0x10", "1 000.5", "٣.٥", "- 1.5", "1.5mm", "1.5 # up", "9" * 41],
+    ["1.2.3", "-nan", "-Infinity", "1_000", "0x10", "1 000.5", "٣.٥", "- 1.5", "1.5mm", "1.5 # up", "9" * 41],
 )  # fmt: skip
 def test_a_cell_that_is_no_plain_number_is_refused(text):
     said = f"a.csv:4:8: '{text}' is not a number with a decimal point; {DIGITS}"

@@ -406,6 +406,9 @@ ROWS = {
         "label;J1 [deg]\nc01;1,234\nc02;2,345\n",
         decimal_mark="comma",
     ),
+    "mark of a missing number": option(
+        "'n/a' is no number", CAMPAIGN.replace("1102.5518", "n/a"), allow_missing=True
+    ),
     "empty number": mistake("the cell is empty, but needs a number", "42.75", ""),
     "no number": mistake("is not a number with a decimal point", "42.75", "1.2.3"),
     "huge number": mistake("is outside", "42.75", "4e275"),
@@ -551,7 +554,7 @@ VALUES = {
     ),
     "text for a number": Case(
         "a number is needed, but the cell has type",
-        {"a.xlsx": workbook(change=lambda _book, sheet: setattr(sheet["C3"], "value", "n/a"))},
+        {"a.xlsx": workbook(change=lambda _book, sheet: setattr(sheet["C3"], "value", "20 deg"))},
         {"a.xlsx": BOOK},
     ),
     "row without a force": mistake(
@@ -744,6 +747,7 @@ STEPS = {
         {"a.csv": STEP.replace("J1 [deg];J2 [deg]", "J2 [deg];J3 [deg]")},
         {"a.csv": STEP},
     ),
+    "a step with an empty number": step("the cell is empty, but needs a number", "20.001;", ";"),
     "a step in two units": step("have different units", "link [deg]", "link [rad]"),
     "a step in gon": step("is not one of deg, rad", "motor [deg]", "motor [gon]"),
     "a step in an unknown state": step("the state 'half' is unknown", ";unloaded;", ";half;"),

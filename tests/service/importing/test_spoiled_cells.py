@@ -12,6 +12,7 @@ NUMBER = "use digits with at most one decimal mark, no unit, no thousands separa
 HEADERS = "use headers such as `label`, `J1 [deg]`, `Fx [N]`, `P10 unloaded x [mm]`"
 TEMPLATE = "give a template `point_name`, such as {label}_{target}_{state}"
 MARKS = "the file has decimal points and decimal commas"
+FILL_OR_LEAVE_OUT = "fill in the cell, or use `allow_missing` to leave this reading out"
 PAIRED = "add the reading, check the spelling of names, or use `allow_missing`"
 
 
@@ -99,11 +100,11 @@ def test_a_header_in_capitals_means_the_same_but_coordinates_are_spelt_alike(nam
 )
 def test_a_cell_that_is_no_number_is_named_with_its_place(name, row, column, cell):
     place = (row + 1, column + 1)
-    assert faults(name, row, column, "")[0] == (
-        place,
-        "the cell is empty, but needs a number",
-        "fill in the cell",
-    )
+    is_of_reading = name == "p.txt" or column >= 7
+    remedy = FILL_OR_LEAVE_OUT if is_of_reading else "fill in the cell"
+    assert faults(name, row, column, "")[0] == (place, "the cell is empty, but needs a number", remedy)
+    for mark in ("n/a", "NA", "NaN", "-", "–", "null"):
+        assert faults(name, row, column, mark)[0] == (place, f"{mark!r} is no number", remedy)
     for new in (f"{cell} {cell}", f"{cell}x"):
         reason = f"{new!r} is not a number with a decimal point"
         assert faults(name, row, column, new)[0] == (place, reason, NUMBER)

@@ -246,17 +246,30 @@ def test_a_missing_reading_is_skipped_only_if_it_is_allowed():
 def test_a_target_with_an_empty_coordinate_is_left_out_whole_if_gaps_are_allowed(cells, hole, state):
     holed = "a.csv", CAMPAIGN.replace(cells, hole)
     (refused,) = refusals(holed)
-    assert refused.endswith("the cell is empty, but needs a number; fill in the cell")
+    assert refused.endswith(
+        "the cell is empty, but needs a number; fill in the cell, or use `allow_missing` to leave this "
+        "reading out [allow_missing]"
+    )
     answer = answered(holed, allow_missing=True)
     assert numbers_of(answer) == [CAMPAIGN_NUMBERS[0], CAMPAIGN_NUMBERS[2]]
-    assert answer.assumptions[0] == f"c02: a coordinate of target P10 {state} is empty; skipped"
+    assert answer.assumptions[0] == f"c02: a coordinate of target P10 {state} has no number; skipped"
+
+
+@pytest.mark.parametrize("mark", ["n/a", "N/A", "NA", "NaN", "-", "–", "null", '""'])
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_mark_for_a_missing_number_is_an_empty_cell_of_a_reading(mark, count):
+    """With one coordinate or all three marked, only this reading is left out, if gaps are allowed."""
+    point = ["1102.4127", "402.8613", "316.8891"]
+    holed = "a.csv", CAMPAIGN.replace(";".join(point), ";".join([*[mark] * count, *point[count:]]))
+    assert all("`allow_missing`" in each for each in refusals(holed))
+    assert numbers_of(answered(holed, allow_missing=True)) == [CAMPAIGN_NUMBERS[0], CAMPAIGN_NUMBERS[2]]
 
 
 def test_an_unloaded_point_with_an_empty_coordinate_is_left_out_with_a_note():
     lines = [f"p0{k},{k},{10 * k},30,1000,{cell},3" for k, cell in enumerate(("2", "", "4"), 1)]
     header = "label,J1 [deg],J2 [deg],J3 [deg],P1 x [mm],P1 y [mm],P1 z [mm]"
     answer = answered(("a.csv", "\n".join([header, *lines])), state="unloaded", allow_missing=True)
-    assert "p02: a coordinate of target P1 is empty; skipped" in answer.assumptions
+    assert "p02: a coordinate of target P1 has no number; skipped" in answer.assumptions
     assert [each.targets["P1"][1] for each in answer.geometry.poses] == [2.0, 4.0]
 
 

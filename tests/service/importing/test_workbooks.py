@@ -102,7 +102,7 @@ def test_the_size_that_a_sheet_states_does_not_matter():
         (with_cell(0.5, "0.00%"), "percentage: '0.5'"),
         (with_cell(True), "truth value: '1'"),
         (with_cell("#DIV/0!"), "error: '#DIV/0!'"),
-        (with_cell("n/a"), "text: 'n/a'"),
+        (with_cell("none yet"), "text: 'none yet'"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )

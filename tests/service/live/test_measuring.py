@@ -227,8 +227,18 @@ def jumping(count: int, line: str) -> str:
     return line if count <= 6 else f"{name}; {float(x) + 300.0}; {y}; {z}"
 
 
+def in_metres(line: str) -> str:
+    """Return a line `target; x; y; z` in mm with its lengths in m."""
+    name, *place = line.replace(";", " ").split()
+    return " ".join([name, *(repr(float(part) / 1e3) for part in place)]) + "\n"
+
+
 SPOILT: dict[str, tuple[Answer, str]] = {
     "jumps": (jumping, "jumped"),
+    "metres": (
+        lambda count, line: in_metres(line) if count > 6 else line,
+        "within 0.1 m if the source's lengths are in m, not in mm: .*`--source-unit m`",
+    ),
     "stops": (lambda count, line: line if count <= 6 else "", "sent nothing for 1 s"),
     "ends": (lambda count, line: line if count <= 6 else "end", "stopped"),
     "rubbish": (lambda count, line: line if count <= 6 else "ERR 17\n" * 20, "contain no reading"),
@@ -251,6 +261,15 @@ def test_what_is_no_reading_is_said_and_does_not_count(campaign, spoilt):
                 live.run_source()
             assert live.count == 1
             assert all(each.state == "counts" for each in live.state.readings)
+
+
+def test_the_unit_that_is_named_for_a_source_is_the_remedy(campaign):
+    with Tracker(lambda _count, line: in_metres(line)) as tracker:
+        lines = {"request": ASK, "sample": False, "source_unit": "m"}
+        source = f"lines:tcp://127.0.0.1:{tracker.port}"
+        with jointstiff.measure(campaign, "15 %", source, source_options=lines) as live:
+            live.run_source(most=1)
+            assert live.count == 1
 
 
 def test_a_line_among_rubbish_is_read_and_the_rubbish_said(campaign):

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import stats
+from scipy.optimize import brentq
 from support.campaigns import (
     ARM,
     METHODS,
@@ -302,6 +303,47 @@ def test_partial_pose_is_bayes_rule(pulls, sigma):
     assert found.joints[0].prior_to_data is None
     complete = estimate(robot, measurements, priors=PRIORS, positive=False, method="complete_pose")
     np.testing.assert_allclose(complete.compliance, expected, rtol=1e-8)
+
+
+def contradicted(found):
+    return {
+        finding.where for finding in report_implausible_results(found) if "contradicts" in finding.message
+    }
+
+
+@pytest.mark.parametrize("fraction", [0.003, 0.02, 0.1])
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_a_prior_beyond_five_standard_uncertainties_of_the_difference_is_reported(fraction, direction):
+    """The uncertainty of the readings alone is that of a fit without priors, with all errors of the load.
+
+    The prior has a fraction of the stiffness as its uncertainty. A difference is counted in uncertainties of
+    the stiffness by the prior, and of the compliance by the readings.
+    """
+    robot, measurements = simulated(load="pull", configurations=6, force=1500.0, seed=3)
+    alone = estimate(robot, measurements, positive=False)
+    c, u = alone.compliance[1], float(np.sqrt(alone.covariance[1, 1]))
+
+    def deviate(factor):
+        """Return the deviation of a prior whose stiffness is that of the readings times a factor."""
+        return 1.0 / np.hypot(fraction / (factor - 1.0), u / (c * (1.0 / factor - 1.0)))
+
+    for deviation, reported in ((4.8, False), (5.2, True)):
+        ends = (1.0001, 3.0) if direction > 0 else (0.3, 0.9999)
+        factor = brentq(lambda factor, wanted=deviation: abs(deviate(factor)) - wanted, *ends)
+        prior = {"stiffness": factor / c, "standard_uncertainty": fraction / c}
+        found = estimate(robot, measurements, positive=False, priors={"joint_2": prior})
+        assert contradicted(found) == ({"joint_2"} if reported else set()), (deviation, factor)
+
+
+@pytest.mark.parametrize(("stiffness", "uncertainty"), [(3.1, 1.0), (3.1e3, 1e2), (3.1e9, 1e8)])
+def test_a_prior_in_another_unit_is_no_result_to_use_without_a_word(stiffness, uncertainty):
+    robot, measurements = simulated(load="pull", configurations=6, force=1500.0, seed=3)
+    prior = {"joint_2": {"stiffness": stiffness, "standard_uncertainty": uncertainty}}
+    found = estimate(robot, measurements, priors=prior)
+    (finding,) = [each for each in report_implausible_results(found) if "contradicts" in each.message]
+    assert (finding.code, finding.where, finding.weight) == ("prior_dominates", "joint_2", "use_with_care")
+    assert "standard uncertainties of the difference" in finding.message
+    assert finding.remedy == "check the prior, and that its numbers are in N·m/rad; or omit the prior"
 
 
 def test_a_combination_that_the_prior_tells_apart():
