@@ -1004,7 +1004,8 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     predicted = compute_observation_norms(springs.predicted)
     residual = compute_observation_norms(springs.residual)
     reversed_residual = compute_observation_norms(springs.residual + 2.0 * springs.predicted)
-    is_explained = reversed_residual < np.minimum(FLIPPED * residual, UNEXPLAINED_REVERSED * predicted)
+    may_remain = np.maximum(UNEXPLAINED_REVERSED * predicted, noise_limit)
+    is_explained = reversed_residual < np.minimum(FLIPPED * residual, may_remain)
     is_against_load = np.asarray(is_explained & (predicted > noise_limit))
     for position in np.flatnonzero(is_against_load):
         yield view.build_finding(
