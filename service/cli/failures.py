@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import re
+from ast import literal_eval
 from collections.abc import Mapping
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
 from jointstiff.service.cli.fields import name_options_in_text
-from jointstiff.service.cli.options import print_failure
+from jointstiff.service.cli.options import describe_missing_file, print_failure
 
 if TYPE_CHECKING:
     from jointstiff.schemas.finding import Problem
 
 
 _ARGUMENT_IN_TEXT: Final = re.compile(r"`(\w+)`")
+_FOLDER: Final = re.compile(r"file ('.*'|\".*\") is a directory\.", re.DOTALL)
+"""Message of Typer about a folder in place of a file; it has the name as Python writes a text."""
 _NONE: Final[Mapping[str, str]] = MappingProxyType({})
 
 
@@ -38,6 +42,8 @@ def _name_wrong_value(error: typer.BadParameter) -> None:
 
     from jointstiff.service.problems import reword_fault
 
+    if folder := _FOLDER.fullmatch(error.message):
+        error.message = describe_missing_file(Path(literal_eval(folder[1]))) or error.message
     cause = error.__cause__
     if isinstance(cause, ValidationError) and error.param is not None:
         fault = cause.errors()[0]

@@ -36,27 +36,27 @@ def parse_point(text: str) -> tuple[float, ...]:
 
 def file_argument(metavar: str, text: str) -> Any:  # noqa: ANN401 - Typer's
     """Return a Typer argument whose value is the path of an existing file to read, or several paths."""
-    return typer.Argument(callback=_refuse_missing_files, metavar=metavar, help=text)
+    return typer.Argument(dir_okay=False, callback=_refuse_missing_files, metavar=metavar, help=text)
 
 
 def file_option(text: str) -> Any:  # noqa: ANN401 - Typer's
     """Return a Typer option whose value is the path of an existing file to read."""
-    return typer.Option(callback=_refuse_missing_files, metavar="FILE", help=text)
+    return typer.Option(dir_okay=False, callback=_refuse_missing_files, metavar="FILE", help=text)
 
 
 def _refuse_missing_files(value: Any) -> Any:  # noqa: ANN401 - of an argument: a path, several, or None
-    """Return the value of an argument for files; the error about a missing file or a folder names a file.
+    """Return the value of an argument for files; the error about a missing file names a similar one.
 
     Raises:
-        typer.BadParameter: a path is no file that can be read.
+        typer.BadParameter: a path is no file that can be read. Typer has refused folders before.
     """
     for path in value if isinstance(value, list | tuple) else [value]:
-        if isinstance(path, Path) and (fault := _describe_missing_file(path)):
+        if isinstance(path, Path) and (fault := describe_missing_file(path)):
             raise typer.BadParameter(fault)
     return value
 
 
-def _describe_missing_file(path: Path) -> str | None:
+def describe_missing_file(path: Path) -> str | None:
     """Return why a path is no file to read, and which file may be meant; None for a file."""
     from jointstiff.service.problems import find_similar_file
 

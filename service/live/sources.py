@@ -450,8 +450,7 @@ class CheckedSource:
                 f"{name} is {position_error:.3g} m from the position that the robot's joint values give, but "
                 f"within {_LARGEST_POSITION_ERROR:g} m if the source's lengths are in {fitting_unit}, not in "
                 f"{self._source.unit}",
-                remedy=f"give the unit of the source: `--source-unit {fitting_unit}`, in Python "
-                f"`source_unit='{fitting_unit}'`",
+                remedy=f"give `--source-unit {fitting_unit}`; in Python the source's option source_unit",
             )
         raise SourceError(
             f"the source has jumped to another target: {name} is {position_error:.3g} m from the "

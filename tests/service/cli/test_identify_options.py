@@ -41,7 +41,7 @@ def folder(tmp_path_factory):
         (
             "--prior joint_1=3e6:3e5 --prior joint_2=2e6:1e4 --details",
             [
-                "Do not use: 1 reason the residuals are 3.55 times as large as the stated noise allows, so "
+                "Do not use: 2 reasons the residuals are 3.55 times as large as the stated noise allows, so "
                 "the uncertainties are too small; how much too small depends on the deflections that the "
                 "model does "
                 "not explain. Targets of one posture agree to within 18.6 µm, so the flange moves "
