@@ -107,12 +107,12 @@ class Screening:
     def links_may_be_base(self) -> bool:
         """True if a base is suspected, but the tests do not distinguish bending links from a bending base.
 
-        After either of the two is fitted, the other one explains nothing more. Held-out postures do not
-        decide, because a pedestal that yields equally about x and y moves targets exactly as link 1 does.
+        Neither explains anything more after the other one is fitted. Held-out postures do not decide, because
+        a pedestal that yields equally about x and y moves targets exactly as link 1 does.
         """
         links_are_unnecessary = self.links_p_value_with_base >= LINKS_LEVEL
         base_is_unnecessary = self.base_p_value_with_links >= LINKS_LEVEL
-        return self.base_needs_validation and (links_are_unnecessary or base_is_unnecessary)
+        return self.base_needs_validation and links_are_unnecessary and base_is_unnecessary
 
 
 def screen_estimate(rows: Rows, estimate: Estimate, scattered: bool = False) -> Screening:

@@ -1121,7 +1121,7 @@ def find_fit_problems(
         yield from _report_residuals(fit, cause_found=cause_found)
         yield from _report_unexplained_motion(fit, screening)
         yield from _report_unexplained(fit)
-        yield from _report_dropped_statements(fit.estimate)
+        yield from _report_dropped_statements(fit)
     yield from report_implausible_results(fit.estimate)
     yield from _report_solver(fit.estimate)
     yield from _report_links(fit.prediction, screening)
@@ -1198,9 +1198,13 @@ def _count_distinct_postures(joints: FloatArray, *, most: int) -> int:
     return len(distinct_postures)
 
 
-def _report_dropped_statements(estimate: Estimate) -> Iterator[Finding]:
-    """Yield a finding if stated errors could not be fitted together with the joints."""
-    if estimate.statements_dropped is not None and estimate.estimated.any():
+def _report_dropped_statements(fit: _AssessedFit) -> Iterator[Finding]:
+    """Yield a finding if stated errors could not be fitted together with the joints.
+
+    Fits of links and base have the stated errors of their own, so that those of the joints do not count.
+    """
+    estimate, links_or_base_bend = fit.estimate, fit.prediction.bending is not None
+    if estimate.statements_dropped is not None and estimate.estimated.any() and not links_or_base_bend:
         yield Finding(
             code="statement_dropped",
             weight="use_with_care",

@@ -366,10 +366,10 @@ def test_a_base_or_links_that_predict_alike_are_a_tie(monkeypatch, certified):
     options = {"loss": "squared", "cross_validation": {"folds": 3, "draws": 1}}
     fit = competition.fit_first_certified
 
-    def only_of_a_base(folds, model, weights):
-        if model.name in LINKS_ALONE:
+    def only_of_a_base(folds, candidate, weights):
+        if candidate.model.name in LINKS_ALONE:
             raise UnsupportedMethodError("no certified optimum", where="link_penalty", remedy="")
-        return fit(folds, model, weights)
+        return fit(folds, candidate, weights)
 
     alone = {
         name: jointstiff.identify(pedestal, elasticity=name, **options).result
@@ -402,6 +402,9 @@ def test_a_pedestal_that_moves_targets_as_link_1_does_is_a_tie(seed):
     assert [reason.code for reason in result.assessment.reasons] == ["links_or_base"]
     assert "use the model with links; the intervals" in result.assessment.reasons[0].message
     for joint, truth in list(zip(result.joints, arm.compliances, strict=True))[1:]:
+        if joint.name == "joint_6" and joint.compliance_interval is None:
+            assert joint.reason.startswith("the load hangs too near this joint's axis")
+            continue
         low, high = joint.compliance_interval
         assert low <= truth <= high, joint.name
 
@@ -621,7 +624,7 @@ def test_progress_does_not_go_back_when_a_run_ends_while_it_is_read(store, runs,
 
 @pytest.mark.slow
 def test_a_penalty_under_which_no_link_bends_is_noted():
-    document = simulate_campaign(default_arm(), load="pull", seed=3, readings="deflections")
+    document = simulate_campaign(default_arm(), load="pull", seed=5, readings="deflections")
     del document["measurement_set"]["observations"][12:]
     result = jointstiff.identify(document, elasticity="coupled_joints", loss="huber").result
     assert max(WEIGHTS) < result.links.penalty <= max(LIMITS)

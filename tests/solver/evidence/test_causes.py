@@ -12,7 +12,7 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS, plan_experiment, torques
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_campaign
-from jointstiff.solver.evidence.causes import screen_estimate
+from jointstiff.solver.evidence.causes import Screening, screen_estimate
 from jointstiff.solver.evidence.fitted_causes import fit_causes
 from jointstiff.solver.evidence.refuted import leave_out, list_refuted
 from jointstiff.solver.evidence.suspects import Suspect, group_distinct_loads
@@ -310,3 +310,21 @@ class TestRefutedReadings:
         finding = Finding(code="target_moved", weight="do_not_use", observation="5", message="m", remedy="r")
         assert list_refuted(measurements, [finding]) == ()
         assert leave_out(measurements, ()) is measurements
+
+
+@pytest.mark.parametrize(
+    ("links_with_base", "base_with_links", "is_tie"),
+    [(0.5, 0.5, True), (1e-9, 0.5, False), (0.5, 1e-9, False), (1e-9, 1e-9, False)],
+)
+def test_links_may_be_a_base_only_if_neither_explains_more_after_the_other(
+    links_with_base, base_with_links, is_tie
+):
+    screening = Screening(
+        1e-9,
+        (),
+        (),
+        base_p_value=1e-9,
+        links_p_value_with_base=links_with_base,
+        base_p_value_with_links=base_with_links,
+    )
+    assert screening.links_may_be_base == is_tie
