@@ -31,7 +31,7 @@ from jointstiff.solver.meaning.table import Table
 
 _LEAST_NUMBERS: Final = 3
 """Numbers of a row of data, at least."""
-_OTHER_KINDS: Final = frozenset(("force", "moment", "load point", "mass", "along", "uncertainty", "ignored"))
+_OTHER_KINDS: Final = frozenset(("force", "moment", "load point", "mass", "along", "uncertainty"))
 """Kinds of columns that are neither joints nor positions."""
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from jointstiff.schemas.imports import State
 from jointstiff.service.importing.grammar import Meaning, find_state_in_name
+from jointstiff.service.importing.grid import remove_thousands_separators
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.solver.arrays import FloatArray
@@ -203,8 +204,8 @@ def _find_known(positions: FloatArray) -> list[bool]:
 
 
 def _write_cell(table: NumberTable, row: int, column: int) -> str:
-    """Return the number of a cell as it is written, with a decimal point; empty without a number."""
-    text = table.rows[row].cells[column]
+    """Return the digits of a cell as written, with a decimal point alone; empty without a number."""
+    text = remove_thousands_separators(table.rows[row].cells[column], table.mark)
     if np.isnan(table.table.numbers[row, column]):
         return ""
     return text.replace(",", ".") if table.mark == "comma" else text

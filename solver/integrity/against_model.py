@@ -854,9 +854,11 @@ BETTER: Final = 0.5
 FLIPPED: Final = 0.5
 """Ratio of the residual with the load reversed to that with the load as posted, below which the load is
 reported as reversed. The ratio is near 0 for a wrong sign."""
-UNEXPLAINED_REVERSED: Final = 0.3
+UNEXPLAINED_REVERSED: Final = 0.5
 """Greatest residual with the load reversed, relative to the predicted motion, of a load with the wrong sign:
 what bends besides the joints remains. A load that belongs to another observation leaves more."""
+LEAST_OBSERVATIONS_OF_TURN: Final = 6
+"""Least number of observations that show the axes of the forces: fewer fit well in some axes by chance."""
 LEAST_TURN: Final = 0.05
 """Least turn of all forces [rad] that is reported: a rope is known to some degrees."""
 BEYOND_NOISE: Final = 5.0
@@ -1112,6 +1114,8 @@ def _find_turned_forces(view: View, block: RegressorBlock, springs: Springs) -> 
     None is returned if no axes do, or if the axes are turned by less than `LEAST_TURN`.
     """
     measurements = block.measurements
+    if len(measurements) < LEAST_OBSERVATIONS_OF_TURN:
+        return None
     axes = find_axes_of_forces(view.robot, measurements)
     turned = Springs.fit(get_whole_block(view.robot, turn_forces(measurements, axes)))
     is_better = turned.unexplained < BETTER * springs.unexplained and turned.work > 0.0
