@@ -857,6 +857,8 @@ reported as reversed. The ratio is near 0 for a wrong sign."""
 UNEXPLAINED_REVERSED: Final = 0.5
 """Greatest residual with the load reversed, relative to the predicted motion, of a load with the wrong sign:
 what bends besides the joints remains. A load that belongs to another observation leaves more."""
+_MORE_THAN_OTHERS: Final = 3.0
+"""Residual with the load reversed, relative to the median residual of the observations, that is usual."""
 LEAST_OBSERVATIONS_OF_TURN: Final = 6
 """Least number of observations that show the axes of the forces: fewer fit well in some axes by chance."""
 LEAST_TURN: Final = 0.05
@@ -1006,7 +1008,8 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     predicted = compute_observation_norms(springs.predicted)
     residual = compute_observation_norms(springs.residual)
     reversed_residual = compute_observation_norms(springs.residual + 2.0 * springs.predicted)
-    may_remain = np.maximum(UNEXPLAINED_REVERSED * predicted, noise_limit)
+    least = max(noise_limit, _MORE_THAN_OTHERS * median(residual))  # what few observations leave, too
+    may_remain = np.maximum(UNEXPLAINED_REVERSED * predicted, least)
     is_explained = reversed_residual < np.minimum(FLIPPED * residual, may_remain)
     is_against_load = np.asarray(is_explained & (predicted > noise_limit))
     for position in np.flatnonzero(is_against_load):
