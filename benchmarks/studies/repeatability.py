@@ -28,9 +28,9 @@ from tests.support.springs import robot_of
 
 __all__ = ["run"]
 
-_STREAM = 192
-_CAMPAIGNS = 160
-"""Campaigns of a row: the standard error of 960 intervals, 0.7 %, is a quarter of what a share may be off."""
+_STREAM = 193
+_CAMPAIGNS = 320
+"""Campaigns of a row: the standard error of 1,920 intervals, 0.5 %, is a sixth of what a share may be off."""
 _DESIGNS = 20
 _REPEATABILITIES = (0.0, 1e-5, 2e-5, 4e-5)
 """Standard deviations of a joint's angle [rad]."""
