@@ -150,8 +150,9 @@ def _refuse_loaded_after_unloading(named: Sequence[NamedReading]) -> None:
     """
     positions = {(each.target, each.state): each.reading.positions for each in named}
     for target in dict.fromkeys(each.target for each in named):
-        states = [positions.get((target, state)) for state in ("unloaded", "loaded", "unloaded_after")]
-        unloaded, loaded, after = states
+        unloaded = positions.get((target, "unloaded"))
+        loaded = positions.get((target, "loaded"))
+        after = positions.get((target, "unloaded_after"))
         if unloaded is None or loaded is None or after is None:
             continue
         to_loaded, to_unloaded = (

@@ -1203,8 +1203,11 @@ def _report_dropped_statements(fit: _AssessedFit) -> Iterator[Finding]:
 
     Fits of links and base have the stated errors of their own, so that those of the joints do not count.
     """
-    estimate, links_or_base_bend = fit.estimate, fit.prediction.bending is not None
-    if estimate.statements_dropped is not None and estimate.estimated.any() and not links_or_base_bend:
+    estimate = fit.estimate
+    links_or_base_bend = fit.prediction.bending is not None
+    if links_or_base_bend or not estimate.estimated.any():
+        return
+    if estimate.statements_dropped is not None:
         yield Finding(
             code="statement_dropped",
             weight="use_with_care",
