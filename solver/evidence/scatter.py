@@ -235,7 +235,10 @@ class RestrictedLikelihood:
         used = squares / typical <= beyond * np.median(squares / typical)
         by_joints, by_station = block.shared_motion
         motion = np.concatenate([by_joints, by_station], axis=-1)[used]
-        rows = np.concatenate([unit.reshape(*columns.shape[:2], -1), residual[..., None]], axis=-1)[used]
+        unit = unit.reshape(*columns.shape[:2], -1)[used]
+        if not used.all():  # an unknown that only the postures left out show is no unknown of the others
+            unit = orthonormal_basis(unit.reshape(-1, unit.shape[-1])).reshape(*unit.shape[:2], -1)
+        rows = np.concatenate([unit, residual[used, :, None]], axis=-1)
         self._joint_count: int = by_joints.shape[-1]
         rows, of_encoders = rows[:, : motion.shape[1]], rows[:, motion.shape[1] :]
         self._motion_products = motion.mT @ motion

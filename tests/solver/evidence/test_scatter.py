@@ -227,6 +227,27 @@ def test_one_wrong_posture_is_no_scatter():
     assert not joints.measurements.scatter
 
 
+def test_an_unknown_that_only_a_wrong_posture_shows_changes_no_likelihood_of_the_others():
+    measurements = scattered(2e-5, count=8)
+    off = measurements.deflection.copy()
+    off[7] += 2e-3
+    rows = Rows(ROBOT, replace(measurements, deflection=off))
+    stack = rows.stack([JOINTS], identify(rows, SETTINGS).compliance)
+    column = np.zeros((*stack.rows.shape[:2], 1))
+    column[7, 0] = 1.0
+    more = replace(
+        stack,
+        rows=np.concatenate([stack.rows[..., :-1], column, stack.rows[..., -1:]], axis=-1),
+        widths=stack.widths | {"shown once": 1},
+    )
+    likelihoods = (
+        RestrictedLikelihood(rows.block, each, np.arange(each.rows.shape[-1] - 1)) for each in (stack, more)
+    )
+    without, with_unknown = (likelihood.fit_shared_errors() for likelihood in likelihoods)
+    assert with_unknown[0].joints == pytest.approx(without[0].joints, rel=1e-4)
+    assert with_unknown[1] == pytest.approx(without[1], rel=1e-6)
+
+
 def test_residuals_beyond_any_robot_in_order_are_no_scatter():
     assert not JointsAlone(Rows(ROBOT, scattered(5e-4)), SETTINGS).measurements.scatter
 
