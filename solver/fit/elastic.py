@@ -91,9 +91,6 @@ class ElasticFit:
     parameters: int  #: number of parameters of the model
     certificate: LinkCertificate  #: certificate of optimality
     likelihood: PenalisedLikelihood  #: least-squares problem from which the uncertainties are computed
-    #: (T,) weights of the squares of all targets whose optimum is that of a robust loss; None for squares
-    target_weights: FloatArray | None
-    penalty_of_squares: float  #: weight of the penalty in a fit by these squares
     witness: Witness | None  #: comparison of Clarabel's own answer with the certified one
     force_scale: float  #: relative standard uncertainty of the size of all loads
 
@@ -243,8 +240,6 @@ def _fit_and_summarise(rows: Rows, reduced: Reduced, candidate: Candidate, weigh
         parameters=len(reduced.columns),
         certificate=certified.certificate,
         likelihood=_build_likelihood(reduced, candidate, unknowns, weight),
-        target_weights=certified.target_weights,
-        penalty_of_squares=certified.weight_of_squares,
         witness=certified.witness,
         force_scale=rows.measurements.common_uncertainty.scale,
     )
@@ -299,7 +294,6 @@ class _CertifiedOptimum(NamedTuple):
     witness: Witness | None
     squares: Reduced  #: weighted least-squares problem with the same optimum
     weight_of_squares: float  #: weight of the penalty in this problem
-    target_weights: FloatArray | None  #: (T,) weights of the targets in this problem; None for squares
 
 
 def _find_certified_optimum(reduced: Reduced, candidate: Candidate, weight: float) -> _CertifiedOptimum:
@@ -333,7 +327,6 @@ def _find_certified_optimum(reduced: Reduced, candidate: Candidate, weight: floa
         witness=solution.certificate.witness,
         squares=squares,
         weight_of_squares=weight_of_squares,
-        target_weights=loss.compute_target_weights(unknowns),
     )
 
 

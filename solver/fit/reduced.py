@@ -368,17 +368,6 @@ class Loss(ABC):
         """Return the duality gap at compliances (P,) that differ slightly from those of a solution."""
 
     @abstractmethod
-    def compute_target_weights(self, unknowns: FloatArray) -> FloatArray | None:
-        """Return the weights (T,) of the targets with which weighted squares have the optimum of this loss.
-
-        Args:
-            unknowns: (P + K,) fitted compliances, then fitted systematic errors.
-
-        Returns:
-            The weights; None if all are 1.
-        """
-
-    @abstractmethod
     def build_weighted_squares(
         self, candidate: Candidate, unknowns: FloatArray, weight: float
     ) -> tuple[Reduced, float]:
@@ -413,10 +402,6 @@ class SquaredLoss(Loss):
         x = self.reduced.to_parameters(compliances)
         return certify_cone(self.reduced.state(weight), x).gap
 
-    def compute_target_weights(self, unknowns: FloatArray) -> None:  # noqa: ARG002
-        """Return None: all targets have the weight 1."""
-        return
-
     def build_weighted_squares(
         self,
         candidate: Candidate,  # noqa: ARG002
@@ -450,7 +435,7 @@ class HuberLoss(Loss):
         multipliers = solution.certificate.multipliers
         return certify_robust(self._state_program(weight), x, errors, multipliers).gap
 
-    def compute_target_weights(self, unknowns: FloatArray) -> FloatArray:
+    def _compute_target_weights(self, unknowns: FloatArray) -> FloatArray:
         """Return weights (T,): 1 up to the threshold h, and h/‖r‖ for a target whose residual r is longer.
 
         With these weights w, the gradient 2 w r of a weighted square is 2h times the gradient of Huber's
@@ -466,7 +451,7 @@ class HuberLoss(Loss):
 
         The fit minimises ``Σ ρ(r_i) / Σ ‖d_i‖ + λ tr`` over the parameters, with the residuals r_i, the
         deflections d_i and Huber's loss ρ with threshold h. The problem is ``Σ w_i ‖r_i‖² / ‖d_w‖² + λ_s tr``
-        with the weights w_i of `compute_target_weights` and the norm ‖d_w‖ of the weighted readings. At the
+        with the weights w_i of `_compute_target_weights` and the norm ‖d_w‖ of the weighted readings. At the
         fitted unknowns ``Σ w_i ‖r_i‖²`` has 2h times the gradient of ``Σ ρ(r_i)``. So both optima are the
         same for ``λ_s = 2h λ Σ ‖d_i‖ / ‖d_w‖²``.
 
@@ -479,7 +464,7 @@ class HuberLoss(Loss):
             The weighted problem, and λ_s.
         """
         part, sigma = self.reduced.part, self.reduced.sigma
-        weighted_part = part.with_target_weights(self.compute_target_weights(unknowns))
+        weighted_part = part.with_target_weights(self._compute_target_weights(unknowns))
         squares = reduce_part(weighted_part, candidate, self._find_fitted_joints(candidate), sigma)
         numerator = 2.0 * self.reduced.total_deflection * self.threshold * weight
         return squares, numerator / squares.reading_norm**2

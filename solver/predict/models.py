@@ -918,9 +918,9 @@ def _refuse_directions(measurements: Measurements) -> None:
 def estimate_error_by_leaving_folds_out(source: Rows, elastic: ElasticFit) -> ModelError:
     """Estimate the error of a model with elastic links at new postures.
 
-    The postures are divided into `_FOLD_COUNT` folds. For each fold: fit the model again without the fold, by
-    squares with the weights of its loss, then predict the readings of the fold. If a fold with whitened rows
-    A is left out, the covariance ``C = L Lᵀ`` of the compliances becomes ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
+    The postures are divided into `_FOLD_COUNT` folds. For each fold: fit the model again without the fold,
+    with its own loss, then predict the readings of the fold. If a fold with whitened rows A is left out, the
+    covariance ``C = L Lᵀ`` of the compliances becomes ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
 
     Raises:
         RequestError: readings are along a direction.
@@ -931,13 +931,7 @@ def estimate_error_by_leaving_folds_out(source: Rows, elastic: ElasticFit) -> Mo
     model, sigma = ElasticPredictor.from_estimate(robot, elastic), elastic.likelihood.scale.sigma
     cross_validation = CrossValidation(folds=_FOLD_COUNT, draws=1)
     statements = elastic.statements
-    weighted = measurements
-    if elastic.target_weights is not None:
-        weights = np.ones(measurements.present.shape)
-        weights[measurements.present] = elastic.target_weights
-        weighted = replace(measurements, weight=weights)
-    folds = Folds(source.of(weighted), elastic.candidate.columns, model.seen, cross_validation, statements)
-    of_squares = replace(elastic.candidate, loss="squared")
+    folds = Folds(source, elastic.candidate.columns, model.seen, cross_validation, statements)
     covariance = np.broadcast_to(measurements.covariance, (*measurements.present.shape, 3, 3))
     observation_of_reading = np.nonzero(measurements.present)[0]
     residual = np.empty((len(observation_of_reading), 3))
@@ -948,7 +942,7 @@ def estimate_error_by_leaving_folds_out(source: Rows, elastic: ElasticFit) -> Mo
     stated_errors = elastic.likelihood.reduced.part.stated_errors
     kept = np.concatenate([np.arange(stated_errors) + folds.columns.width, model.kept])
     for number, held_out_observations in enumerate(folds.held_out):
-        unknowns, _ = fit_fold(folds, of_squares, number, (elastic.penalty_of_squares,))
+        unknowns, _ = fit_fold(folds, elastic.candidate, number, (elastic.penalty,))
         blocks = list(generate_elastic_rows(source[held_out_observations], folds.columns, statements))
         rows = np.concatenate([each.targets[each.block.measurements.present] for each in blocks])
         held_out_readings = np.flatnonzero(np.isin(observation_of_reading, held_out_observations))
