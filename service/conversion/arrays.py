@@ -207,6 +207,14 @@ class ArrayReadings:
             MeasurementError: the shape is wrong, or readings under load have neither force nor moment.
         """
         if self.forces is not None:
+            forces = to_number_array(self.forces, "forces")
+            if forces.shape in {(6,), (count, 6)}:
+                raise MeasurementError(
+                    f"`forces` has the shape {forces.shape}: its last three columns seem to be moments",
+                    where="forces",
+                    remedy="give the forces alone, forces[..., :3], and the moments about the load point as "
+                    "`moments`, forces[..., 3:]",
+                )
             return to_vectors(self.forces, count, "forces", rows)
         is_loaded = self.loaded is not None or self.deflections is not None
         if is_loaded and self.moments is None:

@@ -299,6 +299,13 @@ def _validate_message(message_class: type[AnyMessage], fields: object, *path: st
         raise RequestError(str(fault["msg"]), where=place, remedy="correct the value") from None
 
 
+_OF_POSES: Final = frozenset(("x", "y", "z", "a", "b", "c", "rx", "ry", "rz", "q1", "q2", "q3", "q4"))
+"""Names of columns, in small letters, of tables of poses."""
+_POSES_ARE_CORRECTED: Final = (
+    "; a table of poses is for `jointstiff correct`, in Python `run.correct`, over HTTP /v1/corrections"
+)
+
+
 def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) -> TableColumn:
     """Parse a header such as `J1 [deg]`; the factor of the column converts to the units of the request.
 
@@ -317,7 +324,8 @@ def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) ->
         raise RequestError(
             f"the header '{header}' is not known",
             where="line 1",
-            remedy="use label, J1 [deg], Fx [N], Mx [N.m], load point x [mm], place x [mm], direction x, …",
+            remedy="use label, J1 [deg], Fx [N], Mx [N.m], load point x [mm], place x [mm], direction x, …"
+            + (_POSES_ARE_CORRECTED if name.lower() in _OF_POSES else ""),
         )
     _, factors, quantity = _VECTORS[column.field]
     return column._replace(factor=column.factor / factors[getattr(units, quantity, "")])

@@ -135,6 +135,46 @@ MISTAKES = {
     # Arrays in another form
     "joints transposed": (*of_joints(np.transpose), r"`joints` has 6 rows, but 8 .* `joints.T`"),
     "joints None": (*of_joints(lambda _: None), r"joints.*shape"),
+    "forces with moments": (
+        *of_arrays({"forces": np.ones((8, 6))}, {"forces": np.ones((8, 3)), "moments": np.ones((8, 3))}),
+        r"last three columns seem to be moments.*forces\[..., 3:\]",
+    ),
+    "prior as a pair": (
+        *option(
+            {"priors": {"joint_2": (3e6, 1e5)}},
+            {"priors": {"joint_2": {"stiffness": 3e6, "standard_uncertainty": 1e5}}},
+        ),
+        'give its fields by name, in braces: {"stiffness": …, "standard_uncertainty": …}',
+    ),
+    "observations by number": (
+        *option({"leave_out": [3]}, {"leave_out": ["c03"]}),
+        "give labels of observations as texts, in quotes, not their numbers",
+    ),
+    "no such label": (
+        *option({"leave_out": ["3"]}, {"leave_out": ["c03"]}),
+        "no observation '3'.*c01, c02, .*c08",
+    ),
+    "postures in radians": (
+        *of_run(
+            lambda run: run.predict(np.radians([[0, -20, 30, 0, 45, 0]]), FORCE, at=AT),
+            lambda run: run.predict(np.radians([[0, -20, 30, 0, 45, 0]]), FORCE, at=AT, units="mm, rad, N"),
+        ),
+        "they seem to be radians; remedy: state the unit of the angles: units='mm, rad, N'",
+    ),
+    "a plan in place of a run": (
+        lambda _, document: js.map(js.plan(document, readings=3, candidates=50), **AREA),
+        lambda _, document: js.map(js.identify(document), **AREA),
+        r"not `Plan`; remedy: give the campaign itself, or its run: `jointstiff.identify\(campaign\)`",
+    ),
+    "another word for a convention": (
+        lambda _, _document: js.robot(
+            [[0.0, 700.0, 300.0, -90.0]] * 2, columns="theta d a alpha", convention="mdh"
+        ),
+        lambda _, _document: js.robot(
+            [[0.0, 700.0, 300.0, -90.0]] * 2, columns="theta d a alpha", convention="modified"
+        ),
+        "'mdh', which is not known; remedy: state convention='modified'",
+    ),
     # Words of other packages
     "weights": (*option({"weights": "uniform"}, {"weighting": "uniform"}), "did you mean `weighting`"),
     "constraint": (*option({"constraint": True}, {"positive": True}), "give `positive` in its place"),
