@@ -479,7 +479,8 @@ def _refuse_other_joints(header: MeasurementSetHeader, readings: ReadingArrays, 
         raise MeasurementError(
             f"there are {count} joint angles, but the robot has {robot.n} joints",
             where="observations[0].joints",
-            remedy=f"give the {robot.n} controller angles of {list_joint_names(robot)}",
+            remedy=f"give the {robot.n} controller angles of {list_joint_names(robot)}; or, if the arm has "
+            f"{count} joints, describe all of them: the robot's model ends at its flange, '{robot.flange}'",
         )
     if header.joint_kinds is not None:
         _refuse_other_joint_kinds(header.joint_kinds, robot)

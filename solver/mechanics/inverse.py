@@ -38,8 +38,10 @@ _REFINED_AT_ONCE: Final = 4096
 _DAMPING: Final = 1e-12
 _FAR_START: Final = 0.2
 """Least distance [rad] of a start from the first pose's posture at which its unit is doubted."""
-_NEAR_START: Final = 0.1
+_NEAR_START: Final = 1.0 / 3.0
 """Greatest ratio of the distances with the other unit and with the stated unit that shows a mistaken unit."""
+_ROUND: Final = 1e-6
+"""Greatest distance of ten times an angle from a whole number at which the angle has one decimal."""
 _SAME_SOLUTION: Final = 1e-3
 """Difference [rad] below which two solutions count as the same solution."""
 _SINGULAR: Final = 2e-3
@@ -527,7 +529,8 @@ class _PostureChoice:
         ):
             is_within_a_turn = np.abs(corrected).max() <= 2.0 * np.pi
             corrected_distance = self._measure_from_start(corrected)
-            if is_within_a_turn and corrected_distance <= _NEAR_START * distance:
+            nearer = 1.0 if _has_numbers_of_radians(start) and stated == "degrees" else _NEAR_START
+            if is_within_a_turn and corrected_distance < nearer * distance:
                 shown = np.rad2deg(corrected) if stated == "degrees" else corrected
                 numbers = ", ".join(f"{each:.4g}" for each in shown)
                 raise RequestError(
@@ -650,6 +653,13 @@ class _PostureChoice:
     def _continues_branch(self, angles: FloatArray, before: FloatArray) -> BoolArray:
         """Return a mask (k,) of solutions (k, 6) [rad] on the branches of `before`, up to full turns."""
         return self._inverse.is_same_branch(before + wrap_angles(angles - before), before)
+
+
+def _has_numbers_of_radians(angles: FloatArray) -> bool:
+    """Return whether angles are, in degrees, within ±π and have more than one decimal, as in radians."""
+    tenths = 10.0 * np.rad2deg(angles)
+    are_round = bool((np.abs(tenths - np.round(tenths)) < _ROUND).all())
+    return bool(np.abs(tenths).max() <= 10.0 * np.pi) and not are_round
 
 
 def compute_angle_gaps(angles: FloatArray, reference: FloatArray) -> FloatArray:

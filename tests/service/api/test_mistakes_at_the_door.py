@@ -249,6 +249,18 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
     "cut off": (post_campaign(content=TEXT[:-9]), 422, "Invalid JSON: EOF.*send valid JSON", WELL),
     "too large": (post_campaign(content=TEXT + " " * 2**23), 413, "the body exceeds 8192 KiB", WELL),
     "list of campaigns": (request("POST", "/v1/campaigns", json=[CAMPAIGN]), 422, "must be an object", WELL),
+    "option as a field of a form": (
+        imported(files={"files": TABLE}, data={"show_faults": "true"}),
+        422,
+        "unknown field 'show_faults'.*`options` is one JSON object of all options, such as .\"show_faults\": …",
+        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+    ),
+    "prior as a pair": (
+        post_run(priors={"joint_2": [3e6, 1e5]}),
+        422,
+        'must be an object.*braces: ."stiffness": …, "standard_uncertainty": …',
+        post_run(priors={"joint_2": {"stiffness": 3e6, "standard_uncertainty": 1e5}}),
+    ),
     "other field of a form": (
         imported(files={"file": TABLE}),
         422,
