@@ -252,7 +252,8 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
     "option as a field of a form": (
         imported(files={"files": TABLE}, data={"show_faults": "true"}),
         422,
-        "unknown field 'show_faults'.*`options` is one JSON object of all options, such as .\"show_faults\": …",
+        "unknown field 'show_faults'.*`options` is one JSON object of all options, such as "
+        '."show_faults": …',
         imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
     ),
     "prior as a pair": (
