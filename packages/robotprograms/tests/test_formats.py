@@ -277,7 +277,7 @@ def test_a_program_of_another_language_is_named_with_its_suffix(kind, stated):
         return
     (_, content), *_ = files_of(kind)
     name = f"cell{FORMATS[stated].suffixes.split()[0]}"
-    with pytest.raises(ProgramError, match="the file is a program in .*, but was read as ") as refused:
+    with pytest.raises(ProgramError, match=r"the file is a program in .*, but was read as ") as refused:
         read_program([(name, content)])
     (fault,) = refused.value.faults
     suffix = FORMATS[kind].suffixes.split()[0]

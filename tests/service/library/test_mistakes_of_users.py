@@ -601,3 +601,9 @@ def test_a_word_for_axes_is_answered_with_what_draws(run):
 def test_a_missing_table_is_answered_with_its_folder(tmp_path):
     with pytest.raises(js.CampaignError, match=r"there is no file .*; remedy: give the name of a file"):
         js.read(tmp_path / "readings.csv")
+
+
+@pytest.mark.parametrize("source", ["document", "campaign"])
+def test_a_campaign_is_a_robot_in_any_form(document, source):
+    campaign = document if source == "document" else js.identify(document).campaign
+    assert js.robot(campaign).name == document["robot"]["name"]
