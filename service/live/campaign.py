@@ -207,8 +207,7 @@ def _refuse_positions_at_origin(observation: Observation, length: float) -> None
             f"all positions are within {length_text(max(distances))} of the origin of their frame: their "
             "unit seems to be wrong",
             where="readings",
-            remedy="give the positions in the unit of lengths that is stated, or state theirs: in Python "
-            "jointstiff.measure(…, units='m, deg, N') for metres, over HTTP `units.length`",
+            remedy="give the positions in the unit of lengths that is stated, or state theirs as `units`",
         )
 
 

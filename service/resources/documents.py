@@ -51,7 +51,7 @@ def read_campaign(campaign: AnyCampaign) -> Campaign:
         reason = f"a campaign is a file, a document, a `Campaign` or a run, not `{type(campaign).__name__}`"
         remedy = "make a campaign of arrays by `jointstiff.Campaign.from_arrays`"
         if isinstance(campaign, BaseModel):  # a result of another function
-            remedy = "give the campaign itself, or its run: `jointstiff.identify(campaign)`"
+            remedy = "give the campaign itself, or the run that `identify` makes of it"
         raise CampaignError(http_problem(422, reason, remedy))
     return read_document(Path(campaign), Campaign, section="campaign")
 

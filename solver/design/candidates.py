@@ -781,7 +781,7 @@ def _describe_missed_area(
         load_points: (M, 3) load points of the candidate postures in R0 [m].
         count: number of the candidates with the load point in the work area.
     """
-    low, high = work_area
+    low, high = np.asarray(work_area)
     reach = max(robot.reach_bound, float(np.linalg.norm(load_points, axis=1).max()))
     distance = float(np.linalg.norm(np.clip(0.0, low, high)))
     size = " × ".join(length_text(side) for side in (high - low).tolist())

@@ -300,7 +300,7 @@ MISTAKES = {
     "a plan in place of a run": (
         lambda _, document: js.map(js.plan(document, readings=3, candidates=50), **AREA),
         lambda _, document: js.map(js.identify(document), **AREA),
-        r"not `Plan`; remedy: give the campaign itself, or its run: `jointstiff.identify\(campaign\)`",
+        r"not `Plan`; remedy: give the campaign itself, or the run that `identify` makes of it",
     ),
     "another word for a convention": (
         lambda _, _document: js.robot(
