@@ -107,11 +107,7 @@ def inspect_measurements(
     findings = [f for f in findings if f.code != "deflection_implausibly_large" or f.where not in exchanged]
     mistaken_codes = {finding.code for finding in [*findings, *suspects]}
     can_compare_deflections = not _NO_RESPONSE & mistaken_codes
-    if good_rows.any():
-        findings += suspects
-    else:  # what spoils the whole set comes first
-        findings = [*suspects, *findings]
-    findings += inspect_repeats(view)
+    findings += [*suspects, *inspect_repeats(view)]
     if good_rows.any():
         findings += [*inspect_rigidity(view, good_rows), *inspect_drift(view, good_rows)]
         findings += inspect_response(view, good_rows) if can_compare_deflections else ()

@@ -219,6 +219,7 @@ def test_readings_that_do_not_fit_the_robot_are_written_only_despite_errors(fold
         "check that positions are in R0 and in `units.length`; if the numbers are right, state "
         "`--despite-errors` to use the result"
     ) in shown
+    assert shown.index("another robot may have been measured") < shown.index("use with care:")
     assert not (folder / "new.json").exists()
     assert run(*command, "--despite-errors").exit_code == 0
     written = json.loads((folder / "new.json").read_text())
