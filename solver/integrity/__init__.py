@@ -174,9 +174,9 @@ def _suspect_robot(findings: list[Finding]) -> list[Finding]:
     codes = [finding.code for finding in findings]
     first = codes.index("target_off_model")
     message = (
-        f"{findings[first].message}. No single change of units, signs, order or zeros of the angles, of the "
+        f"{findings[first].message}. No single change of units, signs, or order of the angles, of the "
         "frame or of one length of the model was found that explains the set: another robot may have been "
-        "measured, or its description has several mistakes"
+        "measured, zeros of joints may be off, or its description has several mistakes"
     )
     changed = findings[first].model_copy(update={"message": message})
     return [*findings[:first], changed, *findings[first + 1 :]]

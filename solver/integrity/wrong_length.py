@@ -22,6 +22,7 @@ from jointstiff.solver.integrity.mistakes import (
     find_consensus_places,
     greatest_distances,
     sample_rows,
+    search_zero,
 )
 from jointstiff.solver.integrity.values import View, median, transform_to_flange
 from jointstiff.solver.meaning.proposal import USUAL_RESIDUAL
@@ -72,6 +73,8 @@ class _Length:
 def find_wrong_length(view: View, rows: IndexArray) -> Finding | None:
     """Return the finding that one length of the model is wrong; None unless one length explains the rows.
 
+    The zero of a joint that explains the rows better excludes a wrong length.
+
     The first joint's place and the flange's are not searched: with another first place, the positions are in
     another frame, and with another flange, the targets are at other places.
 
@@ -91,6 +94,9 @@ def find_wrong_length(view: View, rows: IndexArray) -> Finding | None:
     explains_most = best.explained >= max(EXPLAINED * len(sample), agreeing + _CLEARLY * len(sample))
     is_plausible = median(best.distances) <= USUAL_RESIDUAL
     if not (explains_most and is_plausible):
+        return None
+    with_other_zero, _, _ = search_zero(view, rows)
+    if with_other_zero < median(best.distances):
         return None
     kept = best.distances[best.distances <= LARGEST_MODEL_ERROR]
     place = f"from {best.before} to {best.after}, along {best.axis}"

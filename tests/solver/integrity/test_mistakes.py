@@ -356,3 +356,14 @@ def test_an_unknown_robot_is_suspected_once_where_no_single_mistake_explains_the
     findings = [each for each in inspect_measurements(several, right, degrees=True) if each.weight != "use"]
     suspected = ["another robot may have been measured" in finding.message for finding in findings]
     assert suspected == [True] + [False] * (len(findings) - 1)
+
+
+@pytest.mark.parametrize("configurations", [6, 8, 14])
+def test_a_zero_that_is_far_off_is_no_wrong_length(configurations):
+    """The map of this arm turns the third joint back, so that the zero of the second moves the elbow."""
+    known = ROBOTS["FANUC M-20iD/25"]
+    right = readings_on(known.robot, seed=11, configurations=configurations)
+    mistaken = turned(lambda q: q + np.radians(3.0) * np.eye(6)[1])(right)
+    findings = inspect_measurements(known.robot, mistaken, degrees=True)
+    assert "lengths_differ" not in {finding.code for finding in findings}
+    assert "do_not_use" in {finding.weight for finding in findings}
