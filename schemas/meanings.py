@@ -19,8 +19,9 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "or all are within 6.3°. *Do not use.*",
             "force_unit_suspect": "The median force is below 5 N or above 50 kN. *Do not use.*",
             "lengths_differ": "With one factor on all lengths, over 0.6 % from 1, each target "
-            "keeps its place on the flange: another arm was measured, or the tracker has a wrong scale. "
-            "*Use with care.*",
+            "keeps its place on the flange: another arm was measured, or the tracker has a wrong scale: *use "
+            "with care*. With one other length of the robot's model, each target keeps its place: *do not "
+            "use*.",
             "frame_mistaken": "In another frame than R0, or with exchanged axes x, y, z, each target has the "
             "same place on the flange in every observation; or forces in other axes explain the deflections. "
             "*Do not use.*",

@@ -682,6 +682,11 @@ def _find_remedy(error: Mapping[str, Any], parameters: Sequence[str]) -> str | N
         return "give stiffnesses in N·m/rad (prismatic: N/m); 3.1 · 10⁶ N·m/rad in a table is 3.1e6"
     if error["type"] == "missing" and (remedy := _find_remedy_of_units(error["loc"])):
         return remedy
+    if error["type"] == "string_type" and "leave_out" in error["loc"]:
+        return "give labels of observations as texts, in quotes, not their numbers"
+    if error["type"] == "model_type" and error.get("fields"):
+        fields = ", ".join(f'"{name}": …' for name in error["fields"])
+        return f"{_AN_OBJECT}: {{{fields}}}"
     return _REMEDIES.get(str(error["type"]))
 
 

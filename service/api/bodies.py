@@ -299,7 +299,8 @@ def _check_fields(form: FormData) -> None:
             name = name[:MAX_NAME_LENGTH]
             raise RequestError(
                 f"the form has an unknown field {name!r}",
-                remedy="send only the fields `files` and `options`",
+                remedy="send only the fields `files` and `options`; `options` is one JSON object of all "
+                f'options, such as {{"{name}": …}}',
                 where="body",
             )
         headers = value.headers if isinstance(value, UploadFile) else {}

@@ -1088,7 +1088,7 @@ def _make_completeness_lines(answer: ImportAnswer) -> Iterator[Line]:
 
 
 def _make_finding_lines(answer: ImportAnswer) -> Iterator[Line]:
-    """Yield a line for each finding of the integrity checks.
+    """Yield a line for each finding of the integrity checks, the most severe first.
 
     No line is yielded if no robot was stated, as the readings were then not checked.
     """
@@ -1097,7 +1097,8 @@ def _make_finding_lines(answer: ImportAnswer) -> Iterator[Line]:
 
     if answer.findings == []:
         yield Line("  integrity: nothing suspicious", "good")
-    for finding in answer.findings or ():
+    severities = ("do_not_use", "use_with_care", "use")
+    for finding in sorted(answer.findings or (), key=lambda finding: severities.index(finding.weight)):
         place = f"{finding.observation}: " if finding.observation else ""
         remedy = f"; {finding.remedy}" if finding.remedy else ""
         if finding.action is not None and finding.action.kind == "choose_robot":

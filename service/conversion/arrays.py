@@ -17,9 +17,16 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RobotError
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.urdf import XmlElement, check_root, parse_xml, write_urdf
+from jointstiff.solver.text import length_text
 
 FAR_POSITION: Final = 100.0
 """Distance of a target from the origin beyond which the unit of positions is in doubt [m]."""
+_LEAST_ROWS_OF_AXES: Final = 3
+"""Least number of observations that show whether targets keep their distances."""
+_RIGID: Final = 0.02
+"""Greatest plausible change of a distance between two targets [m]."""
+_MUCH_LESS: Final = 0.02
+"""Ratio of two changes of distances that shows which axes are right."""
 LARGE_DEFLECTION: Final = 1.0
 """Deflection beyond which the unit of positions is in doubt [m]."""
 _JOINT_ROWS: Final = "a row of finite numbers for each observation, (N, n)"
@@ -207,6 +214,14 @@ class ArrayReadings:
             MeasurementError: the shape is wrong, or readings under load have neither force nor moment.
         """
         if self.forces is not None:
+            forces = to_number_array(self.forces, "forces")
+            if forces.shape in {(6,), (count, 6)}:
+                raise MeasurementError(
+                    f"`forces` has the shape {forces.shape}: its last three columns seem to be moments",
+                    where="forces",
+                    remedy="give the forces alone, forces[..., :3], and the moments about the load point as "
+                    "`moments`, forces[..., 3:]",
+                )
             return to_vectors(self.forces, count, "forces", rows)
         is_loaded = self.loaded is not None or self.deflections is not None
         if is_loaded and self.moments is None:
@@ -271,6 +286,7 @@ class ArrayReadings:
         for name, value in fields.items():
             values[name], names = _arrange_by_target(value, name, count, names, components)
             _refuse_implausible_lengths(values[name], name, length)
+            _refuse_exchanged_axes(values[name], name, length)
         self._refuse_other_targets(fields, names)
         directions = None
         if self.directions is not None:
@@ -469,6 +485,43 @@ def _refuse_implausible_lengths(values: FloatArray, name: str, length: float) ->
             remedy="check the unit of length in `units`: positions, deflections, load point and sigma are in "
             "this unit; a campaign file may have greater lengths",
         )
+
+
+def _refuse_exchanged_axes(positions: FloatArray, name: str, length: float) -> None:
+    """Refuse positions (N, 3, 3) whose axes of targets and of coordinates are exchanged.
+
+    Targets keep their distances from each other: so do the positions as given, or those with these axes
+    exchanged.
+
+    Args:
+        positions: position of each target in each observation, in `length` metres.
+        name: name of the argument.
+        length: unit of lengths [m].
+
+    Raises:
+        MeasurementError: only the positions with exchanged axes keep their distances.
+    """
+    if name == "deflections" or positions.shape[1:] != (3, 3):
+        return
+    complete = length * positions[np.isfinite(positions).all(axis=(1, 2))]
+    if len(complete) < _LEAST_ROWS_OF_AXES:
+        return
+    change = _measure_change_of_distances(complete)
+    change_when_exchanged = _measure_change_of_distances(complete.transpose(0, 2, 1))
+    if change > _RIGID and change_when_exchanged < _MUCH_LESS * change:
+        raise MeasurementError(
+            f"the axes of `{name}` seem to be exchanged: the distances between targets change by "
+            f"{length_text(change)}; with coordinates and targets exchanged, by "
+            f"{length_text(change_when_exchanged)}",
+            where=name,
+            remedy=f"give positions of the shape (N, T, 3), coordinates last: {name}.transpose(0, 2, 1)",
+        )
+
+
+def _measure_change_of_distances(positions: FloatArray) -> float:
+    """Return the greatest standard deviation of a distance between two of three targets, (N, 3, 3) [m]."""
+    distances = np.linalg.norm(positions - positions[:, [1, 2, 0]], axis=2)
+    return float(distances.std(axis=0).max())
 
 
 def to_vectors(

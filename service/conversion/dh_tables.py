@@ -14,6 +14,20 @@ from jointstiff.schemas.fields import Message
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.solver.errors import RobotError
 
+_CONVENTIONS: Final = {
+    "mdh": "modified",
+    "craig": "modified",
+    "khalil": "modified",
+    "proximal": "modified",
+    "mod": "modified",
+    "dh": "standard",
+    "sdh": "standard",
+    "classic": "standard",
+    "classical": "standard",
+    "distal": "standard",
+    "spong": "standard",
+}
+"""Word for a convention in books and other packages, in lower case → our word."""
 _COLUMNS: Final = ("a", "alpha", "d", "theta", "lower", "upper", "speed")
 _LENGTHS: Final = frozenset("ad")
 _NAMES: Final = {
@@ -90,10 +104,13 @@ def convert_dh_rows(
         RobotError: the convention is missing, a row is not understood, or its units are in doubt.
     """
     if convention not in {"standard", "modified"}:
+        fault = "is not stated" if convention is None else f"is {convention!r}, which is not known"
+        meant = _CONVENTIONS.get(str(convention).lower())
+        choice = f"convention={meant!r}" if meant else "convention='standard' or 'modified' (Craig)"
         raise RobotError(
-            "the convention of the Denavit-Hartenberg table is not stated",
+            f"the convention of the Denavit-Hartenberg table {fault}",
             where="convention",
-            remedy="state convention='standard' or 'modified' (Craig): js.robot(rows, convention='modified')",
+            remedy=f"state {choice}: js.robot(rows, convention={meant or 'modified'!r})",
         )
     model = {"format": "dh", "convention": convention}
     are_messages = isinstance(rows, Sequence) and rows and all(isinstance(row, Message) for row in rows)

@@ -476,10 +476,16 @@ def _refuse_other_joints(header: MeasurementSetHeader, readings: ReadingArrays, 
     """
     count = readings.joints.shape[1]
     if count != robot.n:
+        remedy = f"give the {robot.n} controller angles of {list_joint_names(robot)}"
+        if count > robot.n:
+            remedy += (
+                f"; or, if the arm has {count} joints, describe all of them: the robot's model ends at its "
+                f"flange, '{robot.flange}'"
+            )
         raise MeasurementError(
             f"there are {count} joint angles, but the robot has {robot.n} joints",
             where="observations[0].joints",
-            remedy=f"give the {robot.n} controller angles of {list_joint_names(robot)}",
+            remedy=remedy,
         )
     if header.joint_kinds is not None:
         _refuse_other_joint_kinds(header.joint_kinds, robot)

@@ -66,12 +66,18 @@ def parse(message: type[Parsed], content: bytes, section: str | None = None) -> 
 
 
 def _list_faults(message: type[BaseModel], error: ValidationError) -> list[dict[str, Any]]:
-    """Return the faults of a message; an unknown field's also has the `fields` that exist at its place."""
+    """Return the faults of a message.
+
+    That of an unknown field also has the `fields` that exist at its place; that of a value that is no object
+    has the `fields` that the object needs.
+    """
     faults = []
     for stated in error.errors(include_url=False, include_context=False, include_input=False):
         fault: dict[str, Any] = dict(stated)
         if fault["type"] == "extra_forbidden":
             fault["fields"] = list_fields_at(message, fault["loc"][:-1])
+        elif fault["type"] == "model_type":
+            fault["fields"] = _list_required_fields_at(message, fault["loc"])
         faults.append(fault)
     return faults
 
@@ -81,12 +87,26 @@ def list_fields_at(message: type[BaseModel], place: Sequence[int | str]) -> list
 
     Of several forms that a field may have, all fields are named.
     """
+    models = _list_models_at(message, place)
+    return sorted({name for model in models for name in model.model_fields})
+
+
+def _list_required_fields_at(message: type[BaseModel], place: Sequence[int | str]) -> list[str]:
+    """Return the names of the fields that an object needs at a place; none if it has several forms."""
+    models = _list_models_at(message, place)
+    if len(models) != 1:
+        return []
+    return [name for model in models for name, field in model.model_fields.items() if field.is_required()]
+
+
+def _list_models_at(message: type[BaseModel], place: Sequence[int | str]) -> set[type[BaseModel]]:
+    """Return the messages that a message may have at a place."""
     models = {message}
     for part in place:
         fields = [model.model_fields[part] for model in models if part in model.model_fields]
         if fields:  # otherwise an index, a key, or the form of a field
             models = {model for field in fields for model in _list_models(field.annotation)}
-    return sorted({name for model in models for name in model.model_fields})
+    return models
 
 
 def _list_models(annotation: Any) -> Iterator[type[BaseModel]]:  # noqa: ANN401 - a type

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -545,6 +545,18 @@ def _read_uploaded_urdf(model: UrdfModel) -> KinematicChain:
         raise RobotError(error.reason, remedy=error.remedy, where=place) from error
 
 
+_MOST_LABELS: Final = 12
+"""Number of labels that a message lists."""
+
+
+def _list_labels(observations: Sequence[Observation]) -> str:
+    """Return the labels of observations, for a message: all of a few, or the first and the last."""
+    labels = [observation.label for observation in observations]
+    if len(labels) > _MOST_LABELS:
+        labels = [*labels[: _MOST_LABELS - 2], "…", labels[-1]]
+    return ", ".join(labels)
+
+
 def leave_out_observations(observations: Sequence[Observation], labels: Collection[str]) -> list[Observation]:
     """Return the observations of a set whose labels are not among `labels`.
 
@@ -556,7 +568,7 @@ def leave_out_observations(observations: Sequence[Observation], labels: Collecti
         raise RequestError(
             f"the set has no observation '{min(unknown)}'",
             where="leave_out",
-            remedy="give labels of the set's observations",
+            remedy=f"give labels of the set's observations: {_list_labels(observations)}",
         )
     kept = [observation for observation in observations if observation.label not in labels]
     if not kept:

@@ -61,7 +61,29 @@ def build_chain_robot(
     for each in solver_bodies:
         inertia = pin.Inertia(each.mass, np.array(each.centre), np.zeros((3, 3)))
         model.appendBodyToJoint(each.joint + 1, inertia, pin.SE3.Identity())
-    return Robot(model, solver_map, tuple(solver_bodies), payload=payload)
+    robot = Robot(model, solver_map, tuple(solver_bodies), payload=payload)
+    for index, each in enumerate(solver_bodies):
+        _refuse_far_centre(each, f"bodies[{index}].centre", max(FAR_POINT, robot.reach_bound))
+    return robot
+
+
+def _refuse_far_centre(body: Body, where: str, farthest: float) -> None:
+    """Raise a `RobotError` if a centre of mass is so far from its joint that it must be in mm.
+
+    Args:
+        body: body with its centre in m.
+        where: field of the centre.
+        farthest: greatest plausible distance of a centre from its joint [m].
+    """
+    distance = hypot(*body.centre)
+    if distance > farthest:
+        in_metres = ", ".join(f"{1e-3 * part:g}" for part in body.centre)
+        raise RobotError(
+            f"the centre of mass of '{body.name}' is {distance:.4g} m from its joint; up to {farthest:.3g} m "
+            "is plausible, and the numbers seem to be in mm",
+            where=where,
+            remedy=f"give the centre in m, in the frame that moves with the joint: [{in_metres}]",
+        )
 
 
 def _refuse_large_offsets(joint_map: robots.JointMap, chain: KinematicChain) -> None:

@@ -34,6 +34,8 @@ _LEAST_ROWS, _MOST_ROWS = 4, 10_000
 """Rows of a table whose last rows may be statistics by their numbers alone."""
 _LEAST_COLUMNS: Final = 3
 """Columns with different numbers that show that a row has statistics."""
+_LEAST_HEADERS: Final = 3
+"""Texts of a header that show that a row repeats it."""
 _REMARK: Final = re.compile(r"(?=.*[^\W\d])(?:.*\S\s+\S|[^\W\d]\w*:)")
 """Text of a remark: two words at least, or a word with a colon."""
 _MANY_DECIMALS: Final = 6
@@ -382,6 +384,7 @@ def _drop_rows_without_readings(grid: Grid, heading: Heading) -> tuple[Grid, lis
     A row of statistics begins with a word such as `mean`, or has the means of the rows above it; a row of a
     remark has only one text, of several words. A row that may be an observation is kept.
     """
+    _refuse_second_header(grid, heading)
     omitted: dict[str, list[str]] = {"statistics": [], "remarks": []}  # kind of rows → text of each
     kept = list(grid.rows[: heading.start])
     means = _find_rows_of_means(grid.rows[heading.start :])
@@ -404,6 +407,25 @@ def _drop_rows_without_readings(grid: Grid, heading: Heading) -> tuple[Grid, lis
     if not notes or len(kept) == heading.start:
         return grid, []
     return replace(grid, rows=tuple(kept)), notes
+
+
+def _refuse_second_header(grid: Grid, heading: Heading) -> None:
+    """Refuse a table in which the header occurs again, as if two files had been joined.
+
+    Raises:
+        ImportFileError: a row below the header has the texts of the header.
+    """
+    headers = sorted(filter(None, heading.texts))
+    if len(headers) < _LEAST_HEADERS or heading.is_guess:
+        return
+    for row in grid.rows[heading.start :]:
+        if sorted(filter(None, row.cells)) != headers:
+            continue
+        remedy = "save the rows from this line on as a second table, and import each table by itself"
+        if row.cells[: len(heading.texts)] == heading.texts[: len(row.cells)]:
+            remedy = f"delete this line, or {remedy}"
+        reason = "the header occurs again: two tables seem to be joined in one file"
+        raise ImportFileError(grid.place(row), reason, remedy)
 
 
 def _is_named_statistic(

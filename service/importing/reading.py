@@ -54,6 +54,11 @@ from jointstiff.service.importing.rows import (
 )
 from jointstiff.service.importing.weight_steps import is_step_table, read_step_table
 
+_USE_FEWER: Final = (
+    "leave out rows, such as repeated readings of a posture, or identify all rows in Python from arrays, "
+    "with `jointstiff.solver.identify` (docs/python.md): the runs of its parts do not replace one run"
+)
+"""What to do with too many observations."""
 _NO_OPTIONS: Final = ImportOptions()
 _Uncertainty = Literal["coordinate", "point"]
 _U95: Final[Mapping[_Uncertainty, str]] = MappingProxyType(
@@ -616,7 +621,7 @@ class _Merging:
                 self._merge_record(observation, record)
             if len(observations) > MAX_OBSERVATIONS:
                 reason = f"there are more than {MAX_OBSERVATIONS} observations"
-                raise ImportFileError(record.place, reason, "split the campaign into several sets")
+                raise ImportFileError(record.place, reason, _USE_FEWER)
         self._conclude_joints()
         self._conclude_repeats(observations)
         return list(observations.values())

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 AnyPostures = Any
 """CSV file of postures and loads, load cases as in the API, or an array (N, n) of postures."""
+_ROUND: Final = 1e-6
+"""Greatest distance of ten times an angle from a whole number at which the angle has one decimal."""
 _MAX_ANGLE: Final = 4 * pi
 """Greatest joint angle that is accepted, two turns [rad]; a greater one is probably in another unit."""
 
@@ -70,6 +72,7 @@ def make_load_cases(
     if at is not None:
         point = _read_point(at)
         fields = {"load_point": point, "place": point} | fields
+    states_units = fields.get("units") is not None
     fields["units"] = units = complete_units(fields.get("units"))
     if isinstance(postures, str | PathLike):
         text = Path(postures).read_text(encoding="utf-8-sig", errors="replace")
@@ -79,7 +82,10 @@ def make_load_cases(
         cases = list(postures)
     else:
         cases = _cases_from_arrays(postures, forces, fields.pop("moments", None), joints, units)
-    return parse_document({**fields, "cases": cases}, DeflectionOptions)
+    request = parse_document({**fields, "cases": cases}, DeflectionOptions)
+    if not states_units:
+        _refuse_doubtful_angles([case.joints for case in request.cases], joints)
+    return request
 
 
 def _cases_from_arrays(
@@ -135,6 +141,28 @@ def _refuse_large_angles(q: FloatArray, joints: Mapping[str, JointKind], units: 
             f"a joint angle of {greatest_angle:.4g} rad exceeds two turns",
             where="postures",
             remedy="state the unit of the angles, such as units='mm, rad, N'",
+        )
+
+
+def _refuse_doubtful_angles(postures: Sequence[Sequence[float]], joints: Mapping[str, JointKind]) -> None:
+    """Refuse angles without a stated unit that are all within ±π, because they may be radians.
+
+    Tenths of degrees are accepted: such an arm is near its zero.
+
+    Raises:
+        RequestError: the angles may be radians.
+    """
+    revolute = [j for j, kind in enumerate(joints.values()) if kind == "revolute"]
+    angles = [posture[j] for posture in postures for j in revolute if j < len(posture)]
+    greatest = max(map(abs, angles), default=0.0)
+    are_round = all(abs(10.0 * angle - round(10.0 * angle)) < _ROUND for angle in angles)
+    if greatest <= pi and not are_round:
+        raise RequestError(
+            f"all joint angles are within ±{greatest:.3g}: without a stated unit they would be degrees, but "
+            "they seem to be radians",
+            where="postures",
+            remedy="state the unit of the angles: units='mm, rad, N', or, if they are degrees, "
+            "units='mm, deg, N'",
         )
 
 

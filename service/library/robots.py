@@ -235,7 +235,9 @@ class _StatedDescription:
         source = self.source
         if isinstance(source, Message | Mapping):
             _refuse_arguments("a robot document", of_frames | of_rows)
-            return plain_fields(source)
+            document = plain_fields(source)
+            is_campaign = {"robot", "measurement_set"} <= document.keys()
+            return plain_fields(document["robot"]) if is_campaign else document
         if isinstance(source, str | PathLike) and _is_urdf(str(source)):
             _refuse_arguments("a URDF", of_rows)
             return _read_urdf_fields(str(source), self.base, self.flange)

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import count, islice
+from math import hypot
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -35,7 +36,7 @@ from jointstiff.service.conversion.prepared import PreparedSet, check_set
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.plan.work import CampaignSoFar, to_design_request
 from jointstiff.service.problems import LabelTakenError
-from jointstiff.solver.errors import RequestError
+from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.live.ahead import CandidateReadings, UncertaintyShare
 from jointstiff.solver.live.innovation import HeldOut, Innovation
 from jointstiff.solver.live.priors import Standing
@@ -43,6 +44,8 @@ from jointstiff.solver.live.progress import Progress, ReadingsSoFar
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import length_text
 
+_AT_ORIGIN: Final = 0.02
+"""Distance [m] of targets from the origin of their frame at which no tracker and no base lets a flange be."""
 MOST_READINGS: Final = 200
 """Greatest number of observations of a live campaign."""
 _PRIOR_PHRASES: Final[Mapping[Standing, str]] = {
@@ -185,8 +188,27 @@ class Declaration:
         Raises:
             MeasurementError: an observation cannot be right.
         """
+        for observation in observations:
+            _refuse_positions_at_origin(observation, LENGTH[self.header.units.length])
         document, findings = self.build_document(observations), list(self.frame_findings)
         return check_set(document, self.robot, self.resolved, findings, robot_id=self.header.robot_id)
+
+
+def _refuse_positions_at_origin(observation: Observation, length: float) -> None:
+    """Refuse an observation whose positions are all at the origin of their frame, because of their unit.
+
+    Raises:
+        MeasurementError: no target is farther from the origin than `_AT_ORIGIN`.
+    """
+    positions = [each.unloaded for each in observation.readings if each.unloaded is not None]
+    distances = [length * hypot(*position) for position in positions]
+    if distances and max(distances) < _AT_ORIGIN:
+        raise MeasurementError(
+            f"all positions are within {length_text(max(distances))} of the origin of their frame: their "
+            "unit seems to be wrong",
+            where="readings",
+            remedy="give the positions in the unit of lengths that is stated, or state theirs as `units`",
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,6 +50,8 @@ def read_campaign(campaign: AnyCampaign) -> Campaign:
     if not isinstance(campaign, str | PathLike):
         reason = f"a campaign is a file, a document, a `Campaign` or a run, not `{type(campaign).__name__}`"
         remedy = "make a campaign of arrays by `jointstiff.Campaign.from_arrays`"
+        if isinstance(campaign, BaseModel):  # a result of another function
+            remedy = "give the campaign itself, or the run that `identify` makes of it"
         raise CampaignError(http_problem(422, reason, remedy))
     return read_document(Path(campaign), Campaign, section="campaign")
 

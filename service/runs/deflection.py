@@ -183,12 +183,31 @@ def convert_load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
     refuse_far_point(request.place, "place", length=length)
     cases = [_complete_case(request, index, robot) for index in range(len(request.cases))]
     moments = np.array([case.moment for case in cases], dtype=np.float64)
+    joints = joint_factors(robot, units) * np.array([case.joints for case in cases], dtype=np.float64)
+    _refuse_many_turns(robot, joints)
     return LoadCases(
-        joints=joint_factors(robot, units) * np.array([case.joints for case in cases], dtype=np.float64),
+        joints=joints,
         force=FORCE[units.force] * np.array([case.force for case in cases], dtype=np.float64),
         moment=moment_factor(units, moments) * moments,
         load_point=length * np.array([case.load_point for case in cases], dtype=np.float64),
         place=length * np.array([case.place for case in cases], dtype=np.float64),
+    )
+
+
+def _refuse_many_turns(robot: Robot, joints: FloatArray) -> None:
+    """Refuse postures (N, n) with an angle beyond two turns, because it must be in degrees.
+
+    Raises:
+        RequestError: the greatest angle exceeds two turns.
+    """
+    angles = np.abs(np.where(robot.prismatic, 0.0, joints))
+    if angles.max() <= _MOST_TURNS:
+        return
+    row, joint = divmod(int(angles.argmax()), robot.n)
+    raise RequestError(
+        f"the angle of {robot.joint_names[joint]} is {angles[row, joint]:.4g} rad, beyond two turns",
+        where=f"cases[{row}].joints",
+        remedy="state the unit of the angles, deg or rad, as `units.angle`, or correct the angle",
     )
 
 
@@ -299,6 +318,15 @@ def _validate_message(message_class: type[AnyMessage], fields: object, *path: st
         raise RequestError(str(fault["msg"]), where=place, remedy="correct the value") from None
 
 
+_MOST_TURNS: Final = 4.0 * np.pi
+"""Greatest angle of a joint [rad]: two turns."""
+_OF_POSES: Final = frozenset(("x", "y", "z", "a", "b", "c", "rx", "ry", "rz", "q1", "q2", "q3", "q4"))
+"""Names of columns, in small letters, of tables of poses."""
+_POSES_ARE_CORRECTED: Final = (
+    "; a table of poses is for `jointstiff correct`, in Python `run.correct`, over HTTP /v1/corrections"
+)
+
+
 def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) -> TableColumn:
     """Parse a header such as `J1 [deg]`; the factor of the column converts to the units of the request.
 
@@ -317,7 +345,8 @@ def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) ->
         raise RequestError(
             f"the header '{header}' is not known",
             where="line 1",
-            remedy="use label, J1 [deg], Fx [N], Mx [N.m], load point x [mm], place x [mm], direction x, …",
+            remedy="use label, J1 [deg], Fx [N], Mx [N.m], load point x [mm], place x [mm], direction x, …"
+            + (_POSES_ARE_CORRECTED if name.lower() in _OF_POSES else ""),
         )
     _, factors, quantity = _VECTORS[column.field]
     return column._replace(factor=column.factor / factors[getattr(units, quantity, "")])

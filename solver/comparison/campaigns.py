@@ -243,8 +243,21 @@ def _refuse_different_joints(first: Robot, second: Robot) -> None:
             f"the robots have different joints: {', '.join(first.joint_names)} in the first set, "
             f"{', '.join(second.joint_names)} in the second",
             where="run_ids",
-            remedy="compare sets of one robot, or of two robots of the same model with the same joint names",
+            remedy=_name_remedy(first, second),
         )
+
+
+def _name_remedy(first: Robot, second: Robot) -> str:
+    """Return the remedy for joints that differ: other names of the same joints, or other robots."""
+    remedy = "compare sets of one robot, or of two robots of the same model with the same joint names"
+    if first.joint_kinds != second.joint_kinds or models_differ(first, second):
+        return remedy
+    pairs = zip(second.joint_names, first.joint_names, strict=True)
+    renamed = ", ".join(f"{old} to {new}" for old, new in pairs if old != new)
+    return (
+        f"both robots have the same axes: rename the joints in the second robot's URDF, {renamed}; and "
+        "identify its set again"
+    )
 
 
 def models_differ(first: Robot, second: Robot) -> bool:

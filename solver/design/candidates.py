@@ -41,6 +41,7 @@ from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS, build_links_term
 from jointstiff.solver.mechanics.terms import LOAD_POINT, TERMS
+from jointstiff.solver.text import length_text
 
 LoadKind = Literal["dead_weight", "any_direction", "cable"]
 
@@ -765,13 +766,39 @@ def _select_feasible_readings(
         low, high = request.work_area
         in_work_area = ((load_points >= low) & (load_points <= high)).all(axis=1)
         if in_work_area.sum() < _FEWEST_PLACES:
-            raise RequestError(
-                f"only {in_work_area.sum()} of {len(joints)} candidate postures have their load point in "
-                "the work area",
-                where="work_area",
-                remedy="give a larger work area, in R0 and in metres, or more candidates",
-            )
+            raise _describe_missed_area(robot, request.work_area, load_points, int(in_work_area.sum()))
     return Readings(joints, anchor, forces), in_work_area, excluded_counts
+
+
+def _describe_missed_area(
+    robot: Robot, work_area: FloatArray, load_points: FloatArray, count: int
+) -> RequestError:
+    """Return the error that too few candidates have their load point in the work area, with its cause.
+
+    Args:
+        robot: n joints.
+        work_area: (2, 3) lowest and highest corner of the work area in R0 [m].
+        load_points: (M, 3) load points of the candidate postures in R0 [m].
+        count: number of the candidates with the load point in the work area.
+    """
+    low, high = np.asarray(work_area)
+    reach = max(robot.reach_bound, float(np.linalg.norm(load_points, axis=1).max()))
+    distance = float(np.linalg.norm(np.clip(0.0, low, high)))
+    size = " × ".join(length_text(side) for side in (high - low).tolist())
+    reason = f"only {count} of {len(load_points)} candidate postures have their load point in the work area"
+    if distance > reach:
+        return RequestError(
+            f"{reason}: its nearest place is {length_text(distance)} from the origin of R0, and the arm "
+            f"reaches at most {length_text(reach)}",
+            where="work_area",
+            remedy="check the unit and the digits of the work area's corners in R0, and move it within reach",
+        )
+    return RequestError(
+        f"{reason}, of {size}",
+        where="work_area",
+        remedy="check the unit of the work area's corners in R0, and give a larger work area, or more "
+        "candidates",
+    )
 
 
 def _build_predicted_rows(robot: Robot, request: PlanRequest, postures_in_area: FloatArray) -> FloatArray:

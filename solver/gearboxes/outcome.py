@@ -266,7 +266,18 @@ def _report_fit(step: WeightStep, fit: GearboxFit) -> Iterator[Finding]:
         yield report_twist(
             name, greatest, "check the unit of the encoders' angles, and the sign of the link's"
         )
-    if fit.free_compliance + _AGAINST * fit.uncertainty < 0.0:
+    is_against = fit.free_compliance + _AGAINST * fit.uncertainty < 0.0
+    if is_against and _has_reversed_lost_motion(step, fit.steps.joint):
+        yield Finding(
+            code="encoder_against_torque",
+            weight="do_not_use",
+            where=name,
+            message=f"motor and link angles of {name} seem to be exchanged: its gearbox twists against the "
+            "load, and in its lost motion the link leads the motor",
+            remedy=f"exchange `motor` and `link` in the readings of {name}: `motor` is the motor's angle "
+            "divided by the gear ratio, `link` the angle of the encoder behind the gearbox",
+        )
+    elif is_against:
         yield Finding(
             code="encoder_against_torque",
             weight="do_not_use",
@@ -307,6 +318,12 @@ def _report_fit(step: WeightStep, fit: GearboxFit) -> Iterator[Finding]:
             "the load, which leave too few to judge the noise",
             remedy="read at least 6 postures with different torques; 12 are good practice",
         )
+
+
+def _has_reversed_lost_motion(step: WeightStep, joint: int) -> bool:
+    """Return whether the lost motion of a joint has the sign of a link that leads its motor."""
+    lost = _estimate_mean(step.lost_motion(joint), 1.0 - 0.5 * _FALSE_ALARM)
+    return lost is not None and lost[0] < -lost[1]
 
 
 def report_twist(name: str, twist: float, remedy: str) -> Finding:

@@ -164,7 +164,22 @@ def _inspect_positions(view: View, others: Iterable[KnownRobot]) -> tuple[list[F
         mistakes = inspect_whole_set(view, others)
         if mistakes:
             return mistakes, np.zeros_like(good_rows)
+        if not good_rows.any():
+            suspects = _suspect_robot(suspects)
     return suspects, good_rows
+
+
+def _suspect_robot(findings: list[Finding]) -> list[Finding]:
+    """Add to the first finding about targets away from their places that no single mistake explains them."""
+    codes = [finding.code for finding in findings]
+    first = codes.index("target_off_model")
+    message = (
+        f"{findings[first].message}. No single change of units, signs, or order of the angles, of the "
+        "frame or of one length of the model was found that explains the set: another robot may have been "
+        "measured, zeros of joints may be off, or its description has several mistakes"
+    )
+    changed = findings[first].model_copy(update={"message": message})
+    return [*findings[:first], changed, *findings[first + 1 :]]
 
 
 def _leave_out_effects(findings: Iterable[Finding], suspects: Iterable[Finding]) -> list[Finding]:

@@ -65,6 +65,7 @@ from jointstiff.solver.integrity.values import (
     median,
     transform_to_flange,
 )
+from jointstiff.solver.integrity.wrong_length import find_wrong_length
 from jointstiff.solver.mechanics.block import RegressorBlock, get_whole_block, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
@@ -175,7 +176,8 @@ def _list_small_mistakes(view: View, rows: IndexArray, distances: FloatArray) ->
 def inspect_whole_set(view: View, others: Iterable[KnownRobot]) -> list[Finding]:
     """Find why the targets of a whole set have no places on the flange, if no correction of the joints does.
 
-    Another robot may have been measured, the positions may be in another frame, or signs may be missing.
+    Another robot may have been measured, the positions may be in another frame, signs may be missing, or a
+    length of the model may be wrong.
     Mistakes in single rows give no finding.
 
     Args:
@@ -187,7 +189,10 @@ def inspect_whole_set(view: View, others: Iterable[KnownRobot]) -> list[Finding]
     if robots := list(inspect_other_robots(view, others)):
         return robots
     finding = (
-        find_frame_mistake(view, rows) or find_scale_mistake(view, rows) or find_missing_signs(view, rows)
+        find_frame_mistake(view, rows)
+        or find_scale_mistake(view, rows)
+        or find_missing_signs(view, rows)
+        or find_wrong_length(view, rows)
     )
     return [finding] if finding else []
 

@@ -336,17 +336,7 @@ def find_zero_mistake(view: View, rows: IndexArray) -> Finding | None:
     """
     robot, sample = view.robot, sample_rows(rows)
     before = median(_measure_at_offset(view, sample, np.zeros(robot.n)))
-    trials = []
-    for joint in np.flatnonzero(~robot.prismatic[:-1]).tolist():
-        direction = np.eye(robot.n)[joint]
-        found = minimize_scalar(
-            lambda offset, direction=direction: median(_measure_at_offset(view, sample, offset * direction)),
-            bounds=(-_LARGEST_ZERO, _LARGEST_ZERO),
-            method="bounded",
-            options={"xatol": _ZERO_TOLERANCE},
-        )
-        trials.append((float(found.fun), joint, float(found.x)))
-    after, joint, offset = min(trials)
+    after, joint, offset = search_zero(view, rows)
     if after > before / _ZERO_BY_RESIDUAL or abs(offset) < _LEAST_ZERO:
         return None
     name = robot.joint_names[joint]
@@ -361,6 +351,27 @@ def find_zero_mistake(view: View, rows: IndexArray) -> Finding | None:
         "use_with_care",
         _advise_joint_map(robot, correction),
     )
+
+
+def search_zero(view: View, rows: IndexArray) -> tuple[float, int, float]:
+    """Search the zero of one joint with which the targets are nearest to their places on the flange.
+
+    Returns:
+        The median distance of a target from its place [m], infinite without a revolute joint before the last;
+        the index of the joint; and what must be added to its positions [rad].
+    """
+    robot, sample = view.robot, sample_rows(rows)
+    trials = [(float("inf"), 0, 0.0)]
+    for joint in np.flatnonzero(~robot.prismatic[:-1]).tolist():
+        direction = np.eye(robot.n)[joint]
+        found = minimize_scalar(
+            lambda offset, direction=direction: median(_measure_at_offset(view, sample, offset * direction)),
+            bounds=(-_LARGEST_ZERO, _LARGEST_ZERO),
+            method="bounded",
+            options={"xatol": _ZERO_TOLERANCE},
+        )
+        trials.append((float(found.fun), joint, float(found.x)))
+    return min(trials)
 
 
 def _measure_at_offset(view: View, sample: IndexArray, offset: FloatArray) -> FloatArray:

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, are_regular
-from jointstiff.solver.errors import CasesError, RobotError
+from jointstiff.solver.errors import CasesError, RequestError, RobotError
 from jointstiff.solver.mechanics.postures import Postures, flange_poses, rotation_vectors
 from jointstiff.solver.mechanics.robot import Robot, fix_prismatic_joints
 
@@ -36,6 +36,12 @@ _NOT_DESIGNED: Final = 1e-2
 _REFINED_AT_ONCE: Final = 4096
 """Number of postures that are refined at a time: as many as the processor's cache holds."""
 _DAMPING: Final = 1e-12
+_FAR_START: Final = 0.2
+"""Least distance [rad] of a start from the first pose's posture at which its unit is doubted."""
+_NEAR_START: Final = 1.0 / 3.0
+"""Greatest ratio of the distances with the other unit and with the stated unit that shows a mistaken unit."""
+_ROUND: Final = 1e-6
+"""Greatest distance of ten times an angle from a whole number at which the angle has one decimal."""
 _SAME_SOLUTION: Final = 1e-3
 """Difference [rad] below which two solutions count as the same solution."""
 _SINGULAR: Final = 2e-3
@@ -442,6 +448,8 @@ def _choose(
         posture_choice = _PostureChoice(
             inverse, poses[block], joint_targets[block], ranges[block], ranges_decide[block]
         )
+        if first == 0 and previous_angles is not None:
+            posture_choice.refuse_start_in_other_unit(previous_angles)
         previous_angles = posture_choice.follow(joints[block], unreached[block], previous_angles)
         doubtful[block], apart[block] = posture_choice.doubtful, posture_choice.apart
         _mark_beyond_limits(robot, joints[block], unreached[block])
@@ -499,6 +507,44 @@ class _PostureChoice:
         self._complete[self._is_pose] = is_complete
         # As of `FollowedPoses`
         self.doubtful, self.apart = np.zeros(len(poses), dtype=np.bool_), np.full(len(poses), np.inf)
+
+    def refuse_start_in_other_unit(self, start: FloatArray) -> None:
+        """Refuse a start that is near the first pose only if its numbers have the other unit of angles.
+
+        Args:
+            start: (6,) controller's angles near the first pose, as converted from the stated unit [rad].
+
+        Raises:
+            RequestError: the numbers of the start are radians where degrees are stated, or degrees where
+                radians are stated.
+        """
+        if not np.isfinite(self._branches[0, :, 0]).any():
+            return
+        distance = self._measure_from_start(start)
+        if distance < _FAR_START:
+            return
+        for unit, stated, corrected in (
+            ("radians", "degrees", np.rad2deg(start)),
+            ("degrees", "radians", np.deg2rad(start)),
+        ):
+            is_within_a_turn = np.abs(corrected).max() <= 2.0 * np.pi
+            corrected_distance = self._measure_from_start(corrected)
+            nearer = 1.0 if _has_numbers_of_radians(start) and stated == "degrees" else _NEAR_START
+            if is_within_a_turn and corrected_distance < nearer * distance:
+                shown = np.rad2deg(corrected) if stated == "degrees" else corrected
+                numbers = ", ".join(f"{each:.4g}" for each in shown)
+                raise RequestError(
+                    f"the start seems to be in {unit}, not in {stated}: the nearest posture of the first "
+                    f"pose differs by {np.rad2deg(distance):.3g}° in an angle; with the numbers taken as "
+                    f"{unit}, by {np.rad2deg(corrected_distance):.2g}°",
+                    where="start",
+                    remedy=f"give the start in {stated}: {numbers}",
+                )
+
+    def _measure_from_start(self, start: FloatArray) -> float:
+        """Return how far the nearest posture of the first pose is from a start (6,) [rad], in one angle."""
+        angles = self._robot.joint_map.model_angles(start[None])[0]
+        return float(np.nanmin(compute_angle_gaps(self._branches[0], angles)))
 
     def follow(
         self, joints: FloatArray, unreached: IndexArray, previous: FloatArray | None
@@ -607,6 +653,13 @@ class _PostureChoice:
     def _continues_branch(self, angles: FloatArray, before: FloatArray) -> BoolArray:
         """Return a mask (k,) of solutions (k, 6) [rad] on the branches of `before`, up to full turns."""
         return self._inverse.is_same_branch(before + wrap_angles(angles - before), before)
+
+
+def _has_numbers_of_radians(angles: FloatArray) -> bool:
+    """Return whether angles are, in degrees, within ±π and have more than one decimal, as in radians."""
+    tenths = 10.0 * np.rad2deg(angles)
+    are_round = bool((np.abs(tenths - np.round(tenths)) < _ROUND).all())
+    return bool(np.abs(tenths).max() <= 10.0 * np.pi) and not are_round
 
 
 def compute_angle_gaps(angles: FloatArray, reference: FloatArray) -> FloatArray:

@@ -109,6 +109,8 @@ PLAUSIBLE_STIFFNESS: Final = (1e3, 1e9)
 """Range of joint stiffness of industrial robots [N·m/rad, N/m], with a margin of three decades."""
 CONTRADICTED_PRIOR: Final = 5.0
 """Least difference of a prior from the readings, in its standard uncertainties, that is reported."""
+MISTAKEN_PRIOR: Final = 10.0
+"""Least ratio of a contradicted prior and the readings that must not be used: a unit, or a digit too many."""
 LARGEST_SHIFT: Final = 0.5
 """Bias, in standard uncertainties, at which a 95 % interval contains the true value in only 92 % of cases."""
 _PLACES: Final = 60
@@ -1114,6 +1116,9 @@ def find_fit_problems(
         explained: whether another finding already explains large residuals, which are then not reported.
         cause_found: whether a cause explains the readings; large residuals are then no sign of large noise.
     """
+    implausible = list(report_implausible_results(fit.estimate))
+    mistaken_priors = [finding for finding in implausible if _is_mistaken_prior(finding)]
+    yield from mistaken_priors
     yield from _report_unidentified(fit.estimate)
     yield from _report_freedom(fit)
     yield from _report_few_postures(fit.measurements)
@@ -1122,7 +1127,7 @@ def find_fit_problems(
         yield from _report_unexplained_motion(fit, screening)
         yield from _report_unexplained(fit)
         yield from _report_dropped_statements(fit)
-    yield from report_implausible_results(fit.estimate)
+    yield from (finding for finding in implausible if finding not in mistaken_priors)
     yield from _report_solver(fit.estimate)
     yield from _report_links(fit.prediction, screening)
 
@@ -1463,13 +1468,24 @@ def _find_worst_posture(fit: _AssessedFit) -> str:
     return fit.measurements.labels[int(residuals.argmax())]
 
 
+def _is_mistaken_prior(finding: Finding) -> bool:
+    """Return whether a finding says that a prior must not be used."""
+    return finding.code == "prior_dominates" and finding.weight == "do_not_use"
+
+
 def report_implausible_results(estimate: Estimate) -> Iterator[Finding]:
-    """Yield findings on priors, on implausible stiffnesses, and on a neglected K_c that matters."""
-    for joint in estimate.joints:
+    """Yield findings on priors, on implausible stiffnesses, and on a neglected K_c that matters.
+
+    A joint whose prior is mistaken has no other finding.
+    """
+    contradicted = list(_report_contradicted_priors(estimate))
+    mistaken = {finding.where for finding in contradicted if _is_mistaken_prior(finding)}
+    joints = [joint for joint in estimate.joints if joint.name not in mistaken]
+    for joint in joints:
         if joint.prior_to_data is not None and joint.prior_to_data > 1.0:
             yield _report_dominant_prior(joint.name, joint.prior_to_data)
-    yield from _report_contradicted_priors(estimate)
-    yield from report_implausible_joints(estimate.joints)
+    yield from contradicted
+    yield from report_implausible_joints(joints)
     if estimate.complementary_stiffness is not None:
         yield from _report_complementary_stiffness(estimate.complementary_stiffness)
 
@@ -1525,6 +1541,11 @@ def _measure_deviation(prior: JointPrior, uncertainty: float) -> float:
     return abs(prior.by_readings - prior.mean) / uncertainty_of_difference
 
 
+def _is_mistaken(prior: JointPrior) -> bool:
+    """Return whether a prior that contradicts the readings differs from them by a factor of another unit."""
+    return prior.by_readings > 0.0 and abs(np.log(prior.by_readings / prior.mean)) > np.log(MISTAKEN_PRIOR)
+
+
 def _report_contradicted_prior(joint: JointCompliance, prior: JointPrior, deviation: float) -> Finding:
     """Return the finding that the prior of a joint contradicts the readings.
 
@@ -1540,7 +1561,7 @@ def _report_contradicted_prior(joint: JointCompliance, prior: JointPrior, deviat
         by_readings = stiffness_text(1.0 / prior.by_readings, joint.kind)
     return Finding(
         code="prior_dominates",
-        weight="use_with_care",
+        weight="do_not_use" if _is_mistaken(prior) else "use_with_care",
         message=f"the prior of {joint.name}, {by_prior}, contradicts the readings, which alone give "
         f"{by_readings}: they differ by {figure(deviation, '.3g')} standard uncertainties of the difference",
         remedy=f"check the prior, and that its numbers are in {unit}; or omit the prior",

@@ -43,6 +43,10 @@ _ANGLES: Final = {
     "degrees where radians are stated": np.pi / 180.0,
     "radians where degrees are stated": 180.0 / np.pi,
 }
+_FAR_UNIT: Final = 0.02
+"""Ratio of the differences with the right and with the stated unit of lengths that shows a mistaken unit."""
+_NEARLY: Final = 0.02
+"""Greatest difference [m] of poses and joints that may remain with the right unit of lengths."""
 _LENGTHS: Final = {
     "mm where m are stated": 1e-3,
     "m where mm are stated": 1e3,
@@ -207,7 +211,7 @@ def propose_frames(
         if proposal is not None:
             others = tuple(1 + int(rows[k]) for k in proposal.others)
             return replace(proposal, compared=len(rows), others=others)
-    return None
+    return comparison.try_far_units()
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,6 +241,18 @@ class _Comparison:
                 gaps = _measure_gaps(self.robot, self.joints, poses, own_tool, own_base)
                 if gaps.agree.mean() >= least_agreement:
                     return FrameProposal("lengths", own_tool, own_base, words, others=_list_others(gaps))
+        return None
+
+    def try_far_units(self) -> FrameProposal | None:
+        """Return the unit of lengths with which the rows nearly agree, and without which they do not."""
+        given = _measure_gaps(self.robot, self.joints, self.poses, self.tool, self.base)
+        for unit, factor in _LENGTHS.items():
+            poses, tool, base = (_scale(each, factor) for each in (self.poses, self.tool, self.base))
+            alone = f"{unit}, in the poses alone"
+            for words, own_tool, own_base in ((unit, tool, base), (alone, self.tool, self.base)):
+                gaps = _measure_gaps(self.robot, self.joints, poses, own_tool, own_base)
+                if gaps.distance.max() <= min(_FAR_UNIT * given.distance.max(), _NEARLY):
+                    return FrameProposal("lengths", own_tool, own_base, words)
         return None
 
     def try_frames(self, least_agreement: float) -> FrameProposal | None:

@@ -268,3 +268,20 @@ def test_a_small_file_cannot_ask_for_endless_work(monkeypatch, most, line):
     monkeypatch.setattr(columns, most, 2)
     text = f"DEF a()\nP1={PLACE}\n" + 3 * "LIN P1\n" + 3 * "s()\n" + "END"
     assert refusal("a.src", text, leave_alone=["s"]).faults[0].line == line
+
+
+@pytest.mark.parametrize("kind", ["krl", "fanuc", "rapid", "ur"])
+@pytest.mark.parametrize("stated", ["krl", "fanuc", "rapid", "ur"])
+def test_a_program_of_another_language_is_named_with_its_suffix(kind, stated):
+    if kind == stated:
+        return
+    (_, content), *_ = files_of(kind)
+    name = f"cell{FORMATS[stated].suffixes.split()[0]}"
+    with pytest.raises(ProgramError, match=r"the file is a program in .*, but was read as ") as refused:
+        read_program([(name, content)])
+    (fault,) = refused.value.faults
+    suffix = FORMATS[kind].suffixes.split()[0]
+    assert fault.remedy == f"give the file its own suffix, {suffix}, or state `format`: {kind}"
+    routines = PROGRAMS[kind][1]
+    files = [(name, content), *files_of(kind)[1:]]
+    assert len(moves_of(read_program(files, kind, routines, leave_others=True))) > 0

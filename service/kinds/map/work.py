@@ -47,6 +47,8 @@ POSES_A_STEP: Final = 10_000
 """Number of postures (places times orientations) in a step, which takes a quarter of a second."""
 _ELASTIC_LINKS_FACTOR: Final = 5
 """Time and memory for a posture if links are elastic, relative to elastic joints alone."""
+_AT_ORIGIN: Final = 0.02
+"""Fraction of the reach within which an area is at the origin of R0, inside the arm's base."""
 _LEAST_LENGTH: Final = 1e-9
 """Length below which a direction counts as the zero vector."""
 
@@ -128,9 +130,15 @@ class MapWork(Work):
         ]
 
     def _describe_far_area(self) -> str | None:
-        """Return the remedy if all places are farther from the base than the arm can reach; else None."""
-        distance = float(np.linalg.norm(self.places, axis=1).min())
+        """Return the remedy if all places are beyond the reach, or at the origin of R0; else None."""
+        distances = np.linalg.norm(self.places, axis=1)
+        distance = float(distances.min())
         reach = self.robot.reach_bound + float(np.linalg.norm(self.request.place))
+        if distances.max() < _AT_ORIGIN * reach:
+            return (
+                f"check the unit of `area`, and move it: all its places are within "
+                f"{length_text(float(distances.max()))} of the origin of R0, inside the arm's base"
+            )
         if distance <= reach:
             return None
         return (

@@ -124,7 +124,8 @@ OPTIONS = ("options", (None, b"{}"))
         (
             [ONE, ("other", (None, b"1"))],
             "422 invalid-request | body | the form has an unknown field 'other' | "
-            "send only the fields `files` and `options`",
+            "send only the fields `files` and `options`; `options` is one JSON object of all options, such "
+            'as {"other": …}',
         ),
         (
             [ONE, OPTIONS, OPTIONS],

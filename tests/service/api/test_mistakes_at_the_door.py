@@ -54,6 +54,14 @@ def imported(**options: Any) -> dict[str, Any]:
     return request("POST", "/v1/imports", **options)
 
 
+def predicted(angle: str) -> dict[str, Any]:
+    """A prediction in a posture in degrees, whose unit is stated as `angle`."""
+    units = {"length": "m", "angle": angle, "force": "N"}
+    case = {"joints": [0, -20, 30, 0, 45, 0], "force": [0, 0, -500]}
+    body = {"run_id": "{run}", "units": units, "load_point": [0, 0, 0.1], "cases": [case]}
+    return request("POST", "/v1/deflections", json=body)
+
+
 WELL = post_campaign()
 MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
     # Addresses
@@ -249,6 +257,25 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
     "cut off": (post_campaign(content=TEXT[:-9]), 422, "Invalid JSON: EOF.*send valid JSON", WELL),
     "too large": (post_campaign(content=TEXT + " " * 2**23), 413, "the body exceeds 8192 KiB", WELL),
     "list of campaigns": (request("POST", "/v1/campaigns", json=[CAMPAIGN]), 422, "must be an object", WELL),
+    "postures in degrees": (
+        predicted("rad"),
+        422,
+        "the angle of joint_5 is 45 rad, beyond two turns.*state the unit of the angles, deg or rad",
+        predicted("deg"),
+    ),
+    "option as a field of a form": (
+        imported(files={"files": TABLE}, data={"show_faults": "true"}),
+        422,
+        "unknown field 'show_faults'.*`options` is one JSON object of all options, such as "
+        '."show_faults": …',
+        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+    ),
+    "prior as a pair": (
+        post_run(priors={"joint_2": [3e6, 1e5]}),
+        422,
+        'must be an object.*braces: ."stiffness": …, "standard_uncertainty": …',
+        post_run(priors={"joint_2": {"stiffness": 3e6, "standard_uncertainty": 1e5}}),
+    ),
     "other field of a form": (
         imported(files={"file": TABLE}),
         422,

@@ -189,7 +189,7 @@ def test_robot_and_readings_of_a_run_that_is_refused_are_kept(client, ids):
     given = CAMPAIGN | {"run": {"leave_out": ["zz"]}}
     assert outcome_of(client.request("POST", "/v1/campaigns", json=given)) == (
         "422 invalid-request | run.leave_out | the set has no observation 'zz' | "
-        "give labels of the set's observations"
+        "give labels of the set's observations: c01, c02, c03, c04, c05, c06"
     )
 
 

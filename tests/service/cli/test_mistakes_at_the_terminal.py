@@ -29,6 +29,11 @@ AREA = {
 }
 
 
+CORRECTED = "--tool 0,0,250,0,0,0 --force 0,0,-500 -o rows.csv --overwrite"
+COMPENSATED = "--force 0,0,-500 --accuracy-option off -o program.src --overwrite"
+FIRST_MOVE = "PTP {A1 2,A2 40,A3 -48,A4 0,A5 60,A6 0}\n"
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("mistakes")
@@ -42,6 +47,9 @@ def folder(tmp_path_factory):
     (folder / "monday" / "m.json").write_text(json.dumps(campaign("pull", 8, 2)))
     (folder / "readings.csv").write_text(READINGS)
     (folder / "path.src").write_text(PROGRAM)
+    (folder / "path.ls").write_text(PROGRAM)
+    (folder / "lin.src").write_text(PROGRAM.replace(FIRST_MOVE, ""))
+    (folder / "poses.csv").write_text("\n".join(row.partition(";")[2] for row in ROWS.splitlines()))
     return folder
 
 
@@ -117,6 +125,31 @@ def folder(tmp_path_factory):
             "check the unit of the point",
             "predict pull.json postures.csv --load-point 0,0,99.999",
         ),
+        (
+            "predict pull.json poses.csv --load-point 0,0,120",
+            "a table of poses is for `jointstiff correct`",
+            f"correct pull.json poses.csv {CORRECTED} --start 3,-45,70,0,65,0",
+        ),
+        (
+            f"correct pull.json poses.csv {CORRECTED} --start 0.05,-0.79,1.22,0,1.13,0",
+            "the start seems to be in radians, not in degrees",
+            f"correct pull.json poses.csv {CORRECTED} --start 2.865,-45.26,69.9,0,64.74,0",
+        ),
+        (
+            f"compensate pull.json lin.src {COMPENSATED} --start 0.05,-0.79,1.22,0,1.13,0",
+            "the start seems to be in radians, not in degrees",
+            f"compensate pull.json lin.src {COMPENSATED} --start 2.865,-45.26,69.9,0,64.74,0",
+        ),
+        (
+            f"compensate pull.json path.ls {COMPENSATED}",
+            "is a program in KUKA's language, but was read as FANUC's language",
+            f"compensate pull.json path.ls {COMPENSATED} --format krl",
+        ),
+        (
+            "plan pull.json --readings 6 --candidates 200 --area 15000,-500,600,20000,500,1200",
+            "its nearest place is 15 m from the origin of R0, and the arm reaches at most",
+            "plan pull.json --readings 6 --candidates 500 --area 1000,-1000,300,2500,1000,2500",
+        ),
         ("plan pull.json --readings 0 --candidates 50", "1", "plan pull.json --readings 1 --candidates 50"),
     ],
 )
@@ -128,6 +161,16 @@ def test_a_mistake_is_answered_with_a_remedy_that_works(folder, monkeypatch, mis
     assert answer in said
     assert "openapi" not in said
     assert terminal(*correction.split(), width=200).exit_code == 0
+
+
+def test_a_map_in_metres_is_at_the_base_and_its_unit_is_named(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    small = [[1e-3 * part for part in corner] for corner in AREA["area"]]
+    (folder / "small.json").write_text(json.dumps(AREA | {"area": small}))
+    said = " ".join(terminal("map", "pull.json", "--options", "small.json", width=200).stdout.split())
+    assert (
+        "check the unit of `area`, and move it: all its places are within 1.91 mm of the origin of R0" in said
+    )
 
 
 def test_a_map_in_millimetres_is_beyond_reach_and_its_unit_is_named(folder, monkeypatch):

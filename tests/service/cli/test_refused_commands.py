@@ -122,7 +122,7 @@ def test_a_result_that_must_not_be_used_compensates_no_program(folder):
             '{"robot": {}, "measurement_set": 1}',
             "other.json does not match the schema robot.name: required field is missing; add this field "
             "robot.model: required field is missing; add this field measurement_set: must be an object; "
-            "give its fields by name, in braces",
+            'give its fields by name, in braces: {"name": …, "units": …, "encoders": …, "observations": …}',
         ),
     ],
 )

@@ -639,6 +639,11 @@ FILES = {
     "too many lines": limited(
         "more than 7 lines", {"a.csv": CAMPAIGN + "\n\n\n"}, {"a.csv": CAMPAIGN}, **{"grid.MAX_LINES": 7}
     ),
+    "a second header": table(
+        "the header occurs again: two tables seem to be joined in one file",
+        CAMPAIGN + next(row for row in CAMPAIGN.splitlines() if not row.startswith("#")) + "\n",
+        CAMPAIGN,
+    ),
     "too many observations": limited(
         "more than 2 observations",
         {"a.csv": CAMPAIGN},

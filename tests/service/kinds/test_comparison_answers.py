@@ -152,8 +152,8 @@ class TestTwoCampaigns:
         elbow = "joint_1, joint_2, elbow, joint_4, joint_5, joint_6"
         said = (
             f"the robots have different joints: {', '.join(NAMES)} in the first set, {elbow} in the second "
-            "| compare sets of one "
-            "robot, or of two robots of the same model with the same joint names"
+            "| both robots have the same axes: rename the joints in the second robot's URDF, elbow to "
+            "joint_3; and identify its set again"
         )
         assert refused(js.compare, first, other, methods=[]) == f"comparison.run_ids | {said}"
         stored = posted(with_elbow(pull), elasticity="joints")

@@ -1,7 +1,9 @@
 """Mistakes of users in Python: the answer names the cause, and its remedy, carried out, works."""
 
 import copy
+import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -104,7 +106,141 @@ def of_arrays(wrong, right):
     return build(wrong), build(right)
 
 
+def with_positions(change):
+    """Return a campaign of arrays whose positions (N, 3, 3) were changed."""
+
+    def call(_, document):
+        observations = document["measurement_set"]["observations"]
+        readings = [each["readings"] for each in observations]
+        unloaded, loaded = (
+            np.array([[reading[state] for reading in row] for row in readings])
+            for state in ("unloaded", "loaded")
+        )
+        return js.Campaign.from_arrays(
+            document["robot"],
+            [each["joints"] for each in observations],
+            [each["force"] for each in observations],
+            unloaded=change(unloaded),
+            loaded=change(loaded),
+            load_point=document["measurement_set"]["load_point"],
+            units="m, rad, N",
+        )
+
+    return call
+
+
+def with_joints_named(name):
+    """Return a comparison with a set of a robot whose joints are called `name`1, `name`2, …"""
+
+    def call(_, document):
+        robot = copy.deepcopy(document["robot"])
+        robot["model"]["urdf"] = robot["model"]["urdf"].replace("joint_", name)
+        return js.compare(document, document | {"robot": robot})
+
+    return call
+
+
+def exchanging(first, second):
+    """Return a weight step in whose readings `first` has the angles of `second`, and the reverse."""
+
+    def call(_, _document):
+        step = copy.deepcopy(weight_step())
+        readings = [each for row in step["observations"] for each in row["encoder_readings"]]
+        for state in (each[name] for each in readings for name in ("unloaded", "loaded")):
+            state["motor"], state["link"] = state[first], state[second]
+        found = js.gearbox(step)
+        refused = [each for each in found.result.assessment.reasons if each.weight == "do_not_use"]
+        if refused:
+            raise ValueError(f"{refused[0].message}; remedy: {refused[0].remedy}")
+        return found
+
+    return call
+
+
+def weight_step():
+    """Return the document of the example of a weight step."""
+    return json.loads((Path(__file__).parents[3] / "examples" / "weight_step.json").read_text())
+
+
+def with_centre(centre):
+    """Return an identification of the robot with one body, whose centre of mass is given [m]."""
+
+    def call(_, document):
+        body = {"name": "arm", "joint": "joint_2", "mass": 200.0, "centre": centre}
+        return js.identify(document | {"robot": document["robot"] | {"bodies": [body]}})
+
+    return call
+
+
+def with_flange(link):
+    """Return an identification of the robot whose flange is a link of the URDF."""
+
+    def call(_, document):
+        model = document["robot"]["model"] | {"flange": link}
+        return js.identify(document | {"robot": document["robot"] | {"model": model}})
+
+    return call
+
+
+def observing(factor):
+    """Return a live reading whose positions are `factor` times those in m."""
+
+    def call(_, document):
+        first = document["measurement_set"]["observations"][0]
+        with js.measure(document, goal="15 %", source=None) as live:
+            unloaded, loaded = (
+                {each["target"]: factor * np.array(each[state]) for each in first["readings"]}
+                for state in ("unloaded", "loaded")
+            )
+            joints, force = np.degrees(first["joints"]), first["force"]
+            return str(live.observe(unloaded, loaded, label="a", joints=joints, force=force))
+
+    return call
+
+
+POSES = np.array([[1700.0, 100.0, 900.0, 0.0, 180.0, 0.0], [1710.0, 110.0, 900.0, 0.0, 180.0, 0.0]])
+START = np.array([3.0, -45.0, 70.0, 0.0, 65.0, 0.0])
+
+
+def corrected_from(start):
+    return lambda run: run.correct(POSES, tool=[0, 0, 250, 0, 0, 0], forces=FORCE, start=start)
+
+
 MISTAKES = {
+    "targets and coordinates exchanged": (
+        with_positions(lambda positions: positions.transpose(0, 2, 1)),
+        with_positions(lambda positions: positions),
+        r"the axes of `unloaded` seem to be exchanged.*unloaded.transpose\(0, 2, 1\)",
+    ),
+    "joints of other names": (
+        with_joints_named("A"),
+        with_joints_named("joint_"),
+        "both robots have the same axes: rename the joints in the second robot's URDF, A1 to joint_1, A2 to",
+    ),
+    "motor and link exchanged": (
+        exchanging("link", "motor"),
+        exchanging("motor", "link"),
+        "motor and link angles of joint_2 seem to be exchanged.*exchange `motor` and `link`",
+    ),
+    "centre of mass in mm": (
+        with_centre([20.0, -90.0, 520.0]),
+        with_centre([0.02, -0.09, 0.52]),
+        r"528.1 m from its joint.*seem to be in mm; remedy: give the centre in m.*\[0.02, -0.09, 0.52\]",
+    ),
+    "flange before the wrist": (
+        with_flange("link_4"),
+        with_flange("flange"),
+        "if the arm has 6 joints, describe all of them: the robot's model ends at its flange, 'link_4'",
+    ),
+    "live positions in metres": (
+        observing(1.0),
+        observing(1000.0),
+        "of the origin of their frame: their unit seems to be wrong",
+    ),
+    "start in radians": (
+        *of_run(corrected_from(np.radians(START)), corrected_from(START)),
+        "the start seems to be in radians, not in degrees.*give the start in degrees: 3, -45, 70, 0, 65, 0",
+    ),
     # Arguments of another type
     "no quantity": (
         *of_arrays({"units": {"lenght": "mm"}}, {"units": {"length": "mm"}}),
@@ -135,6 +271,46 @@ MISTAKES = {
     # Arrays in another form
     "joints transposed": (*of_joints(np.transpose), r"`joints` has 6 rows, but 8 .* `joints.T`"),
     "joints None": (*of_joints(lambda _: None), r"joints.*shape"),
+    "forces with moments": (
+        *of_arrays({"forces": np.ones((8, 6))}, {"forces": np.ones((8, 3)), "moments": np.ones((8, 3))}),
+        r"last three columns seem to be moments.*forces\[..., 3:\]",
+    ),
+    "prior as a pair": (
+        *option(
+            {"priors": {"joint_2": (3e6, 1e5)}},
+            {"priors": {"joint_2": {"stiffness": 3e6, "standard_uncertainty": 1e5}}},
+        ),
+        'give its fields by name, in braces: {"stiffness": …, "standard_uncertainty": …}',
+    ),
+    "observations by number": (
+        *option({"leave_out": [3]}, {"leave_out": ["c03"]}),
+        "give labels of observations as texts, in quotes, not their numbers",
+    ),
+    "no such label": (
+        *option({"leave_out": ["3"]}, {"leave_out": ["c03"]}),
+        "no observation '3'.*c01, c02, .*c08",
+    ),
+    "postures in radians": (
+        *of_run(
+            lambda run: run.predict(np.radians([[0, -20, 30, 0, 45, 0]]), FORCE, at=AT),
+            lambda run: run.predict(np.radians([[0, -20, 30, 0, 45, 0]]), FORCE, at=AT, units="mm, rad, N"),
+        ),
+        "they seem to be radians; remedy: state the unit of the angles: units='mm, rad, N'",
+    ),
+    "a plan in place of a run": (
+        lambda _, document: js.map(js.plan(document, readings=3, candidates=50), **AREA),
+        lambda _, document: js.map(js.identify(document), **AREA),
+        r"not `Plan`; remedy: give the campaign itself, or the run that `identify` makes of it",
+    ),
+    "another word for a convention": (
+        lambda _, _document: js.robot(
+            [[0.0, 700.0, 300.0, -90.0]] * 2, columns="theta d a alpha", convention="mdh"
+        ),
+        lambda _, _document: js.robot(
+            [[0.0, 700.0, 300.0, -90.0]] * 2, columns="theta d a alpha", convention="modified"
+        ),
+        "'mdh', which is not known; remedy: state convention='modified'",
+    ),
     # Words of other packages
     "weights": (*option({"weights": "uniform"}, {"weighting": "uniform"}), "did you mean `weighting`"),
     "constraint": (*option({"constraint": True}, {"positive": True}), "give `positive` in its place"),
@@ -425,3 +601,9 @@ def test_a_word_for_axes_is_answered_with_what_draws(run):
 def test_a_missing_table_is_answered_with_its_folder(tmp_path):
     with pytest.raises(js.CampaignError, match=r"there is no file .*; remedy: give the name of a file"):
         js.read(tmp_path / "readings.csv")
+
+
+@pytest.mark.parametrize("source", ["document", "campaign"])
+def test_a_campaign_is_a_robot_in_any_form(document, source):
+    campaign = document if source == "document" else js.identify(document).campaign
+    assert js.robot(campaign).name == document["robot"]["name"]

@@ -80,8 +80,15 @@ FEWER = "request fewer readings, a smaller angle, or more candidates"
         ),
         (
             {"work_area": [[50.0] * 3, [60.0] * 3]},
-            "work_area | only 0 of 150 candidate postures have their load point in the work area | give a "
-            "larger work area, in R0 and in metres, or more candidates",
+            "work_area | only 0 of 150 candidate postures have their load point in the work area: its "
+            "nearest place is 86.6 m from the origin of R0, and the arm reaches at most 3.67 m | check the "
+            "unit and the digits of the work area's corners in R0, and move it within reach",
+        ),
+        (
+            {"work_area": [[1.5, 0.0, 1.0], [1.501, 0.001, 1.001]]},
+            "work_area | only 0 of 150 candidate postures have their load point in the work area, of 1 mm × "
+            "1 mm × 1 mm | check the unit of the work area's corners in R0, and give a larger work area, or "
+            "more candidates",
         ),
         (
             {"readings": 9, "angle": 9.0},

@@ -341,7 +341,7 @@ def test_a_prior_in_another_unit_is_no_result_to_use_without_a_word(stiffness, u
     prior = {"joint_2": {"stiffness": stiffness, "standard_uncertainty": uncertainty}}
     found = estimate(robot, measurements, priors=prior)
     (finding,) = [each for each in report_implausible_results(found) if "contradicts" in each.message]
-    assert (finding.code, finding.where, finding.weight) == ("prior_dominates", "joint_2", "use_with_care")
+    assert (finding.code, finding.where, finding.weight) == ("prior_dominates", "joint_2", "do_not_use")
     assert "standard uncertainties of the difference" in finding.message
     assert finding.remedy == "check the prior, and that its numbers are in N·m/rad; or omit the prior"
 

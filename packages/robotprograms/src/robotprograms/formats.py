@@ -35,6 +35,25 @@ _MODULES: Final = {"csv": table, "krl": krl, "fanuc": fanuc, "rapid": rapid, "ur
 FORMATS: Final[Mapping[str, Language]] = MappingProxyType(
     {name: module.LANGUAGE for name, module in _MODULES.items()}
 )
+_LANGUAGES: Final = {
+    "krl": "KUKA's language",
+    "fanuc": "FANUC's language",
+    "rapid": "RAPID (ABB)",
+    "ur": "URScript",
+}
+"""Name of a format → its language."""
+_BEGINNING: Final = 20_000
+"""Bytes of a file in which its language is sought."""
+_BEGINNINGS: Final = {
+    kind: re.compile(pattern, re.MULTILINE | re.IGNORECASE)
+    for kind, pattern in {
+        "krl": r"^\s*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF\s+\w+\s*\([^)]*\)\s*$)",
+        "fanuc": r"^/PROG\b",
+        "rapid": r"^\s*MODULE\s+\w+",
+        "ur": r"^\s*def\s+\w+\s*\([^)]*\)\s*:",
+    }.items()
+}
+"""Name of a format → pattern of a line that only programs of this format have."""
 
 
 def read_program(
@@ -140,8 +159,31 @@ def _choose_format(files: Sequence[tuple[str, bytes]], stated: str | None) -> st
     if kind not in FORMATS:
         reason = "the file's name does not show the format"
         _refuse(first_name, None, reason, f"give `format`: one of {', '.join(FORMATS)}")
+    _refuse_other_language(files[0], kind)
     _refuse_further_files(files, kind)
     return kind
+
+
+def _refuse_other_language(file: tuple[str, bytes], kind: str) -> None:
+    """Refuse a file that begins as a program of another language than its suffix, or the user, states.
+
+    Args:
+        file: name and bytes of the file whose moves are corrected.
+        kind: name of the format.
+
+    Raises:
+        ProgramError: the file is in another language.
+    """
+    name, content = file
+    beginning = content[:_BEGINNING].decode("utf-8", "replace")
+    languages = [other for other, pattern in _BEGINNINGS.items() if pattern.search(beginning)]
+    if not languages or kind in languages or kind == "csv":
+        return
+    other = languages[0]
+    suffix = FORMATS[other].suffixes.split()[0]
+    reason = f"the file is a program in {_LANGUAGES[other]}, but was read as {_LANGUAGES[kind]}"
+    remedy = f"give the file its own suffix, {suffix}, or state `format`: {other}"
+    _refuse(name, None, reason, remedy)
 
 
 def _refuse_unsupported_suffix(file: str) -> None:
