@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.meaning import TableMeaning
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.importing.reading import SourceFile
-    from jointstiff.service.resources.proposals import ProposedImport
+    from jointstiff.service.resources.proposals import NoProposal, ProposedImport
     from jointstiff.service.tables.table import Line, Part, Table
     from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 
@@ -485,7 +485,7 @@ class _StatedReadings:
         left = proposed.request.model_dump(mode="json", include=set(self.options) | {"units"})
         kept = {name: value for name, value in left.items() if name not in ("columns", "show_faults")}
         robot = self.robot or _read_arm(proposed.known.name)
-        return _StatedReadings([proposed.table], kept, robot, proposed.meaning)
+        return _StatedReadings(proposed.files, kept, robot, proposed.meaning)
 
 
 def _find_meaning(readings: _StatedReadings, *, may_ask: bool, yes: bool) -> _StatedReadings:
@@ -512,7 +512,7 @@ def _find_meaning(readings: _StatedReadings, *, may_ask: bool, yes: bool) -> _St
 
     proposed = propose_import(readings.sources, request, robots, readings.meaning)
     if isinstance(proposed, NoProposal):
-        _report_no_proposal(proposed.reason, readings, yes=yes)
+        _report_no_proposal(proposed, readings, yes=yes)
         return readings
     if has_meaning or _is_accepted(proposed, may_ask=may_ask, yes=yes):
         return readings.replace_by_proposal(proposed)
@@ -532,19 +532,22 @@ def _lacks_meaning(sources: Sequence[SourceFile], request: ImportRequest, robot:
     return has_faults and lack_meaning(sources, request, robot)
 
 
-def _report_no_proposal(reason: str, readings: _StatedReadings, *, yes: bool) -> None:
+def _report_no_proposal(lacking: NoProposal, readings: _StatedReadings, *, yes: bool) -> None:
     """Print why the robot's kinematics explains no columns, if a person has reason to expect a proposal.
 
     Raises:
-        typer.Exit: the files do not have the meaning that a template states.
+        typer.Exit: the files do not have the meaning that a template states; or the robot explains some of
+            the columns, and a person has to state the others.
     """
     if readings.meaning is not None:
         raise cli.print_failure(
-            f"the files do not fit the template: {_name_options(reason)}",
+            f"the files do not fit the template: {_name_options(lacking.reason)}",
             "import files of the same form, or leave out --template",
         )
+    if lacking.remedy and (yes or readings.robot is not None):
+        raise cli.print_failure(_name_options(lacking.reason), _name_options(lacking.remedy))
     if yes or readings.robot is not None:
-        typer.echo(f"no proposal: {_name_options(reason)}", err=True)
+        typer.echo(f"no proposal: {_name_options(lacking.reason)}", err=True)
 
 
 def _is_accepted(proposed: ProposedImport, *, may_ask: bool, yes: bool) -> bool:

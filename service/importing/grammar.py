@@ -539,7 +539,7 @@ class Vocabulary:
             ImportFileError: the header is not understood, or its unit differs from the stated one.
         """
         text = collapse_blanks(header)
-        if self._is_ignored(text):
+        if self.is_ignored(text):
             return Meaning(Quantity("ignored"))
         stated = self.stated.get(text)
         meaning = self._parse(header if stated is None else _add_unit_of_mass(header, stated))
@@ -554,16 +554,20 @@ class Vocabulary:
         A header that the caller ignores or gives a meaning is known, and returned as `ignored`.
         """
         text = collapse_blanks(header)
-        if self._is_ignored(text) or text in self.stated or fold_word(split_unit(header)[0]) == "q0":
+        if self.is_ignored(text) or text in self.stated or fold_word(split_unit(header)[0]) == "q0":
             return Meaning(Quantity("ignored"))
         try:
             return self._parse(header)
         except ImportFileError:
             return None
 
-    def _is_ignored(self, text: str) -> bool:
+    def is_ignored(self, header: str) -> bool:
         """Return whether the caller ignores a header."""
-        return any(fits_header(pattern, text) for pattern in self._ignored)
+        return any(fits_header(pattern, header) for pattern in self._ignored)
+
+    def is_stated(self, header: str) -> bool:
+        """Return whether the caller states the meaning of a header."""
+        return collapse_blanks(header) in self.stated
 
     def _parse(self, header: str) -> Meaning:
         """Return the meaning of a header by the grammar, or of a joint by its name.

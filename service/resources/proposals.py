@@ -4,16 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.meaning import JointsMeaning, PointsMeaning, TableMeaning
-from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.importing.errors import NOWHERE, ImportFileError
+from jointstiff.service.importing.joining import join_tables
+from jointstiff.service.importing.naming import NamedReading, name_readings
 from jointstiff.service.importing.numbers import NumberTable, read_number_tables
 from jointstiff.service.importing.reading import SourceFile, understand_files
-from jointstiff.service.importing.rewriting import NamedReading, name_readings, write_readings
+from jointstiff.service.importing.rewriting import has_column_of, list_masses, write_readings
+from jointstiff.service.resources.columns_left import (
+    find_contradiction,
+    list_columns_left,
+    name_columns_left,
+    refuse_columns_left,
+    refuse_unknown_headers,
+)
 from jointstiff.service.resources.imports import ImportRefusedError, import_files, lack_meaning
 from jointstiff.solver.meaning.proposal import Proposal, propose
 from jointstiff.solver.meaning.states import order_states
@@ -52,14 +61,19 @@ class ProposedImport:
     table: SourceFile  # with headers that the import understands
     request: ImportRequest  # options that are left for this table
     meaning: TableMeaning  # for a template
+    notes: tuple[str, ...] = ()  # what a person should know of rows and columns
+    masses: tuple[SourceFile, ...] = ()  # files with the masses of the robot's bodies
+
+    @property
+    def files(self) -> list[SourceFile]:
+        """Files to import in place of those of the readings."""
+        return [self.table, *self.masses]
 
     @property
     def sentence(self) -> str:
-        """The proposal in words, and what a person should know about its fit."""
-        states = [each.state.replace("_", " ") for each in self.named]
-        names = [f"{each.target} {state}" for each, state in zip(self.named, states, strict=True)]
-        text, note = describe(self.proposal, names), remark(self.proposal)
-        return f"{text}; {note}" if note else text
+        """The proposal in words, and what a person should know about its fit, its rows and its columns."""
+        text, note = describe(self.proposal, [each.words for each in self.named]), remark(self.proposal)
+        return "; ".join(each for each in (text, note, *self.notes) if each)
 
     @property
     def text(self) -> str:
@@ -74,12 +88,12 @@ class ProposedImport:
 
     def find_fault(self) -> ImportFileError | None:
         """Return the first fault of the table with the proposed meaning; None if a person can accept it."""
-        faults = understand_files([self.table], self.request, self.known.robot.joint_names).faults
+        faults = understand_files(self.files, self.request, self.known.robot.joint_names).faults
         return faults[0] if faults else None
 
     def accept(self, request: ImportRequest | None = None) -> ImportAnswer:
         """Import the table as the proposal says; `request` has other statements about the readings."""
-        answer = import_files([self.table], request or self.request, self.known.robot)
+        answer = import_files(self.files, request or self.request, self.known.robot)
         return answer.model_copy(update={"assumptions": [self.sentence, *answer.assumptions]})
 
 
@@ -88,6 +102,7 @@ class NoProposal:
     """Reason why no robot has a proposal for the meaning of files."""
 
     reason: str
+    remedy: str = ""  # what to do, if the robot explains some columns and the others must be stated
 
 
 def propose_import(
@@ -107,39 +122,65 @@ def propose_import(
     known = list(robots)
     names = known[0].robot.joint_names if len(known) == 1 else ()
     try:
-        tables = _read_tables(files, request, names)
+        numbers = _read_numbers(files, request, names)
         if template is None:
-            return _propose_importable(tables, request, known)
-        return _propose_as_template(tables, request, known, template)
+            proposed = _propose_importable(numbers, request, known)
+        else:
+            proposed = _propose_as_template(numbers.tables, request, known, template)
+        return replace(proposed, masses=numbers.masses)
     except _NoProposalError as error:
-        return NoProposal(error.reason)
+        return NoProposal(error.reason, error.remedy)
 
 
 class _NoProposalError(Exception):
     """Error that no robot has a proposal for the meaning of files; `propose_import` answers its reason."""
 
-    def __init__(self, reason: str) -> None:
+    def __init__(self, reason: str, remedy: str = "") -> None:
         super().__init__(reason)
         self.reason = reason  # why there is no proposal, in words
+        self.remedy = remedy  # what to do, if columns must be stated
 
 
 def _propose_importable(
-    tables: Sequence[NumberTable], request: ImportRequest, robots: Sequence[KnownRobot]
+    numbers: _Numbers, request: ImportRequest, robots: Sequence[KnownRobot]
 ) -> ProposedImport:
     """Return the proposal of the robots for tables of numbers; a person can accept it.
 
     Raises:
         _NoProposalError: no meaning fits, or the import refuses the table with the proposed meaning.
     """
+    tables = numbers.tables
     proposal = _find_proposal(tables, request, robots)
-    named = name_readings(proposal, tables, request.state_words)
+    named = name_readings(proposal, tables, request)
+    _refuse_contradiction(proposal, named, tables)
     _refuse_loaded_after_unloading(named)
-    proposed = _build_import(proposal, named, tables, request)
+    left = list_columns_left(proposal, tables)
+    notes = [*numbers.notes, *name_columns_left(left, tables)]
+    try:
+        refuse_columns_left(left, proposal, named, tables)
+        proposed = _build_import(proposal, named, tables, request, notes)
+    except ImportFileError as error:
+        found = describe(proposal, [each.words for each in named])
+        raise _NoProposalError(f"{found}, but {error.reason}", error.remedy) from error
     fault = proposed.find_fault()
     if fault is not None:
         sentence = proposed.sentence
         raise _NoProposalError(f"{sentence}, but the import of these columns is refused: {fault.reason}")
     return proposed
+
+
+def _refuse_contradiction(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable]
+) -> None:
+    """Refuse a proposal that contradicts what the caller states of columns.
+
+    Raises:
+        _NoProposalError: a stated column has another meaning, or is not read.
+    """
+    contradiction = find_contradiction(proposal, named, tables)
+    if contradiction:
+        remedy = "correct `columns`, or leave the statement out"
+        raise _NoProposalError(contradiction, remedy)
 
 
 def _refuse_loaded_after_unloading(named: Sequence[NamedReading]) -> None:
@@ -161,7 +202,9 @@ def _refuse_loaded_after_unloading(named: Sequence[NamedReading]) -> None:
         if to_unloaded > _CLEARLY_FARTHER * to_loaded:
             raise _NoProposalError(
                 f"the third positions of {target} are {1e3 * to_unloaded:.2g} mm from those without load and "
-                f"{1e3 * to_loaded:.2g} mm from those under load, so that headers must name the states"
+                f"{1e3 * to_loaded:.2g} mm from those under load, so that headers must name the states",
+                "write the load in the headers or in a column, such as `X 50 kg`, or leave one load out with "
+                "`ignore`",
             )
 
 
@@ -183,7 +226,7 @@ def _propose_as_template(
     reasons = []
     for order in _TURNS_OF_AXES:
         turned = proposal.with_axes(order)
-        named = _name_by_template(name_readings(turned, tables, request.state_words), template)
+        named = _name_by_template(name_readings(turned, tables, request), template)
         reason = _find_difference(_build_meaning(turned, named, tables), template)
         if not reason:
             return _build_import(turned, named, tables, request)
@@ -208,7 +251,11 @@ def _find_proposal(
 
 
 def _build_import(
-    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
+    proposal: Proposal,
+    named: Sequence[NamedReading],
+    tables: Sequence[NumberTable],
+    request: ImportRequest,
+    notes: Sequence[str] = (),
 ) -> ProposedImport:
     """Return a proposal with the table that the import understands, and the options left for this table.
 
@@ -219,28 +266,71 @@ def _build_import(
         named: names of targets and states of the positions.
         tables: numbers of the files.
         request: options of the import of the files.
-    """
-    table = write_readings(proposal, named, tables)
-    options = request.model_copy(update={**_clear_headers(), **_state_units(request)})
-    meaning = _build_meaning(proposal, named, tables)
-    return ProposedImport(proposal, tuple(named), table, options, meaning)
-
-
-def _read_tables(
-    files: Sequence[SourceFile], request: ImportRequest, joints: Sequence[str]
-) -> list[NumberTable]:
-    """Return the tables of numbers of the files; `joints` are names of joints.
+        notes: what a person should know of rows and columns.
 
     Raises:
-        _NoProposalError: a file cannot be read, or no file has rows of numbers.
+        ImportFileError: readings under several loads have one force.
+    """
+    with_masses = _has_masses(proposal, named, tables, request)
+    table = write_readings(proposal, named, tables, with_masses=with_masses)
+    options = request.model_copy(update={**_clear_headers(), **_state_units(request)})
+    meaning = _build_meaning(proposal, named, tables)
+    if with_masses and len(list_masses(named)) > 1:
+        notes = (*notes, "each load is an observation, with the same readings without load")
+    return ProposedImport(proposal, tuple(named), table, options, meaning, tuple(notes))
+
+
+def _has_masses(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
+) -> bool:
+    """Return whether the loads that names state are the masses of the readings.
+
+    A force that the caller or a column states takes precedence for one load.
+
+    Raises:
+        ImportFileError: several loads have one force.
+    """
+    masses = list_masses(named)
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    has_force = request.force is not None or has_column_of(joints, "force")
+    if len(masses) > 1 and has_force and request.force is not None:
+        listed = " and ".join("another load" if mass is None else f"{mass:g} kg" for mass in masses)
+        reason = f"there are readings under {listed}, and `force` states one force for all"
+        raise ImportFileError(NOWHERE, reason, "omit `force`: the masses are those of the files", "force")
+    return None not in masses and bool(masses) and not has_force
+
+
+class _Numbers(NamedTuple):
+    """Tables of numbers with their rows in one order."""
+
+    tables: Sequence[NumberTable]
+    notes: Sequence[str]  # what a person should know of the rows
+    masses: tuple[SourceFile, ...]  # files with the masses of the robot's bodies
+
+
+def _read_numbers(files: Sequence[SourceFile], request: ImportRequest, joints: Sequence[str]) -> _Numbers:
+    """Return the tables of numbers of the files with their rows in one order; `joints` are names of joints.
+
+    Raises:
+        _NoProposalError: a file cannot be read or has no rows of numbers, or names of rows or headers do not
+            fit.
     """
     try:
-        tables = read_number_tables(files, request, joints)
+        found = read_number_tables(files, request, joints)
     except ImportFileError as fault:
         raise _NoProposalError(str(fault)) from fault
-    if not tables:
+    if not found.tables:
         raise _NoProposalError("the files have no rows of numbers")
-    return tables
+    if found.without:
+        reason = f"{', '.join(found.without)} has no rows of numbers"
+        raise _NoProposalError(reason, "leave this file out, or export it as a table")
+    try:
+        refuse_unknown_headers(found.tables, request)
+        joined = join_tables(found.tables, request)
+    except ImportFileError as fault:
+        place = "" if fault.place == NOWHERE else f"{fault.place}: "
+        raise _NoProposalError(f"{place}{fault.reason}", fault.remedy) from fault
+    return _Numbers(joined.tables, joined.notes, found.masses)
 
 
 def import_or_propose(
@@ -267,11 +357,8 @@ def import_or_propose(
     try:
         answer = import_files(files, request, robot.robot, others)
     except ImportRefusedError:
-        if not request.accept_proposal or not lack_meaning(files, request, robot.robot):
-            raise
-        proposed = propose_import(files, request, [robot])
-        if isinstance(proposed, ProposedImport):
-            return _accept_proposal(proposed)
+        if request.accept_proposal and lack_meaning(files, request, robot.robot):
+            return _import_by_proposal(files, request, robot)
         raise
     if not answer.faults or not lack_meaning(files, request, robot.robot):
         return answer
@@ -281,6 +368,22 @@ def import_or_propose(
     if request.accept_proposal:
         return _accept_proposal(proposed)
     return answer.model_copy(update={"proposal": proposed.text})
+
+
+def _import_by_proposal(
+    files: Sequence[SourceFile], request: ImportRequest, robot: KnownRobot
+) -> ImportAnswer:
+    """Import files that names do not explain by the proposal of the robot.
+
+    Raises:
+        ImportRefusedError: there is no proposal.
+    """
+    proposed = propose_import(files, request, [robot])
+    if isinstance(proposed, ProposedImport):
+        return _accept_proposal(proposed)
+    if proposed.remedy:
+        raise ImportRefusedError([ImportFileError(NOWHERE, proposed.reason, proposed.remedy)])
+    return import_files(files, request, robot.robot)
 
 
 def _accept_proposal(proposed: ProposedImport) -> ImportAnswer:
