@@ -58,6 +58,7 @@ _ADDED: Final = "plus"
 _ALONG: Final = "along"
 """With x, y or z: a displacement along that axis of R0, read by a dial gauge."""
 _CERTAIN_STATES: Final = frozenset(_WORD_LISTS["certain"])
+_PLANNED: Final = frozenset(_WORD_LISTS["planned"])
 _NEGATIONS: Final = frozenset(_WORD_LISTS["negations"])
 _NO_LETTERS: Final = re.compile(r"[\W_]+")
 _KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
@@ -296,6 +297,15 @@ def is_extreme(text: str) -> bool:
 def _name_statistic(text: str) -> str:
     """Return a text without the signs that may surround the name of a statistic, and without brackets."""
     return " ".join(re.sub(r"\([^()]*\)|[.:*-]", " ", fold_word(text)).split())
+
+
+def is_planned(header: str) -> bool:
+    """Return whether a header names a coordinate that was not measured, such as `X nominal` or `Zsoll`."""
+    name = fold_word(split_unit(header)[0])
+    words = [word.strip(".") for word in name.split()]
+    joined = [word[1:] for word in words if word[:1] in "xyz"]
+    has_axis = any(_COORDINATE.fullmatch(word) for word in words) or any(joined)
+    return has_axis and not _PLANNED.isdisjoint([*words, *joined])
 
 
 def is_joint(text: str) -> bool:

@@ -25,6 +25,7 @@ class NamedReading:
     target: str
     state: State
     mass: float | None = None  # of the load [kg]; None if no name states it
+    is_by_order: bool = False  # whether the order of the positions gives the state, and no name
 
     @property
     def words(self) -> str:
@@ -145,6 +146,12 @@ def _add_states(
             used_states.append(next_state)
         state_of_reading[number] = named_state or next_state
     return [
-        NamedReading(reading, targets[number], state_of_reading[number], found[number].mass)
+        NamedReading(
+            reading,
+            targets[number],
+            state_of_reading[number],
+            found[number].mass,
+            is_by_order=found[number].state is None,
+        )
         for number, reading in enumerate(readings)
     ]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import PurePath
 from typing import Final
@@ -15,7 +15,7 @@ import numpy as np
 
 from jointstiff.schemas.imports import DecimalMark, ImportOptions
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.grammar import Meaning, Quantity, Vocabulary, is_statistic
+from jointstiff.service.importing.grammar import Meaning, Quantity, Vocabulary, is_planned, is_statistic
 from jointstiff.service.importing.grid import (
     Grid,
     Row,
@@ -30,10 +30,14 @@ from jointstiff.service.importing.header import find_heading
 from jointstiff.service.importing.masses import is_mass_table
 from jointstiff.service.importing.reading import SourceFile, read_grids
 from jointstiff.service.importing.row_names import RowName
+from jointstiff.service.importing.transposed import turn_table
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.table import Table
 
 _LEAST_NUMBERS: Final = 3
 """Numbers of a row of data, at least."""
+_DIGITS: Final = 9
+"""Digits behind the decimal mark of computed numbers."""
 _OTHER_KINDS: Final = frozenset(("force", "moment", "load point", "mass", "along", "uncertainty"))
 """Kinds of columns that are neither joints nor positions."""
 
@@ -68,6 +72,28 @@ class NumberTable:
         """Name of the file without its extension, and of the sheet, which may say state and load."""
         return f"{self.stem} {self.grid.preview.sheet or ''}".strip()
 
+    def replace_numbers(self, numbers_of_column: Mapping[int, FloatArray]) -> NumberTable:
+        """Return the table with other numbers (N,) in some columns."""
+        numbers = self.table.numbers.copy()
+        for column, values in numbers_of_column.items():
+            numbers[:, column] = values
+        rows = []
+        for row, values in zip(self.rows, numbers, strict=True):
+            cells = list(row.cells)
+            for column in numbers_of_column:
+                cells[column] = _write_number(float(values[column]), self.mark)
+            rows.append(replace(row, cells=tuple(cells)))
+        return replace(self, rows=tuple(rows), table=replace(self.table, numbers=numbers))
+
+    def scale(self, columns: Collection[int], factor: float, unit: str) -> NumberTable:
+        """Return the table with the numbers of some columns multiplied by a factor, and in another unit."""
+        meanings = [
+            replace(meaning, unit=unit) if meaning is not None and column in columns else meaning
+            for column, meaning in enumerate(self.meanings)
+        ]
+        scaled = {column: factor * self.table.numbers[:, column] for column in columns}
+        return replace(self.replace_numbers(scaled), meanings=tuple(meanings))
+
     def find_column(self, kind: str) -> int | None:
         """Return the first column of a kind, such as `name`; None without one."""
         columns = (c for c, meaning in enumerate(self.meanings) if meaning and meaning.kind == kind)
@@ -95,7 +121,8 @@ def read_number_tables(
     """
     tables, masses, without = list[NumberTable](), list[SourceFile](), list[str]()
     for file in files:
-        grids = read_grids(file, options, every_length=True)
+        words = Vocabulary(options, joints)
+        grids = [turn_table(grid, words) for grid in read_grids(file, options, every_length=True)]
         with_numbers = [grid for grid in grids if not is_mass_table(grid) and any(map(_is_data, grid.rows))]
         for grid in with_numbers:
             sheet = grid.preview.sheet if len(grids) > 1 else None
@@ -131,7 +158,8 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     stated = frozenset(column for column, header in enumerate(headers) if words.is_stated(header)) - ignored
     named_joints = _list_joint_columns(meanings)
     known_joints = named_joints if len(named_joints) == len(joints) else ()
-    others = _find_other_columns(meanings) | ignored
+    planned = {column for column, header in enumerate(headers) if is_planned(header)} - stated
+    others = _find_other_columns(meanings) | ignored | planned
     points = _list_stated_points(meanings, stated)
     table = Table(name, numbers, known_joints, others, points)
     return NumberTable(grid, headers, meanings, rows, mark, table, stated, ignored)
@@ -212,6 +240,12 @@ def _find_meaning(header: str, words: Vocabulary) -> Meaning | None:
     if not header:
         return None
     return words.meaning(header, guessed=False) if words.is_stated(header) else words.find(header)
+
+
+def _write_number(number: float, mark: DecimalMark) -> str:
+    """Return the text of a number with a decimal mark; empty for NaN."""
+    text = "" if math.isnan(number) else repr(round(number, _DIGITS))
+    return text.replace(".", ",") if mark == "comma" else text
 
 
 def _read_cell(cell: str, mark: DecimalMark, *, are_thousands_separated: bool) -> float:

@@ -81,6 +81,12 @@ def _name_column(table: NumberTable, column: int) -> str:
     return collapse_blanks(table.headers[column]) or f"column {column + 1}"
 
 
+def leave_positions(left: Sequence[ColumnsLeft], named: Sequence[NamedReading]) -> bool:
+    """Return whether columns that are left may be positions: a whole file, or without a second state."""
+    is_file_left = any(each.is_whole for each in left)
+    return is_file_left or len({each.state for each in named}) == 1
+
+
 def refuse_columns_left(
     left: Sequence[ColumnsLeft],
     proposal: Proposal,
@@ -101,7 +107,7 @@ def refuse_columns_left(
     if len({each.state for each in named}) > 1:
         return
     for each in left:
-        columns = _find_unexplained_numbers(each)
+        columns = list_unexplained_numbers(each)
         if columns:
             listed = ", ".join(_name_column(each.table, column) for column in columns)
             state = named[0].state.replace("_", " ")
@@ -125,7 +131,7 @@ def _build_file_error(table: NumberTable, joints: NumberTable, postures: int) ->
     return ImportFileError(place, reason, remedy)
 
 
-def _find_unexplained_numbers(left: ColumnsLeft) -> list[int]:
+def list_unexplained_numbers(left: ColumnsLeft) -> list[int]:
     """Return the columns of numbers that differ and that no header explains, if there are three at least.
 
     A header explains columns of forces, of uncertainties and of other quantities.

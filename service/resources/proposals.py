@@ -10,15 +10,20 @@ import numpy as np
 
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.meaning import JointsMeaning, PointsMeaning, TableMeaning
+from jointstiff.service.importing.deflections import add_deflections
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError
+from jointstiff.service.importing.grammar import Vocabulary
 from jointstiff.service.importing.joining import join_tables
+from jointstiff.service.importing.lengths import convert_columns, unify_lengths
 from jointstiff.service.importing.naming import NamedReading, name_readings
 from jointstiff.service.importing.numbers import NumberTable, read_number_tables
 from jointstiff.service.importing.reading import SourceFile, understand_files
 from jointstiff.service.importing.rewriting import has_column_of, list_masses, write_readings
 from jointstiff.service.resources.columns_left import (
     find_contradiction,
+    leave_positions,
     list_columns_left,
+    list_unexplained_numbers,
     name_columns_left,
     refuse_columns_left,
     refuse_unknown_headers,
@@ -149,8 +154,9 @@ def _propose_importable(
     Raises:
         _NoProposalError: no meaning fits, or the import refuses the table with the proposed meaning.
     """
+    found_meaning = _find_in_one_unit(numbers, request, robots)
+    numbers, proposal = found_meaning.numbers, found_meaning.proposal
     tables = numbers.tables
-    proposal = _find_proposal(tables, request, robots)
     named = name_readings(proposal, tables, request)
     _refuse_contradiction(proposal, named, tables)
     _refuse_loaded_after_unloading(named)
@@ -169,6 +175,44 @@ def _propose_importable(
     return proposed
 
 
+class _FoundMeaning(NamedTuple):
+    """Meaning of the columns by the robot that fits, and the numbers in one unit."""
+
+    numbers: _Numbers
+    proposal: Proposal
+
+
+def _find_in_one_unit(
+    numbers: _Numbers, request: ImportRequest, robots: Sequence[KnownRobot]
+) -> _FoundMeaning:
+    """Return the meaning of tables; columns that are not read are tried in metres or mm, as the others are.
+
+    Raises:
+        _NoProposalError: no robot fits, several meanings fit alike, or the request states other units.
+    """
+    proposal = _find_proposal(numbers.tables, request, robots)
+    left = list_columns_left(proposal, numbers.tables)
+    named = name_readings(proposal, numbers.tables, request)
+    if not leave_positions(left, named):
+        return _FoundMeaning(numbers, proposal)
+    converted, names = list(numbers.tables), list[str]()
+    for position, each in enumerate(left):
+        columns = list_unexplained_numbers(each)
+        table = convert_columns(each.table, columns, proposal.unit) if columns else None
+        if table is not None:
+            converted[position] = table
+            names.append(each.table.name)
+    if not names:
+        return _FoundMeaning(numbers, proposal)
+    again = propose([each.table for each in converted], robots).best
+    if again is None or len(again.readings) <= len(proposal.readings):
+        return _FoundMeaning(numbers, proposal)
+    other_unit = "m" if proposal.unit == "mm" else "mm"
+    note = f"the other positions of {', '.join(names)} converted from {other_unit}"
+    in_one_unit = numbers._replace(tables=converted, notes=[*numbers.notes, note])
+    return _FoundMeaning(in_one_unit, _order_by_forces(again, converted))
+
+
 def _refuse_contradiction(
     proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable]
 ) -> None:
@@ -184,27 +228,30 @@ def _refuse_contradiction(
 
 
 def _refuse_loaded_after_unloading(named: Sequence[NamedReading]) -> None:
-    """Refuse positions after unloading that are nearer to those under load than to those before.
+    """Refuse positions after unloading that are not clearly nearer to those before than to those under load.
+
+    Where names state the positions, those after unloading may be far from those before, but not farther.
 
     Raises:
-        _NoProposalError: a target has such positions: a second load, or the same load once more.
+        _NoProposalError: a target has such positions: of a second load, of the same load, or nominal ones.
     """
     positions = {(each.target, each.state): each.reading.positions for each in named}
-    for target in dict.fromkeys(each.target for each in named):
-        unloaded = positions.get((target, "unloaded"))
-        loaded = positions.get((target, "loaded"))
-        after = positions.get((target, "unloaded_after"))
-        if unloaded is None or loaded is None or after is None:
+    for each in named:
+        unloaded = positions.get((each.target, "unloaded"))
+        loaded = positions.get((each.target, "loaded"))
+        if each.state != "unloaded_after" or unloaded is None or loaded is None:
             continue
         to_loaded, to_unloaded = (
-            float(np.nanmedian(np.linalg.norm(after - other, axis=1))) for other in (loaded, unloaded)
+            float(np.nanmedian(np.linalg.norm(each.reading.positions - other, axis=1)))
+            for other in (loaded, unloaded)
         )
-        if to_unloaded > _CLEARLY_FARTHER * to_loaded:
+        ratio = 1.0 / _CLEARLY_FARTHER if each.is_by_order else _CLEARLY_FARTHER
+        if to_unloaded > ratio * to_loaded:
             raise _NoProposalError(
-                f"the third positions of {target} are {1e3 * to_unloaded:.2g} mm from those without load and "
-                f"{1e3 * to_loaded:.2g} mm from those under load, so that headers must name the states",
-                "write the load in the headers or in a column, such as `X 50 kg`, or leave one load out with "
-                "`ignore`",
+                f"the third positions of {each.target} are {1e3 * to_unloaded:.2g} mm from the first, and "
+                f"{1e3 * to_loaded:.2g} mm from the second, so that headers must name the states",
+                "write the states or loads in the headers or in a column, such as `X 50 kg`, or leave columns "
+                "out with `ignore`",
             )
 
 
@@ -326,11 +373,14 @@ def _read_numbers(files: Sequence[SourceFile], request: ImportRequest, joints: S
         raise _NoProposalError(reason, "leave this file out, or export it as a table")
     try:
         refuse_unknown_headers(found.tables, request)
-        joined = join_tables(found.tables, request)
+        words = Vocabulary(request, joints)
+        added = [add_deflections(table, words) for table in unify_lengths(found.tables)]
+        joined = join_tables([table for table, _ in added], request)
     except ImportFileError as fault:
         place = "" if fault.place == NOWHERE else f"{fault.place}: "
         raise _NoProposalError(f"{place}{fault.reason}", fault.remedy) from fault
-    return _Numbers(joined.tables, joined.notes, found.masses)
+    notes = [note for _, note in added if note]
+    return _Numbers(joined.tables, [*joined.notes, *notes], found.masses)
 
 
 def import_or_propose(
