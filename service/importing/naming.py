@@ -25,13 +25,19 @@ class NamedReading:
     target: str
     state: State
     mass: float | None = None  # of the load [kg]; None if no name states it
+    force: str = ""  # size and unit of the force, if there are several; else empty
     is_by_order: bool = False  # whether the order of the positions gives the state, and no name
 
     @property
     def words(self) -> str:
         """Target, state and load in words."""
-        load = f" {self.mass:g} kg" if self.mass is not None and self.state == "loaded" else ""
-        return f"{self.target} {self.state.replace('_', ' ')}{load}"
+        load = self.load if self.state == "loaded" else ""
+        return f"{self.target} {self.state.replace('_', ' ')} {load}".strip()
+
+    @property
+    def load(self) -> str:
+        """Load in words, such as `50 kg` or `490 N`; empty if no name states it."""
+        return self.force if self.mass is None else f"{self.mass:g} kg"
 
 
 def name_readings(
@@ -62,7 +68,7 @@ def name_readings(
 
 def _are_distinct(readings: Sequence[NamedReading]) -> bool:
     """Return whether no two readings have the same target, state and load."""
-    return len({(each.target, each.state, each.mass) for each in readings}) == len(readings)
+    return len({(each.target, each.state, each.load) for each in readings}) == len(readings)
 
 
 def _find_names(
@@ -76,7 +82,7 @@ def _find_names(
     if len(table.turn) == reading.points.groups.count > 1:
         row = table.turn[reading.index]
         mass = row.mass if name.mass is None else name.mass
-        name = RowName(None, name.target or row.target, name.state or row.state, mass)
+        name = RowName(None, name.target or row.target, name.state or row.state, mass, row.force)
     if name.state is None and by_file:
         name = _name_by_file(name, table, options.state_words)
     if name.state is None and options.state is not None:
@@ -151,6 +157,7 @@ def _add_states(
             targets[number],
             state_of_reading[number],
             found[number].mass,
+            found[number].force,
             is_by_order=found[number].state is None,
         )
         for number, reading in enumerate(readings)

@@ -141,10 +141,11 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     Raises:
         ImportFileError: the decimal mark of the table is ambiguous.
     """
-    data = [index for index, row in enumerate(grid.rows) if _is_data(row)]
+    words = Vocabulary(options, joints)
+    start = _find_start(grid, words, options)
+    data = [index for index, row in enumerate(grid.rows) if index >= start and _is_data(row)]
     width = Counter(len(grid.rows[index].cells) for index in data).most_common(1)[0][0]
     rows = tuple(grid.rows[index] for index in data if len(grid.rows[index].cells) == width)
-    words = Vocabulary(options, joints)
     headers = _find_headers(grid, words, options, data[0], width)
     columns = [c for c in range(width) if any(looks_like_a_number(row.cells[c]) for row in rows)]
     is_separated = grid.preview.format != "text" or has_separated_thousands(rows, columns)
@@ -200,6 +201,21 @@ def _is_data(row: Row) -> bool:
     """Return whether a row has enough numbers to be a row of data, and no word such as `mean` before them."""
     first_filled = next((cell for cell in row.cells if cell), "")
     return count_numbers(row) >= _LEAST_NUMBERS and not is_statistic(first_filled)
+
+
+def _find_start(grid: Grid, words: Vocabulary, options: ImportOptions) -> int:
+    """Return the index of the row below a header that is known as a whole; 0 without such a header.
+
+    The last row of a header may have numbers, such as those of joints.
+    """
+    with suppress(ImportFileError):
+        heading = find_heading(grid, words, options)
+        texts = [text for text in heading.texts if text]
+        is_known = bool(texts) and words.count_known(texts) == len(texts)
+        has_data = any(map(_is_data, grid.rows[heading.start :]))
+        if heading.lines and is_known and has_data:
+            return heading.start
+    return 0
 
 
 def _find_headers(

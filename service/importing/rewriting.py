@@ -29,13 +29,14 @@ class _LoadCase:
 
     readings: Sequence[NamedReading]
     mass: float | None  # of the load [kg]; None if no name states it
+    load: str  # in words; empty if no name states it
     row: int  # row of each posture of the table of joints that has the force
     is_only_one: bool  # whether no other load was read
 
     @property
     def suffix(self) -> str:
         """Words behind the label of an observation; empty if there is one load only."""
-        return "" if self.is_only_one or self.mass is None else f" {self.mass:g} kg"
+        return "" if self.is_only_one or not self.load else f" {self.load}"
 
 
 def write_readings(
@@ -68,18 +69,15 @@ def has_column_of(table: NumberTable, kind: str) -> bool:
 
 def _list_cases(proposal: Proposal, named: Sequence[NamedReading]) -> Iterator[_LoadCase]:
     """Yield the readings of each load, with those without load; one case without any load."""
-    masses = list_masses(named) or [None]
-    for mass in masses:
-        readings = [each for each in named if each.state != "loaded" or each.mass == mass]
-        row = next(
-            (
-                each.reading.index
-                for each in readings
-                if each.state == "loaded" and each.reading.points.table == proposal.joints.table
-            ),
-            0,
-        )
-        yield _LoadCase(readings, mass, row, len(masses) == 1)
+    loads = list(dict.fromkeys(each.load for each in named if each.state == "loaded")) or [""]
+    for load in loads:
+        readings = [each for each in named if each.state != "loaded" or each.load == load]
+        loaded = [each for each in readings if each.state == "loaded"]
+        mass = loaded[0].mass if loaded else None
+        own_rows = [
+            each.reading.index for each in loaded if each.reading.points.table == proposal.joints.table
+        ]
+        yield _LoadCase(readings, mass, load, own_rows[0] if own_rows else 0, len(loads) == 1)
 
 
 def _write_case(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -37,11 +38,12 @@ class RowName(NamedTuple):
     target: str | None = None
     state: State | None = None
     mass: float | None = None  # of the load in the row [kg]
+    force: str = ""  # size and unit of the force in the row, if rows have several; else empty
 
     @property
-    def key(self) -> tuple[str | None, State | None, float | None]:
+    def key(self) -> tuple[str | None, State | None, float | None, str]:
         """What tells the rows of an observation apart."""
-        return self.target, self.state, self.mass
+        return self.target, self.state, self.mass, self.force
 
 
 def name_rows(
@@ -58,21 +60,24 @@ def name_rows(
     state_column = _find_state_column(table, options, label_column)
     target_column = _find_target_column(table, (label_column, state_column))
     masses = _list_masses(table)
-    by_force = _list_states_by_force(table)
+    forces = _list_forces(table)
     names = [RowName()] * len(table.rows)
     if label_column is not None:
         texts = [row.cells[label_column] for row in table.rows]
         names = _split_names(texts, options, known_labels)
+    states = {}
+    if state_column is not None:
+        states = _list_state_words(_list_texts(table, state_column), options.state_words)
     named = []
     for number, (row, name) in enumerate(zip(table.rows, names, strict=True)):
         if target_column is not None:
             name = name._replace(target=row.cells[target_column])
         if state_column is not None:
-            name = _add_state(name, row.cells[state_column], options.state_words)
+            name = _add_state(name, row.cells[state_column], states)
         if masses is not None and name.mass is None:
             name = name._replace(mass=masses[number], state=find_state_of_load(masses[number]))
-        if by_force is not None and name.state is None:
-            name = name._replace(state=by_force[number])
+        if forces is not None and name.state is None:
+            name = name._replace(state=forces[number].state, force=forces[number].force)
         named.append(name)
     return _omit_row_numbers(named)
 
@@ -126,6 +131,22 @@ def _find_state_column(table: NumberTable, options: ImportOptions, label_column:
     return None
 
 
+def _list_state_words(texts: Sequence[str], words: Mapping[str, State]) -> dict[str, RowName]:
+    """Return word → state and mass, of the words of a column of states; without words that are not known.
+
+    Of two words, one of which is known to be loaded or unloaded, the other one is the other state.
+    """
+    different = list(dict.fromkeys(texts))
+    known = {word: read for word in different if (read := _read_state_word(word, words)) is not None}
+    opposite: dict[State | None, State] = {"loaded": "unloaded", "unloaded": "loaded"}
+    if len(different) == 2 and len(known) == 1:
+        ((first, read),) = known.items()
+        other = next(word for word in different if word != first)
+        if read.state in opposite:
+            known[other] = RowName(state=opposite[read.state])
+    return known
+
+
 def _find_target_column(table: NumberTable, others: Collection[int | None]) -> int | None:
     """Return the column of names of targets; None without one, or if there is a single name."""
     column = table.find_column("target")
@@ -149,16 +170,24 @@ def _list_masses(table: NumberTable) -> list[float] | None:
     return None
 
 
-def _list_states_by_force(table: NumberTable) -> list[State] | None:
-    """Return the state of each row by its force, if some rows have none; None without forces."""
+def _list_forces(table: NumberTable) -> list[RowName] | None:
+    """Return state and force of each row by its columns of forces, if some rows have none; else None."""
     columns = [column for column, meaning in enumerate(table.meanings) if meaning and meaning.kind == "force"]
-    is_loaded = [
-        any(abs(table.table.numbers[row, column]) > 0.0 for column in columns)
+    sizes = [
+        math.hypot(*(table.table.numbers[row, column] for column in columns))
         for row in range(len(table.rows))
     ]
-    if not columns or len(set(is_loaded)) == 1:
+    different = {f"{size:.4g}" for size in sizes if size > 0.0}
+    if not columns or all(size > 0.0 for size in sizes) or not different:
         return None
-    return ["loaded" if each else "unloaded" for each in is_loaded]
+    has_several = 1 < len(different) <= _MOST_CODES
+    meaning = table.meanings[columns[0]]
+    unit = (meaning.unit if meaning is not None else None) or ""
+    names = []
+    for size in sizes:
+        force = f"{size:.4g} {unit}".strip() if has_several and size > 0.0 else ""
+        names.append(RowName(state="loaded" if size > 0.0 else "unloaded", force=force))
+    return names
 
 
 def _read_state_word(word: str, words: Mapping[str, State]) -> RowName | None:
@@ -173,12 +202,9 @@ def _read_state_word(word: str, words: Mapping[str, State]) -> RowName | None:
     return None if state is None else RowName(state=state)
 
 
-def _add_state(name: RowName, word: str, words: Mapping[str, State]) -> RowName:
-    """Return the name of a row with the state and the load that a cell states.
-
-    A word that is not known tells rows apart as a target would, so that it is left to the order of rows.
-    """
-    read = _read_state_word(word, words)
+def _add_state(name: RowName, word: str, states: Mapping[str, RowName]) -> RowName:
+    """Return the name of a row with the state and the load that a word means; unchanged for other words."""
+    read = states.get(word)
     return name if read is None else name._replace(state=read.state, mass=read.mass)
 
 
@@ -205,12 +231,15 @@ def _split_names(
     label_part = _find_label_part(columns, known_labels, state_part)
     if label_part is None:
         return [RowName(text) for text in texts]
+    states = {}
+    if state_part is not None:
+        states = _list_state_words(columns[state_part], options.state_words)
     named = []
     for own in parts:
         target_words = [word for n, word in enumerate(own) if n not in (state_part, label_part)]
         name = RowName(own[label_part], "_".join(target_words) or None)
         if state_part is not None:
-            name = _add_state(name, own[state_part], options.state_words)
+            name = _add_state(name, own[state_part], states)
         named.append(name)
     are_same_target = len({name.target for name in named}) == 1
     return [name._replace(target=None) for name in named] if are_same_target else named

@@ -180,7 +180,7 @@ def find_contradiction(
 ) -> str:
     """Return which column a proposal reads otherwise than the caller states; empty if it reads none so."""
     for table in tables:
-        uses = _describe_uses(proposal, named, table)
+        uses = describe_uses(proposal, named, table)
         for column in sorted(table.stated):
             meaning = table.meanings[column]
             stated = "" if meaning is None else _describe_meaning(meaning, uses.get(column))
@@ -191,9 +191,7 @@ def find_contradiction(
     return ""
 
 
-def _describe_uses(
-    proposal: Proposal, named: Sequence[NamedReading], table: NumberTable
-) -> Mapping[int, str]:
+def describe_uses(proposal: Proposal, named: Sequence[NamedReading], table: NumberTable) -> Mapping[int, str]:
     """Return column → its meaning by a proposal, of the columns of a table that it reads."""
     uses: dict[int, str] = {}
     if table.name == proposal.joints.table:
@@ -208,7 +206,7 @@ def _describe_uses(
 
 
 def _describe_meaning(meaning: Meaning, use: str | None) -> str:
-    """Return a stated joint or position in the words of `_describe_uses`; empty for other meanings.
+    """Return a stated joint or position in the words of `describe_uses`; empty for other meanings.
 
     What is not stated, such as the unit or the state, is as in the use of the column.
     """

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from jointstiff.schemas.imports import ImportAnswer, ImportRequest
+from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
 from jointstiff.schemas.meaning import JointsMeaning, PointsMeaning, TableMeaning
 from jointstiff.service.importing.deflections import add_deflections
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError
@@ -29,6 +29,7 @@ from jointstiff.service.resources.columns_left import (
     refuse_unknown_headers,
 )
 from jointstiff.service.resources.imports import ImportRefusedError, import_files, lack_meaning
+from jointstiff.service.resources.previews import preview_tables
 from jointstiff.solver.meaning.proposal import Proposal, propose
 from jointstiff.solver.meaning.states import order_states
 from jointstiff.solver.meaning.table import JointColumns
@@ -47,6 +48,11 @@ OPTIONS_OF_COLUMNS: Final = (
 )
 """Options that explain the columns of files, which the written table explains itself."""
 
+OPTIONS_OF_FILES: Final = (
+    *("columns", "header", "ignore", "delimiter", "decimal_mark", "by_order"),
+    *("state", "state_words", "point_name", "sheet"),
+)
+"""Options that a template keeps of files that a proposal explains."""
 
 _LARGEST_WORSENING: Final = 3.0
 """Largest ratio of the residuals of files and of those of their template."""
@@ -68,6 +74,7 @@ class ProposedImport:
     meaning: TableMeaning  # for a template
     notes: tuple[str, ...] = ()  # what a person should know of rows and columns
     masses: tuple[SourceFile, ...] = ()  # files with the masses of the robot's bodies
+    previews: tuple[FilePreview, ...] = ()  # of the files as they are written
 
     @property
     def files(self) -> list[SourceFile]:
@@ -99,7 +106,8 @@ class ProposedImport:
     def accept(self, request: ImportRequest | None = None) -> ImportAnswer:
         """Import the table as the proposal says; `request` has other statements about the readings."""
         answer = import_files(self.files, request or self.request, self.known.robot)
-        return answer.model_copy(update={"assumptions": [self.sentence, *answer.assumptions]})
+        assumptions = [self.sentence, *answer.assumptions]
+        return answer.model_copy(update={"assumptions": assumptions, "files": list(self.previews)})
 
 
 @dataclass(frozen=True)
@@ -210,7 +218,7 @@ def _find_in_one_unit(
     other_unit = "m" if proposal.unit == "mm" else "mm"
     note = f"the other positions of {', '.join(names)} converted from {other_unit}"
     in_one_unit = numbers._replace(tables=converted, notes=[*numbers.notes, note])
-    return _FoundMeaning(in_one_unit, _order_by_forces(again, converted))
+    return _FoundMeaning(in_one_unit, _order_by_forces(again, converted, request))
 
 
 def _refuse_contradiction(
@@ -250,8 +258,8 @@ def _refuse_loaded_after_unloading(named: Sequence[NamedReading]) -> None:
             raise _NoProposalError(
                 f"the third positions of {each.target} are {1e3 * to_unloaded:.2g} mm from the first, and "
                 f"{1e3 * to_loaded:.2g} mm from the second, so that headers must name the states",
-                "write the states or loads in the headers or in a column, such as `X 50 kg`, or leave columns "
-                "out with `ignore`",
+                "write states or loads in the headers (`header`) or in a column, such as `X 50 kg`, or leave "
+                "columns out with `ignore`",
             )
 
 
@@ -294,7 +302,7 @@ def _find_proposal(
         raise _NoProposalError(found.reason)
     if reason := _find_contradiction(found.best, request):
         raise _NoProposalError(reason)
-    return _order_by_forces(found.best, tables)
+    return _order_by_forces(found.best, tables, request)
 
 
 def _build_import(
@@ -320,11 +328,12 @@ def _build_import(
     """
     with_masses = _has_masses(proposal, named, tables, request)
     table = write_readings(proposal, named, tables, with_masses=with_masses)
-    options = request.model_copy(update={**_clear_headers(), **_state_units(request)})
+    options = request.model_copy(update={**_clear_headers(), **_clear_names(), **_state_units(request)})
     meaning = _build_meaning(proposal, named, tables)
     if with_masses and len(list_masses(named)) > 1:
         notes = (*notes, "each load is an observation, with the same readings without load")
-    return ProposedImport(proposal, tuple(named), table, options, meaning, tuple(notes))
+    previews = tuple(preview_tables(proposal, named, tables))
+    return ProposedImport(proposal, tuple(named), table, options, meaning, tuple(notes), previews=previews)
 
 
 def _has_masses(
@@ -365,7 +374,10 @@ def _read_numbers(files: Sequence[SourceFile], request: ImportRequest, joints: S
     try:
         found = read_number_tables(files, request, joints)
     except ImportFileError as fault:
-        raise _NoProposalError(str(fault)) from fault
+        is_settled_by_option = fault.option is not None
+        if is_settled_by_option:
+            raise _NoProposalError(str(fault)) from fault
+        raise _describe_fault(fault) from fault
     if not found.tables:
         raise _NoProposalError("the files have no rows of numbers")
     if found.without:
@@ -377,10 +389,15 @@ def _read_numbers(files: Sequence[SourceFile], request: ImportRequest, joints: S
         added = [add_deflections(table, words) for table in unify_lengths(found.tables)]
         joined = join_tables([table for table, _ in added], request)
     except ImportFileError as fault:
-        place = "" if fault.place == NOWHERE else f"{fault.place}: "
-        raise _NoProposalError(f"{place}{fault.reason}", fault.remedy) from fault
+        raise _describe_fault(fault) from fault
     notes = [note for _, note in added if note]
     return _Numbers(joined.tables, [*joined.notes, *notes], found.masses)
+
+
+def _describe_fault(fault: ImportFileError) -> _NoProposalError:
+    """Return the error that a fault of files, at its place, forbids a proposal."""
+    place = "" if fault.place == NOWHERE else f"{fault.place}: "
+    return _NoProposalError(f"{place}{fault.reason}", fault.remedy)
 
 
 def import_or_propose(
@@ -508,6 +525,11 @@ def _clear_headers() -> dict[str, object]:
     return {name: getattr(empty, name) for name in OPTIONS_OF_COLUMNS}
 
 
+def _clear_names() -> dict[str, object]:
+    """Return the options that explain names of points, files and states, with their defaults."""
+    return {"state": None, "point_name": None, "file_name": None, "state_words": {}}
+
+
 def _state_units(request: ImportRequest) -> dict[str, object]:
     """Return the units of forces and moments, which the written table may leave open."""
     if request.units is None:
@@ -515,14 +537,20 @@ def _state_units(request: ImportRequest) -> dict[str, object]:
     return {"units": request.units.model_copy(update={"length": None, "angle": None})}
 
 
-def _order_by_forces(proposal: Proposal, tables: Sequence[NumberTable]) -> Proposal:
-    """Return the proposal with the state first that has no load, if columns of forces show which one."""
+def _order_by_forces(proposal: Proposal, tables: Sequence[NumberTable], request: ImportRequest) -> Proposal:
+    """Return the proposal with the state first that has no load, if forces show which one.
+
+    The forces are those of columns, else the one that the request states for all observations.
+    """
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    columns = _find_force_columns(joints)
-    if columns is None:
-        return proposal
     groups = proposal.joints.groups
-    forces = groups.split(joints.table.numbers[:, columns])[:, 0]
+    columns = _find_force_columns(joints)
+    if columns is not None:
+        forces = groups.split(joints.table.numbers[:, columns])[:, 0]
+    elif request.force is not None:
+        forces = np.tile(np.array(request.force), (len(joints.rows) // groups.count, 1))
+    else:
+        return proposal
     return order_states(proposal, [table.table for table in tables], np.nan_to_num(forces))
 
 
