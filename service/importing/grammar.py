@@ -299,6 +299,15 @@ def _name_statistic(text: str) -> str:
     return " ".join(re.sub(r"\([^()]*\)|[.:*-]", " ", fold_word(text)).split())
 
 
+def _name_joint_of_maker(name: str) -> str:
+    """Return the name of a joint without words that say no more: `S-axis` gives `s`, `wrist1` `wrist 1`."""
+    spaced = re.sub(r"(?<=[^\W\d])(?=\d)", " ", fold_word(name).replace("-", " "))
+    others = {*_WORD_LISTS["joints"], *_WORD_LISTS["angles"]}
+    words = spaced.split()
+    kept = [word for word in words if word not in others]
+    return " ".join(kept or words)
+
+
 def is_planned(header: str) -> bool:
     """Return whether a header names a coordinate that was not measured, such as `X nominal` or `Zsoll`."""
     name = fold_word(split_unit(header)[0])
@@ -539,6 +548,14 @@ class Vocabulary:
         self.states = options.state_words
         self._ignored = options.ignore
         self.stated = {collapse_blanks(text): meaning for text, meaning in options.columns.items()}
+
+    def add_joints_of_makers(self, headers: Iterable[str]) -> None:
+        """Know the names of a maker for the joints, such as S L U R B T, if a table has all of them."""
+        names = [split_unit(header)[0] for header in headers]
+        name_of_joint = {_name_joint_of_maker(name): fold_word(name) for name in names}
+        for joints in _WORDS["makers"].values():
+            if name_of_joint.keys() >= set(joints):
+                self._joints.update({name_of_joint[joint]: number for number, joint in enumerate(joints)})
 
     def meaning(self, header: str, *, guessed: bool) -> Meaning:
         """Return the meaning of a header: as the caller states it, else as the grammar understands it.

@@ -58,6 +58,9 @@ _LARGEST_WORSENING: Final = 3.0
 """Largest ratio of the residuals of files and of those of their template."""
 _CLEARLY_FARTHER: Final = 2.0
 """Ratio of the distances to positions without and under load from which a reading is one under load."""
+_LARGEST_REMAINDER: Final = 0.25
+"""Largest distance of positions after unloading from those before, as a part of that from those under load,
+if no name says that the load was taken off."""
 _TURNS_OF_AXES: Final = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 """Orders of x, y and z that keep the hand of a frame. Where two axes are exchanged, the place of the
 instrument decides which order is proposed; a template keeps the order of its first files."""
@@ -253,14 +256,22 @@ def _refuse_loaded_after_unloading(named: Sequence[NamedReading]) -> None:
             float(np.nanmedian(np.linalg.norm(each.reading.positions - other, axis=1)))
             for other in (loaded, unloaded)
         )
-        ratio = 1.0 / _CLEARLY_FARTHER if each.is_by_order else _CLEARLY_FARTHER
-        if to_unloaded > ratio * to_loaded:
+        ratio = _LARGEST_REMAINDER if each.is_by_order else _CLEARLY_FARTHER
+        if to_unloaded > ratio * to_loaded or _is_first_loaded(each, named):
             raise _NoProposalError(
                 f"the third positions of {each.target} are {1e3 * to_unloaded:.2g} mm from the first, and "
                 f"{1e3 * to_loaded:.2g} mm from the second, so that headers must name the states",
                 "write states or loads in the headers (`header`) or in a column, such as `X 50 kg`, or leave "
                 "columns out with `ignore`",
             )
+
+
+def _is_first_loaded(after: NamedReading, named: Sequence[NamedReading]) -> bool:
+    """Return whether forces alone make the first of three positions of a target the one under load."""
+    own = [each for each in named if each.target == after.target]
+    states = [each.state for each in own]
+    are_by_order = all(each.is_by_order for each in own)
+    return are_by_order and states.index("loaded") < states.index("unloaded")
 
 
 def _propose_as_template(
