@@ -32,7 +32,9 @@ def read_json_rows(file: str, content: bytes) -> Grid | None:
         ImportFileError: the text is damaged, or the table is too large.
     """
     text, encoding = decode(file, content)
-    objects = _read_lines(text) or _read_array(text)
+    objects = _read_lines(text)
+    if len(objects) < _LEAST_ROWS:
+        objects = _read_array(text)
     if len(objects) < _LEAST_ROWS:
         return None
     records = [dict(_flatten(each, "", 0)) for _, each in objects]

@@ -48,12 +48,17 @@ def write_readings(
     in cm, and joints that are counted otherwise, are converted. With `with_masses`, loads that names state
     are the masses that hang at the load point.
     """
+    cases = [
+        {head: cells for head, *cells in _write_case(proposal, case, tables, with_masses=with_masses)}
+        for case in _list_cases(proposal, named)
+    ]
+    headers = list(dict.fromkeys(head for columns in cases for head in columns))
     text = io.StringIO()
     writer = csv.writer(text, delimiter=";", lineterminator="\n")
-    for number, case in enumerate(_list_cases(proposal, named)):
-        columns = _write_case(proposal, case, tables, with_masses=with_masses)
-        rows = list(zip(*columns, strict=True))
-        writer.writerows(rows[1:] if number else rows)
+    writer.writerow(headers)
+    for columns in cases:
+        empty = [""] * len(columns["label"])  # for a target that was not read under this load
+        writer.writerows(zip(*(columns.get(head, empty) for head in headers), strict=True))
     return SourceFile(tables[0].grid.file, text.getvalue().encode())
 
 
