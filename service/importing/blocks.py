@@ -32,6 +32,7 @@ _LEAST_ROWS: Final = 3
 _MOST_NOT_ALIKE: Final = 0.34
 """Largest fraction of the blocks that may differ from the others, as incomplete postures do."""
 _COORDINATES: Final = 3
+_NUMBER: Final = re.compile(r"[-+]?\d+(?:[.,]\d+)?")
 
 
 @dataclass(frozen=True)
@@ -77,14 +78,18 @@ def read_blocks(file: str, content: bytes, delimiter: Delimiter | None) -> list[
     filled = [line for line in lines if line[1].strip() and not line[1].lstrip().startswith(COMMENT_MARKS)]
     if not filled:
         return []
-    try:
-        delimiter = delimiter or find_delimiter(file, filled)
-        blocks = [_read_block(file, block, delimiter) for block in _split_blocks(lines)]
-    except ImportFileError:
-        return []
-    preview = FilePreview(file=file, format="text", encoding=encoding, delimiter=delimiter)
-    with_data = [block for block in blocks if block.rows]
-    return _join_postures(preview, with_data) or _list_tables(preview, _add_lone_titles(blocks))
+    for split in (_split_blocks, _split_at_titles):
+        try:
+            delimiter = delimiter or find_delimiter(file, filled)
+            blocks = [_read_block(file, block, delimiter) for block in split(lines)]
+        except ImportFileError:
+            return []
+        preview = FilePreview(file=file, format="text", encoding=encoding, delimiter=delimiter)
+        with_data = [block for block in blocks if block.rows]
+        grids = _join_postures(preview, with_data) or _list_tables(preview, _add_lone_titles(blocks))
+        if grids:
+            return grids
+    return []
 
 
 def _split_blocks(lines: Sequence[NumberedLine]) -> Iterator[list[NumberedLine]]:
@@ -100,6 +105,20 @@ def _split_blocks(lines: Sequence[NumberedLine]) -> Iterator[list[NumberedLine]]
             block.append((number, line))
     if block:
         yield block
+
+
+def _split_at_titles(lines: Sequence[NumberedLine]) -> Iterator[list[NumberedLine]]:
+    """Yield the lines of each block that begins with a title such as `Pose 1`; nothing without titles."""
+    filled = [(number, line) for number, line in lines if line.strip()]
+    forms = [_NUMBER.sub("0", line.strip()) for _, line in filled]
+    has_letter = [any(map(str.isalpha, form)) and len(_NUMBER.findall(form)) == 1 for form in forms]
+    titles = Counter(form for form, is_title in zip(forms, has_letter, strict=True) if is_title)
+    title, count = titles.most_common(1)[0] if titles else ("", 0)
+    if count < _LEAST_BLOCKS:
+        return
+    starts = [index for index, form in enumerate(forms) if form == title]
+    for start, end in zip(starts, [*starts[1:], len(filled)], strict=True):
+        yield filled[start:end]
 
 
 def _read_block(file: str, lines: Sequence[NumberedLine], delimiter: Delimiter) -> _Block:

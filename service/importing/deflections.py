@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -29,27 +29,68 @@ class _Displacement(NamedTuple):
     unit: str | None  # None if the headers state no unit
 
 
-def add_deflections(table: NumberTable, words: Vocabulary) -> tuple[NumberTable, str]:
-    """Return a table whose displacements were added to the positions before the load, and a note.
+def add_deflections(tables: Sequence[NumberTable], words: Vocabulary) -> tuple[list[NumberTable], list[str]]:
+    """Return tables whose displacements were added to the positions before the load, and notes.
 
-    The note is empty if the table has no displacement, or no position to which it belongs.
+    The positions are in the same table, or in another one with as many rows. A displacement without such a
+    position is not changed.
 
     Raises:
         ImportFileError: displacements without a unit may be in two units.
     """
-    notes = []
-    for found in _list_displacements(table, words):
-        base = _find_base(table, found.target)
-        if base is None:
-            continue
-        unit = _find_unit(table, base[0])
-        base_metres = METRES[guess_unit(find_size(table, base))] if unit is None else _SIZES[unit]
-        metres = _SIZES[found.unit] if found.unit else _choose_size(table, found, base_metres)
-        table = _add(table, base, found, metres / base_metres)
-        headers = ", ".join(table.headers[column] for column in found.columns)
-        stated = "" if found.unit else f" in {_name_size(metres)}"
-        notes.append(f"{headers}{stated} added to the positions without load")
-    return table, "; ".join(notes)
+    changed, notes = list(tables), list[str]()
+    for number, table in enumerate(tables):
+        for found in _list_displacements(table, words):
+            others = [other for other in range(len(tables)) if other != number]
+            for base_number in (number, *others):
+                base_table = changed[base_number]
+                base = _find_base(base_table, found.target)
+                if base is None or len(base_table.rows) != len(table.rows):
+                    continue
+                changed[base_number] = _name_base(base_table, base, found.target)
+                changed[number], note = _add_found(changed[number], found, base_table, base)
+                notes.append(note)
+                break
+    return changed, notes
+
+
+def _add_found(
+    table: NumberTable, found: _Displacement, base_table: NumberTable, base: tuple[int, int, int]
+) -> tuple[NumberTable, str]:
+    """Return a table with positions under load in place of a displacement, and a note.
+
+    Args:
+        table: table of the displacement.
+        found: columns of the displacement.
+        base_table: table of the positions before the load.
+        base: columns of these positions.
+
+    Raises:
+        ImportFileError: a displacement without a unit may be in two units.
+    """
+    unit = _find_unit(base_table, base[0])
+    base_metres = METRES[guess_unit(find_size(base_table, base))] if unit is None else _SIZES[unit]
+    metres = _SIZES[found.unit] if found.unit else _choose_size(table, found, base_metres)
+    positions = base_table.table.numbers[:, list(base)]
+    displacements = table.table.numbers[:, list(found.columns)]
+    sums = positions + metres / base_metres * displacements
+    meanings = list(table.meanings)
+    for axis, column in enumerate(found.columns):
+        meanings[column] = Meaning(Quantity("position", found.target, "loaded"), axis, unit)
+    numbers = {column: sums[:, axis] for axis, column in enumerate(found.columns)}
+    added = replace(table.replace_numbers(numbers), meanings=tuple(meanings))
+    headers = ", ".join(table.headers[column] for column in found.columns)
+    stated = "" if found.unit else f" in {_name_size(metres)}"
+    return added, f"{headers}{stated} added to the positions without load"
+
+
+def _name_base(table: NumberTable, base: tuple[int, int, int], target: str | None) -> NumberTable:
+    """Return a table in which the columns of a position are named as those without load."""
+    meanings = list(table.meanings)
+    for axis, column in enumerate(base):
+        quantity = Quantity("position", target, "unloaded")
+        meanings[column] = Meaning(quantity, axis, _find_unit(table, column))
+    return replace(table, meanings=tuple(meanings))
 
 
 def _list_displacements(table: NumberTable, words: Vocabulary) -> list[_Displacement]:
@@ -116,16 +157,3 @@ def _find_unit(table: NumberTable, column: int) -> str | None:
 def _name_size(metres: float) -> str:
     """Return the name of the unit of a size [m]."""
     return next(unit for unit, size in _SIZES.items() if size == metres)
-
-
-def _add(table: NumberTable, base: tuple[int, int, int], found: _Displacement, factor: float) -> NumberTable:
-    """Return a table with the sum of position and displacement in place of the displacement."""
-    numbers = table.table.numbers
-    unit_of_base = _find_unit(table, base[0])
-    meanings = list(table.meanings)
-    sums = {}
-    for axis, (column, other) in enumerate(zip(found.columns, base, strict=True)):
-        sums[column] = numbers[:, other] + factor * numbers[:, column]
-        meanings[column] = Meaning(Quantity("position", found.target, "loaded"), axis, unit_of_base)
-        meanings[other] = Meaning(Quantity("position", found.target, "unloaded"), axis, unit_of_base)
-    return replace(table.replace_numbers(sums), meanings=tuple(meanings))

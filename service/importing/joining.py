@@ -5,11 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from jointstiff.schemas.imports import ImportOptions
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
+from jointstiff.service.importing.lengths import find_size, guess_unit
 from jointstiff.service.importing.numbers import NumberTable
-from jointstiff.service.importing.row_names import RowName, name_rows
+from jointstiff.service.importing.row_key import RowName
+from jointstiff.service.importing.row_names import name_rows
+from jointstiff.solver.meaning.table import METRES
 
+_MOST_REPEAT = 1e-4
+"""Greatest distance [m] of a repeated coordinate from the mean of all repeats."""
+_LARGEST_RADIANS = 6.6
+"""Largest joint in radians; larger numbers are degrees."""
 _MOST_NAMED = 3
 """Most names in a message."""
 
@@ -36,7 +45,7 @@ class _NamedTable:
 
     @property
     def keys(self) -> tuple[RowName, ...]:
-        """What the rows of a posture tell, in order of appearance, without labels."""
+        """Names of the rows of a posture, in order of appearance, without labels."""
         return tuple(dict.fromkeys(name._replace(label=None) for name in self.names))
 
 
@@ -62,7 +71,10 @@ def join_tables(tables: Sequence[NumberTable], options: ImportOptions) -> Joined
 
 def _name(table: NumberTable, options: ImportOptions, labels: Sequence[str] = ()) -> _NamedTable:
     """Return a table with the names of its rows."""
-    return _NamedTable(table, tuple(name_rows(table, options, labels)))
+    named = _NamedTable(table, _name_after_unloading(name_rows(table, options, labels)))
+    if options.mean_of_repeats and len(named.keys) > 1:
+        named = _average_repeats(named)
+    return _equal_joints(named, options.joint_tolerance)
 
 
 def _choose_first(tables: Sequence[NumberTable], options: ImportOptions) -> NumberTable | None:
@@ -135,6 +147,96 @@ def _arrange(named: _NamedTable, labels: Sequence[str]) -> NumberTable:
     return replace(table, rows=rows, table=solver_table, turn=turn, labels=tuple(labels))
 
 
+def _name_after_unloading(names: Sequence[RowName]) -> tuple[RowName, ...]:
+    """Return names in which a second row without load, below a row under load, is after unloading."""
+    is_loaded: dict[tuple[str | None, str | None], bool] = {}
+    named = []
+    for name in names:
+        posture = name.label, name.target
+        if name.state == "loaded":
+            is_loaded[posture] = True
+        is_after = name.state == "unloaded" and name.label is not None and is_loaded.get(posture, False)
+        named.append(name._replace(state="unloaded_after") if is_after and name in named else name)
+    return tuple(named)
+
+
+def _average_repeats(named: _NamedTable) -> _NamedTable:
+    """Return a table in which rows with the same names are one row, with the means of their numbers.
+
+    Raises:
+        ImportFileError: a repeated position is far from the mean.
+    """
+    rows_of_name: dict[RowName, list[int]] = {}
+    for row, name in enumerate(named.names):
+        rows_of_name.setdefault(name, []).append(row)
+    if len(rows_of_name) == len(named.names):
+        return named
+    table = named.table
+    groups = list(rows_of_name.values())
+    for group in groups:
+        _refuse_far_repeats(table, group)
+    means = np.array([table.table.numbers[group].mean(axis=0) for group in groups])
+    first_rows = replace(
+        table,
+        rows=tuple(table.rows[group[0]] for group in groups),
+        table=replace(table.table, numbers=means),
+    )
+    moved = [
+        column
+        for column in range(means.shape[1])
+        if np.isfinite(means[:, column]).all()
+        and not np.array_equal(means[:, column], table.table.numbers[[group[0] for group in groups], column])
+    ]
+    averaged = first_rows.replace_numbers({column: means[:, column] for column in moved})
+    return _NamedTable(averaged, tuple(rows_of_name))
+
+
+def _refuse_far_repeats(table: NumberTable, rows: Sequence[int]) -> None:
+    """Raise an `ImportFileError` if a repeated coordinate is far from the mean of all repeats.
+
+    Coordinates are columns that headers name as positions, or of numbers of hundreds of millimetres.
+    """
+    for column, meaning in enumerate(table.meanings):
+        numbers = table.table.numbers[rows, column]
+        unit = guess_unit(find_size(table, [column]))
+        is_position = meaning is not None and meaning.kind == "position"
+        if not is_position and (meaning is not None or unit != "mm"):
+            continue
+        farthest = METRES[unit] * float(np.abs(numbers - numbers.mean()).max())
+        if farthest > _MOST_REPEAT:
+            raise ImportFileError(
+                table.grid.place(table.rows[rows[0]], column),
+                f"repeated readings are {1e3 * farthest:.2g} mm from their mean",
+                "remove the wrong reading; the mean is used of readings within 0.1 mm",
+            )
+
+
+def _equal_joints(named: _NamedTable, tolerance: float) -> _NamedTable:
+    """Return a table in which the joints of a posture are those of its row without load, if they agree.
+
+    `tolerance` is the greatest difference [deg] of a joint.
+    """
+    table = named.table
+    joints = list(table.table.joints)
+    rows_of_label: dict[str, list[int]] = {}
+    for row, name in enumerate(named.names):
+        if name.label is not None:
+            rows_of_label.setdefault(name.label, []).append(row)
+    if not joints or len(rows_of_label) in (0, len(named.names)):
+        return named
+    numbers = table.table.numbers[:, joints].copy()
+    is_in_degrees = np.nanmax(np.abs(numbers)) > _LARGEST_RADIANS
+    limit = tolerance if is_in_degrees else np.radians(tolerance)
+    for rows in rows_of_label.values():
+        first = next((row for row in rows if named.names[row].state == "unloaded"), rows[0])
+        if np.abs(numbers[rows] - numbers[first]).max() <= limit:
+            numbers[rows] = numbers[first]
+    if np.array_equal(numbers, table.table.numbers[:, joints]):
+        return named
+    equal = table.replace_numbers({column: numbers[:, number] for number, column in enumerate(joints)})
+    return replace(named, table=equal)
+
+
 def _order_by_labels(named: _NamedTable, labels: Sequence[str]) -> list[int] | None:
     """Return the rows in the order of their labels, and of what they tell of a posture.
 
@@ -194,7 +296,8 @@ def _build_repeat_error(named: _NamedTable, row: int, name: RowName) -> ImportFi
     return ImportFileError(
         table.grid.place(table.rows[row]),
         f"{quote(name.label or '')} has this row twice{_describe_key(name)}",
-        "remove or rename one of the two rows",
+        "remove or rename one of the two rows, or use `mean_of_repeats` for repeated readings",
+        "mean_of_repeats",
     )
 
 

@@ -80,10 +80,19 @@ def _read_array(text: str) -> list[tuple[int, Mapping[str, Any]]]:
         if not _CAMPAIGNS.isdisjoint(document):
             return []
         arrays = [each for each in document.values() if _is_array_of_objects(each)]
-        document = arrays[0] if len(arrays) == 1 else None
+        document = arrays[0] if len(arrays) == 1 else _turn_columns(document)
     if not _is_array_of_objects(document):
         return []
     return [(number, each) for number, each in enumerate(document, 1)]
+
+
+def _turn_columns(document: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return an object for each element of the arrays of a document, which have one length; else none."""
+    arrays = {key: each for key, each in document.items() if isinstance(each, list)}
+    lengths = {len(each) for each in arrays.values()}
+    if len(arrays) < 2 or len(lengths) != 1:
+        return []
+    return [dict(zip(arrays, elements, strict=True)) for elements in zip(*arrays.values(), strict=True)]
 
 
 def _is_array_of_objects(value: object) -> bool:

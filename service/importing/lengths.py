@@ -60,7 +60,7 @@ def convert_columns(table: NumberTable, columns: Collection[int], unit: LengthUn
     Args:
         table: table of numbers.
         columns: columns that may be coordinates.
-        unit: unit of the other positions, of which these columns are 1000 times as large or small.
+        unit: unit of the other positions; these columns may be 1000 times as large or as small.
     """
     if unit not in ("m", "mm"):
         return None

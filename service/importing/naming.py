@@ -10,7 +10,7 @@ from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.grammar import find_state_in_name
 from jointstiff.service.importing.loads import find_load, find_state_of_load, remove_load
 from jointstiff.service.importing.numbers import NumberTable
-from jointstiff.service.importing.row_names import RowName
+from jointstiff.service.importing.row_key import RowName
 from jointstiff.solver.meaning.proposal import Proposal, TargetReading
 
 _STATES: Final[tuple[State, ...]] = ("unloaded", "loaded", "unloaded_after")

@@ -29,7 +29,7 @@ from jointstiff.service.importing.grid import (
 from jointstiff.service.importing.header import find_heading
 from jointstiff.service.importing.masses import is_mass_table
 from jointstiff.service.importing.reading import SourceFile, read_grids
-from jointstiff.service.importing.row_names import RowName
+from jointstiff.service.importing.row_key import RowName
 from jointstiff.service.importing.transposed import turn_table
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.table import Table

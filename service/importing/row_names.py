@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final
 
 from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.errors import ImportFileError
@@ -17,10 +17,9 @@ from jointstiff.service.importing.grammar import (
 )
 from jointstiff.service.importing.grid import looks_like_a_number
 from jointstiff.service.importing.loads import find_load, find_state_of_load
+from jointstiff.service.importing.numbers import NumberTable
+from jointstiff.service.importing.row_key import RowName
 from jointstiff.service.importing.rows import Template
-
-if TYPE_CHECKING:
-    from jointstiff.service.importing.numbers import NumberTable
 
 _SEPARATORS: Final = re.compile(r"::|[\s_\-.:/|]+")
 """What may be between the parts of a name."""
@@ -29,21 +28,6 @@ _LEAST_LABELS: Final = 3
 _MOST_CODES: Final = 16
 """Most different names of targets or states in a column."""
 _COUNTED: Final = re.compile(r"\d{1,5}")
-
-
-class RowName(NamedTuple):
-    """What a row tells of; None or empty for what the row does not tell."""
-
-    label: str | None = None  # name of the observation
-    target: str | None = None
-    state: State | None = None
-    mass: float | None = None  # of the load in the row [kg]
-    force: str = ""  # size and unit of the force in the row, if rows have several; else empty
-
-    @property
-    def key(self) -> tuple[str | None, State | None, float | None, str]:
-        """What tells the rows of an observation apart."""
-        return self.target, self.state, self.mass, self.force
 
 
 def name_rows(
@@ -83,7 +67,7 @@ def name_rows(
 
 
 def _omit_row_numbers(names: list[RowName]) -> list[RowName]:
-    """Return the names without labels that number the rows, where the rows of a posture are told apart."""
+    """Return the names without labels that number the rows, if other names distinguish rows of a posture."""
     labels = [name.label for name in names]
     are_row_numbers = len(set(labels)) == len(names) and len({name.key for name in names}) > 1
     return [name._replace(label=None) for name in names] if are_row_numbers else names
@@ -134,7 +118,7 @@ def _find_state_column(table: NumberTable, options: ImportOptions, label_column:
 def _list_state_words(texts: Sequence[str], words: Mapping[str, State]) -> dict[str, RowName]:
     """Return word → state and mass, of the words of a column of states; without words that are not known.
 
-    Of two words, one of which is known to be loaded or unloaded, the other one is the other state.
+    If one of two words is known to mean loaded or unloaded, the other word means the other state.
     """
     different = list(dict.fromkeys(texts))
     known = {word: read for word in different if (read := _read_state_word(word, words)) is not None}

@@ -116,6 +116,23 @@ def refuse_columns_left(
             raise ImportFileError(Place(each.table.grid.file), reason, remedy)
 
 
+def refuse_single_rows(proposal: Proposal, tables: Sequence[NumberTable]) -> None:
+    """Refuse a proposal that reads as postures the rows that names make states or targets of one posture.
+
+    Raises:
+        ImportFileError: a table has such rows.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    count = len(joints.turn)
+    if count > 1 and proposal.joints.groups.count != count:
+        reason = f"the {count} rows of a posture have different joints, so that each was read as a posture"
+        remedy = (
+            "write the joints of a posture alike in its rows; joints that headers name may differ by "
+            "`joint_tolerance`"
+        )
+        raise ImportFileError(Place(joints.grid.file), reason, remedy)
+
+
 def _build_file_error(table: NumberTable, joints: NumberTable, postures: int) -> ImportFileError:
     """Return the error that nothing of a file is read."""
     place, name = Place(table.grid.file), quote(table.name)
@@ -197,11 +214,15 @@ def describe_uses(proposal: Proposal, named: Sequence[NamedReading], table: Numb
     if table.name == proposal.joints.table:
         for number, column in enumerate(proposal.joints.columns, 1):
             uses[column] = f"J{number} [{proposal.joints.unit}]"
-    for each in named:
-        if each.reading.points.table == table.name:
-            for axis, column in zip("xyz", each.reading.points.columns, strict=True):
-                state = each.state.replace("_", " ")
-                uses[column] = f"{each.target} {state} {axis} [{proposal.unit}]"
+    own = [each for each in named if each.reading.points.table == table.name]
+    for each in own:
+        columns = each.reading.points.columns
+        words = {other.words for other in own if other.reading.points.columns == columns}
+        targets = {other.target for other in own if other.reading.points.columns == columns}
+        state = each.state.replace("_", " ")
+        common = f"{each.target} {state}" if len(words) == 1 else " and ".join(sorted(targets))
+        for axis, column in zip("xyz", columns, strict=True):
+            uses[column] = f"{common} {axis} [{proposal.unit}]"
     return uses
 
 

@@ -26,6 +26,7 @@ from jointstiff.service.resources.columns_left import (
     list_unexplained_numbers,
     name_columns_left,
     refuse_columns_left,
+    refuse_single_rows,
     refuse_unknown_headers,
 )
 from jointstiff.service.resources.imports import ImportRefusedError, import_files, lack_meaning
@@ -174,6 +175,7 @@ def _propose_importable(
     left = list_columns_left(proposal, tables)
     notes = [*numbers.notes, *name_columns_left(left, tables)]
     try:
+        refuse_single_rows(proposal, tables)
         refuse_columns_left(left, proposal, named, tables)
         proposed = _build_import(proposal, named, tables, request, notes)
     except ImportFileError as error:
@@ -181,9 +183,18 @@ def _propose_importable(
         raise _NoProposalError(f"{found}, but {error.reason}", error.remedy) from error
     fault = proposed.find_fault()
     if fault is not None:
-        sentence = proposed.sentence
-        raise _NoProposalError(f"{sentence}, but the import of these columns is refused: {fault.reason}")
+        remedy = fault.remedy if fault.option == "allow_missing" and _have_same_states(named) else ""
+        reason = f"{proposed.sentence}, but the import of these columns is refused: {fault.reason}"
+        raise _NoProposalError(reason, remedy)
     return proposed
+
+
+def _have_same_states(named: Sequence[NamedReading]) -> bool:
+    """Return whether all targets were read in the same states, so that only cells can be missing."""
+    states_of_target: dict[str, set[str]] = {}
+    for each in named:
+        states_of_target.setdefault(each.target, set()).add(each.state)
+    return len({frozenset(states) for states in states_of_target.values()}) == 1
 
 
 class _FoundMeaning(NamedTuple):
@@ -397,12 +408,11 @@ def _read_numbers(files: Sequence[SourceFile], request: ImportRequest, joints: S
     try:
         refuse_unknown_headers(found.tables, request)
         words = Vocabulary(request, joints)
-        added = [add_deflections(table, words) for table in unify_lengths(found.tables)]
-        joined = join_tables([table for table, _ in added], request)
+        joined = join_tables(unify_lengths(found.tables), request)
+        tables, notes = add_deflections(joined.tables, words)
     except ImportFileError as fault:
         raise _describe_fault(fault) from fault
-    notes = [note for _, note in added if note]
-    return _Numbers(joined.tables, [*joined.notes, *notes], found.masses)
+    return _Numbers(tables, [*joined.notes, *notes], found.masses)
 
 
 def _describe_fault(fault: ImportFileError) -> _NoProposalError:

@@ -10,14 +10,39 @@ from itertools import chain, product
 from typing import Any
 
 import numpy as np
+from support.measured_arms import PLACES
 
-from benchmarks.studies.layouts import Campaign
+from jointstiff.service.resources.known_robots import catalogue_robots
+from jointstiff.solver.mechanics.postures import Postures
 
 STATES = ("unloaded", "loaded")
 GERMAN = ("ohne Last", "mit Last")
 JOINTS = [f"J{number}" for number in range(1, 7)]
 Files = Mapping[str, str]
 Row = list[str]
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """Readings of three targets of an arm whose zeros are off."""
+
+    arm: str
+    joints: Any  # (N, 6) as the controller shows them [deg]
+    unloaded: Any  # (N, 3, 3) in R0 [m]
+    loaded: Any  # (N, 3, 3)
+
+
+def simulate(arm: str, seed: int, postures: int) -> Campaign:
+    robot = next(each for each in catalogue_robots() if each.name == arm).robot
+    generator = np.random.default_rng(seed)
+    model = generator.uniform(-1.1, 1.1, (postures, robot.n))
+    true = Postures(robot, model + np.radians(0.03) * generator.standard_normal(robot.n))
+    unloaded = np.einsum("nij,kj->nki", true.flange_rotation, PLACES) + true.flange_translation[:, None]
+    twist = 5e-5 * generator.standard_normal((postures, 1, 3))
+    loaded = unloaded + np.cross(twist, unloaded) - [0.0, 0.0, 8e-4]
+    noise = 2e-5 * generator.standard_normal((2, *unloaded.shape))
+    angles = np.degrees(robot.joint_map.controller_angles(model))
+    return Campaign(arm, angles, unloaded + noise[0], loaded + noise[1])
 
 
 @dataclass(frozen=True)
@@ -555,6 +580,55 @@ def joints_in_both_files_in_other_orders(c: Campaign) -> Files:
         "vorher.csv": table(header, wide(c, places(c))),
         "nachher.csv": table(header, [loaded[number] for number in shuffled(c, 5)]),
     }
+
+
+@form(options="--mean-of-repeats")
+def repeated_readings(c: Campaign) -> Files:
+    header = ["Pose", *JOINTS, "Zustand", "X", "Y", "Z"]
+    shift = np.array([0.01, -0.01, 0.02])
+    positions = [p + k * shift for p in both(c) for k in (-1, 0, 1)]
+    return {"a.csv": table(header, in_turn(c, np.repeat(GERMAN, 3), positions))}
+
+
+@form(load_count=2, states_force=False)
+def loads_and_a_reading_after_unloading(c: Campaign) -> Files:
+    header = ["Pose", *JOINTS, "Load", "X", "Y", "Z"]
+    after = places(c) + 0.01
+    return {"loads.csv": table(header, in_turn(c, ("0 kg", "50 kg", "100 kg", "0 kg"), [*loads(c), after]))}
+
+
+@form()
+def joints_that_differ_by_the_last_digit(c: Campaign) -> Files:
+    header = ["Pose", *JOINTS, "Zustand", "X", "Y", "Z"]
+    rows = in_turn(c, GERMAN, both(c))
+    for row in rows[1::2]:
+        row[2] = f"{float(row[2]) + 3e-4:.4f}"
+    return {"a.csv": table(header, rows)}
+
+
+@form()
+def displacements_in_another_file(c: Campaign) -> Files:
+    moved = [[name, *digits(d)] for name, d in zip(names(c), deflection(c), strict=True)]
+    return {
+        "a.csv": table(["Pose", *JOINTS, "X", "Y", "Z"], wide(c, places(c))),
+        "d.csv": table(["Pose", "dX", "dY", "dZ"], moved[::-1]),
+    }
+
+
+@form()
+def arrays_of_json(c: Campaign) -> Files:
+    arrays = {"joints": c.joints, "unloaded": places(c), "loaded": places(c, 0, 1)}
+    return {"a.json": json.dumps({name: np.round(each, 4).tolist() for name, each in arrays.items()})}
+
+
+@form()
+def titles_between_postures(c: Campaign) -> Files:
+    text = ""
+    for number, q in enumerate(c.joints):
+        text += f"--- Pose {number + 1} ---\nJoints: {' '.join(digits(q))}\n"
+        for state in (0, 1):
+            text += f"{STATES[state].title()}: {' '.join(digits(places(c, 0, state)[number]))}\n"
+    return {"log.txt": text}
 
 
 # ---- headers

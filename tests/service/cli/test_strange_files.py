@@ -15,11 +15,10 @@ from support.strange_files import (
     judge,
     places,
     points,
+    simulate,
     table,
     wide,
 )
-
-from benchmarks.studies.layouts import simulate
 
 ARMS = ("KUKA KR 210 R2700 extra", "Universal Robots UR10e", "Yaskawa GP25", "FANUC M-20iD/25")
 STATED = "--encoders motor --load-point 0,0,120"
@@ -77,7 +76,7 @@ def test_a_proposal_says_what_it_did_with_rows_and_columns(name, said):
 def test_the_preview_shows_the_files_as_they_are_written():
     campaign = simulate(ARMS[0], seed=3, postures=14)
     shown = typed(line(FORMS["times_and_an_operator"].write(campaign), ARMS[0]))
-    assert_said(shown, "log.csv: utf-8, comma between cells", "Operator", "ignored", "T1 loaded")
+    assert_said(shown, "log.csv: utf-8, comma between cells", "Operator", "ignored", "T1 x")
 
 
 # ---- nothing of a file is left out in silence
