@@ -175,8 +175,13 @@ def refuse_unknown_headers(tables: Sequence[NumberTable], request: ImportRequest
     """Refuse a statement about a header that no file has.
 
     Raises:
-        ImportFileError: `columns` or `ignore` names such a header.
+        ImportFileError: `columns` or `ignore` names such a header, or `header` has another number of columns.
     """
+    widths = {len(table.headers) for table in tables}
+    if request.header is not None and len(request.header) not in widths:
+        found = " or ".join(map(str, sorted(widths)))
+        reason = f"`header` names {len(request.header)} columns, but the rows have {found} cells"
+        raise ImportFileError(NOWHERE, reason, "name each column in `header`", "header")
     headers = {collapse_blanks(header) for table in tables for header in table.headers}
     for header in request.columns:
         if collapse_blanks(header) not in headers:

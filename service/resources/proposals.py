@@ -172,6 +172,7 @@ def _propose_importable(
     named = name_readings(proposal, tables, request)
     _refuse_contradiction(proposal, named, tables)
     _refuse_loaded_after_unloading(named)
+    _refuse_states_against_force(proposal, named, tables, request)
     left = list_columns_left(proposal, tables)
     notes = [*numbers.notes, *name_columns_left(left, tables)]
     try:
@@ -232,7 +233,7 @@ def _find_in_one_unit(
     other_unit = "m" if proposal.unit == "mm" else "mm"
     note = f"the other positions of {', '.join(names)} converted from {other_unit}"
     in_one_unit = numbers._replace(tables=converted, notes=[*numbers.notes, note])
-    return _FoundMeaning(in_one_unit, _order_by_forces(again, converted, request))
+    return _FoundMeaning(in_one_unit, _order_by_forces(again, converted))
 
 
 def _refuse_contradiction(
@@ -324,7 +325,7 @@ def _find_proposal(
         raise _NoProposalError(found.reason)
     if reason := _find_contradiction(found.best, request):
         raise _NoProposalError(reason)
-    return _order_by_forces(found.best, tables, request)
+    return _order_by_forces(found.best, tables)
 
 
 def _build_import(
@@ -558,21 +559,39 @@ def _state_units(request: ImportRequest) -> dict[str, object]:
     return {"units": request.units.model_copy(update={"length": None, "angle": None})}
 
 
-def _order_by_forces(proposal: Proposal, tables: Sequence[NumberTable], request: ImportRequest) -> Proposal:
-    """Return the proposal with the state first that has no load, if forces show which one.
+def _order_by_forces(proposal: Proposal, tables: Sequence[NumberTable]) -> Proposal:
+    """Return the proposal with the state first that has no load, if columns of forces show which one."""
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    columns = _find_force_columns(joints)
+    if columns is None:
+        return proposal
+    groups = proposal.joints.groups
+    forces = groups.split(joints.table.numbers[:, columns])[:, 0]
+    return order_states(proposal, [table.table for table in tables], np.nan_to_num(forces))
 
-    The forces are those of columns, else the one that the request states for all observations.
+
+def _refuse_states_against_force(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
+) -> None:
+    """Refuse states by the order of positions that move against the force that the request states.
+
+    Raises:
+        _NoProposalError: the first positions may be those under load, or the force has the wrong sign.
     """
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    groups = proposal.joints.groups
-    columns = _find_force_columns(joints)
-    if columns is not None:
-        forces = groups.split(joints.table.numbers[:, columns])[:, 0]
-    elif request.force is not None:
-        forces = np.tile(np.array(request.force), (len(joints.rows) // groups.count, 1))
-    else:
-        return proposal
-    return order_states(proposal, [table.table for table in tables], np.nan_to_num(forces))
+    are_by_order = any(each.is_by_order for each in named)
+    if request.force is None or not are_by_order or _find_force_columns(joints) is not None:
+        return
+    postures = len(joints.rows) // proposal.joints.groups.count
+    forces = np.tile(np.array(request.force), (postures, 1))
+    ordered = order_states(proposal, [table.table for table in tables], forces)
+    if ordered is not proposal:
+        found = describe(proposal, [each.words for each in named])
+        raise _NoProposalError(
+            f"{found}, but the targets then move against `force`",
+            "name the states in the headers (`header`), by `state_words` or in the names of files; or "
+            "correct the sign of `force`",
+        )
 
 
 def _find_force_columns(table: NumberTable) -> list[int] | None:

@@ -513,7 +513,7 @@ def states_in_a_column_with_the_loaded_first(c: Campaign) -> Files:
 
 
 @form()
-def states_by_words_that_only_the_force_explains(c: Campaign) -> Files:
+def states_by_unknown_words_in_their_order(c: Campaign) -> Files:
     header = ["Pose", *JOINTS, "Zustand", "X", "Y", "Z"]
     return {"a.csv": table(header, in_turn(c, ("B", "A"), both(c)))}
 

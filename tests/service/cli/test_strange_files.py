@@ -236,6 +236,16 @@ def test_names_of_all_joints_of_a_maker_need_no_proposal():
     assert judge(campaign, read_set()) == []
 
 
+def test_states_that_only_their_order_gives_must_agree_with_the_force():
+    campaign = simulate(ARMS[1], seed=10, postures=14)
+    rows = [row[1:] for row in wide(campaign, places(campaign, 0, 1), places(campaign))]
+    files = {"a.txt": table([], rows, " ")}
+    assert_said(refused(line(files, ARMS[1])), "but the targets then move against `--force`", "`--header`")
+    headers = ";".join([*JOINTS, *(f"{axis} {state}" for state in ("mit", "ohne") for axis in "XYZ")])
+    typed(line(files, ARMS[1], f"{FORCE} --header '{headers}'"))
+    assert judge(campaign, read_set()) == []
+
+
 @pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2), (0, 2, 1)])
 def test_nominal_positions_without_a_header_are_no_third_state(order):
     campaign = simulate(ARMS[1], seed=10, postures=14)
