@@ -97,13 +97,12 @@ def _parse_flange_target(text: str) -> tuple[str, tuple[float, ...]]:
 def _split_header(text: str, delimiter: Delimiter | None) -> list[str]:
     """Split the text of a header into its cells.
 
-    The text is split at the first of these separators that it contains: the file's delimiter if it is no
-    blank, semicolon, tab, comma. A text without any of them is split at blanks.
+    The text is split at the first of these separators that it contains: the file's delimiter, semicolon,
+    tab, comma. A text without any of them is split at blanks.
     """
     from jointstiff.service.importing.grid import CHARACTERS
 
-    own = [] if delimiter in (None, "whitespace") else [CHARACTERS[delimiter]]
-    separators = [*own, *";\t,"]
+    separators = ([] if delimiter is None else [CHARACTERS[delimiter]]) + [*";\t,"]
     separator = next((each for each in separators if each in text.strip()), " ")
     if separator == " ":
         text = " ".join(text.split())  # several blanks separate two cells like one blank

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -31,19 +32,19 @@ class JoinedTables:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _NamedTable:
     """A table with the names of its rows."""
 
     table: NumberTable
     names: tuple[RowName, ...]
 
-    @property
+    @cached_property
     def labels(self) -> tuple[str, ...]:
         """Names of observations in order of appearance; none if rows have no names."""
         return tuple(dict.fromkeys(name.label for name in self.names if name.label is not None))
 
-    @property
+    @cached_property
     def keys(self) -> tuple[RowName, ...]:
         """Names of the rows of a posture, in order of appearance, without labels."""
         return tuple(dict.fromkeys(name._replace(label=None) for name in self.names))
@@ -91,12 +92,13 @@ def _choose_labels(
     Raises:
         ImportFileError: a table lacks an observation, unless `allow_missing` is set.
     """
-    kept = tuple(label for label in labels if all(label in each.labels for each in joined))
+    sets = [set(each.labels) for each in joined]
+    kept = tuple(label for label in labels if all(label in own for own in sets))
     if options.allow_missing:
         return kept
-    for each in joined:
+    for each, own in zip(joined, sets, strict=True):
         for other in joined:
-            lacking = [label for label in other.labels if label not in each.labels]
+            lacking = [label for label in other.labels if label not in own]
             if lacking:
                 raise _build_lacking_error(each.table, other.table, lacking)
     return kept
@@ -125,7 +127,8 @@ def _describe(joined: Sequence[_NamedTable], labels: Sequence[str], kept: Sequen
     notes = []
     if len(joined) > 1:
         notes.append("rows of the files joined by their names")
-    left_out = [label for label in labels if label not in kept]
+    kept_labels = set(kept)
+    left_out = [label for label in labels if label not in kept_labels]
     if joined and left_out:
         notes.append(f"left out, as not all files have them: {_list_names(left_out)}")
     return notes
@@ -150,13 +153,15 @@ def _arrange(named: _NamedTable, labels: Sequence[str]) -> NumberTable:
 def _name_after_unloading(names: Sequence[RowName]) -> tuple[RowName, ...]:
     """Return names in which a second row without load, below a row under load, is after unloading."""
     is_loaded: dict[tuple[str | None, str | None], bool] = {}
-    named = []
+    named, seen = list[RowName](), set[RowName]()
     for name in names:
         posture = name.label, name.target
         if name.state == "loaded":
             is_loaded[posture] = True
-        is_after = name.state == "unloaded" and name.label is not None and is_loaded.get(posture, False)
-        named.append(name._replace(state="unloaded_after") if is_after and name in named else name)
+        is_below_loaded = name.state == "unloaded" and is_loaded.get(posture, False)
+        is_after = name.label is not None and name in seen and is_below_loaded
+        named.append(name._replace(state="unloaded_after") if is_after else name)
+        seen.add(name)
     return tuple(named)
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+from jointstiff.service.importing import limits
 from jointstiff.service.importing.grammar import find_any_unit
 
 _LEAST_RECORDS: Final = 3
@@ -19,7 +20,7 @@ _MAX_LINE: Final = 2000
 _COMMENT_MARKS: Final = ("#", "//", "%")
 _BEFORE_NAME: Final = re.compile(r"[,;|]\s*(?=[^\W\d][\w \[\]()°/.-]{0,40}\s{0,3}[=:])")
 """A separator before a name."""
-_PAIR: Final = re.compile(r"([^\W\d][\w\[\]()°/.-]{0,40})\s{0,20}[=:]\s{0,20}([^\s=:]{1,80})")
+_PAIR: Final = re.compile(r"(?<![\w.])([^\W\d][\w\[\]()°/.-]{0,40})\s{0,20}[=:]\s{0,20}([^\s=:]{1,80})")
 """A name, and the text behind `=` or `:`."""
 _NUMBER: Final = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?")
 
@@ -49,7 +50,11 @@ def read_key_values(text: str) -> KeyedRecords | None:
         for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1)
         if line.strip() and not line.lstrip().startswith(_COMMENT_MARKS)
     ]
-    if not lines or max(len(line) for _, line in lines) > _MAX_LINE:
+    sign_counts = [line.count("=") + line.count(":") for _, line in lines]
+    keyed_count = sum(count > 0 for count in sign_counts)
+    if keyed_count < max(_LEAST_PART * len(lines), 1) or max(sign_counts) > limits.MAX_COLUMNS:
+        return None
+    if max(len(line) for _, line in lines) > _MAX_LINE:
         return None
     pairs = [pair for number, line in lines for pair in _read_line(number, line)]
     counts = Counter(pair.key for pair in pairs)

@@ -108,9 +108,14 @@ def _find_state_column(table: NumberTable, options: ImportOptions, label_column:
     for column, meaning in enumerate(table.meanings):
         if meaning is not None or column == label_column or column in table.ignored:
             continue
-        words = set(_list_texts(table, column))
+        texts = _list_texts(table, column)
+        words = set(texts)
+        if not 1 < len(words) <= _MOST_CODES or not _are_texts(list(words)):
+            continue
         are_states = all(_read_state_word(word, options.state_words) is not None for word in words)
-        if are_states and 1 < len(words) <= _MOST_CODES and _are_texts(list(words)):
+        # Next to a load such as `100 kg`, another word means no load.
+        has_load = len(words) == 2 and any(find_load(word) for word in words)
+        if are_states or (has_load and len(_list_state_words(texts, options.state_words)) == 2):
             return column
     return None
 

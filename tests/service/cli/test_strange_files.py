@@ -241,7 +241,7 @@ def test_states_that_only_their_order_gives_must_agree_with_the_force():
     rows = [row[1:] for row in wide(campaign, places(campaign, 0, 1), places(campaign))]
     files = {"a.txt": table([], rows, " ")}
     assert_said(refused(line(files, ARMS[1])), "but the targets then move against `--force`", "`--header`")
-    headers = ";".join([*JOINTS, *(f"{axis} {state}" for state in ("mit", "ohne") for axis in "XYZ")])
+    headers = ";".join([*JOINTS, *(f"{axis}_{state}" for state in ("mit", "ohne") for axis in "XYZ")])
     typed(line(files, ARMS[1], f"{FORCE} --header '{headers}'"))
     assert judge(campaign, read_set()) == []
 
