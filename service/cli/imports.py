@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.meaning import TableMeaning
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.importing.reading import SourceFile
-    from jointstiff.service.resources.proposals import ProposedImport
+    from jointstiff.service.resources.proposals import NoProposal, ProposedImport
     from jointstiff.service.tables.table import Line, Part, Table
     from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 
@@ -285,7 +285,7 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
     robot = None if values["robot"] is None else read_robot(values["robot"], "--robot")
     stated = _StatedReadings(_read_sources(files), options, robot, meaning)
     readings = _find_meaning(stated, may_ask=may_ask, yes=values["yes"])
-    imported = _read_with_robot(readings, may_ask=may_ask)
+    imported = _read_with_robot(readings, may_ask=may_ask).show_files(readings.previews)
     imported = imported.add_payload(values["payload"])
     imported = imported.add_notes(notes, grounds, may_ask=may_ask)
     _print_answer(imported.answer, as_json=values["as_json"])
@@ -298,6 +298,12 @@ class _Imported:
 
     answer: ImportAnswer
     robot: RobotDocument | None  # None if the robot is not known
+
+    def show_files(self, previews: Sequence[FilePreview]) -> _Imported:
+        """Return the readings with the previews of the files that a proposal explains, if there are any."""
+        if not previews:
+            return self
+        return replace(self, answer=self.answer.model_copy(update={"files": list(previews)}))
 
     def add_payload(self, payload: float | None) -> _Imported:
         """Return the readings of the robot with a payload [kg], and with the masses that the files state.
@@ -476,16 +482,21 @@ class _StatedReadings:
     options: Options
     robot: RobotDocument | None
     meaning: TableMeaning | None = None  # of columns that names do not explain
+    previews: Sequence[FilePreview] = ()  # of files that a proposal explains, as they are written
+    statements: Options | None = None  # about columns of these files, for a template
 
     def replace_by_proposal(self, proposed: ProposedImport) -> _StatedReadings:
         """Return the table that a proposal makes of the files, with the robot whose kinematics explains it.
 
         Options about columns are left out, because the columns of the table are understood.
         """
+        from jointstiff.service.resources.proposals import OPTIONS_OF_FILES  # imports numpy
+
         left = proposed.request.model_dump(mode="json", include=set(self.options) | {"units"})
         kept = {name: value for name, value in left.items() if name not in ("columns", "show_faults")}
         robot = self.robot or _read_arm(proposed.known.name)
-        return _StatedReadings([proposed.table], kept, robot, proposed.meaning)
+        statements: Options = {name: self.options[name] for name in OPTIONS_OF_FILES if name in self.options}
+        return _StatedReadings(proposed.files, kept, robot, proposed.meaning, proposed.previews, statements)
 
 
 def _find_meaning(readings: _StatedReadings, *, may_ask: bool, yes: bool) -> _StatedReadings:
@@ -512,7 +523,7 @@ def _find_meaning(readings: _StatedReadings, *, may_ask: bool, yes: bool) -> _St
 
     proposed = propose_import(readings.sources, request, robots, readings.meaning)
     if isinstance(proposed, NoProposal):
-        _report_no_proposal(proposed.reason, readings, yes=yes)
+        _report_no_proposal(proposed, readings, yes=yes)
         return readings
     if has_meaning or _is_accepted(proposed, may_ask=may_ask, yes=yes):
         return readings.replace_by_proposal(proposed)
@@ -532,19 +543,22 @@ def _lacks_meaning(sources: Sequence[SourceFile], request: ImportRequest, robot:
     return has_faults and lack_meaning(sources, request, robot)
 
 
-def _report_no_proposal(reason: str, readings: _StatedReadings, *, yes: bool) -> None:
+def _report_no_proposal(lacking: NoProposal, readings: _StatedReadings, *, yes: bool) -> None:
     """Print why the robot's kinematics explains no columns, if a person has reason to expect a proposal.
 
     Raises:
-        typer.Exit: the files do not have the meaning that a template states.
+        typer.Exit: the files do not have the meaning that a template states; or the robot explains some of
+            the columns, and a person has to state the others.
     """
     if readings.meaning is not None:
         raise cli.print_failure(
-            f"the files do not fit the template: {_name_options(reason)}",
+            f"the files do not fit the template: {_name_options(lacking.reason)}",
             "import files of the same form, or leave out --template",
         )
+    if lacking.remedy and (yes or readings.robot is not None):
+        raise cli.print_failure(_name_options(lacking.reason), _name_options(lacking.remedy))
     if yes or readings.robot is not None:
-        typer.echo(f"no proposal: {_name_options(reason)}", err=True)
+        typer.echo(f"no proposal: {_name_options(lacking.reason)}", err=True)
 
 
 def _is_accepted(proposed: ProposedImport, *, may_ask: bool, yes: bool) -> bool:
@@ -770,7 +784,8 @@ def _build_template(template: ImportRequest, readings: _StatedReadings) -> Impor
     fields = template.model_dump(mode="json", exclude_defaults=True, exclude=set(OPTIONS_OF_COLUMNS))
     if template.units is not None:
         fields["units"] = template.units.model_dump(include={"force", "moment"})
-    return ImportTemplate(**fields, meaning=readings.meaning)
+    statements = _split_typed_header(readings.statements or {}, readings.sources)
+    return ImportTemplate(**{**fields, **statements, "meaning": readings.meaning})
 
 
 def _write_template(
@@ -1115,7 +1130,8 @@ def _describe_format(file: FilePreview) -> str:
         kind = {"xlsx": "Excel", "mat": "MATLAB", "hdf5": "HDF5", "parquet": "Parquet"}[file.format]
         place = f", {'sheet' if file.format == 'xlsx' else 'group'} {file.sheet!r}" if file.sheet else ""
         return f"{kind}{place}, {rows}"
-    return f"{file.encoding}, {file.delimiter} between cells, decimal {file.decimal_mark}, {rows}"
+    cells = f"{file.delimiter} between cells, " if file.delimiter else ""
+    return f"{file.encoding}, {cells}decimal {file.decimal_mark}, {rows}"
 
 
 def _make_first_lines(texts: list[str], lead: str, style: Any = "dim") -> Iterator[Line]:  # noqa: ANN401 - a style

@@ -6,8 +6,16 @@ reading      files to readings: the way through; rows of all files put together 
 │   └── header > grammar   where the header is, and what its columns mean, by their words
 └── grid     rows of cells, of delimited text
     ├── joint_positions   of a robot program
+    ├── point_reports, key_values   of points, and of numbers behind their names
+    ├── json_rows   of objects
+    ├── axis_rows   of points whose axes have a row each, joined
+    ├── blocks, transposed   of several blocks, or of columns of postures, for the robot's proposal
     ├── excel    of workbooks
     └── arrays > libraries   of MATLAB, HDF5 and Parquet, in a process of its own (child)
+
+For the robot's proposal, `numbers` reads tables of numbers, `joining` puts their rows in one order by
+`row_names`, `lengths` and `deflections` convert numbers, `naming` names positions, and `rewriting` writes the
+table to import.
 
 `expansion` expands files of xacro, in such a process, too.
 `limits` has the greatest sizes of tables, for all of these.

@@ -58,6 +58,7 @@ _ADDED: Final = "plus"
 _ALONG: Final = "along"
 """With x, y or z: a displacement along that axis of R0, read by a dial gauge."""
 _CERTAIN_STATES: Final = frozenset(_WORD_LISTS["certain"])
+_PLANNED: Final = frozenset(_WORD_LISTS["planned"])
 _NEGATIONS: Final = frozenset(_WORD_LISTS["negations"])
 _NO_LETTERS: Final = re.compile(r"[\W_]+")
 _KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
@@ -298,6 +299,24 @@ def _name_statistic(text: str) -> str:
     return " ".join(re.sub(r"\([^()]*\)|[.:*-]", " ", fold_word(text)).split())
 
 
+def _name_joint_of_maker(name: str) -> str:
+    """Return the name of a joint without words that say no more: `S-axis` gives `s`, `wrist1` `wrist 1`."""
+    spaced = re.sub(r"(?<=[^\W\d])(?=\d)", " ", fold_word(name).replace("-", " "))
+    others = {*_WORD_LISTS["joints"], *_WORD_LISTS["angles"]}
+    words = spaced.split()
+    kept = [word for word in words if word not in others]
+    return " ".join(kept or words)
+
+
+def is_planned(header: str) -> bool:
+    """Return whether a header names a coordinate that was not measured, such as `X nominal` or `Zsoll`."""
+    name = fold_word(split_unit(header)[0])
+    words = [word.strip(".") for word in name.split()]
+    joined = [word[1:] for word in words if word[:1] in "xyz"]
+    has_axis = any(_COORDINATE.fullmatch(word) for word in words) or any(joined)
+    return has_axis and not _PLANNED.isdisjoint([*words, *joined])
+
+
 def is_joint(text: str) -> bool:
     """Return whether a text is a word for a joint without the joint's number."""
     return fold_word(split_unit(text)[0]) in _WORD_LISTS["joints"]
@@ -530,6 +549,14 @@ class Vocabulary:
         self._ignored = options.ignore
         self.stated = {collapse_blanks(text): meaning for text, meaning in options.columns.items()}
 
+    def add_joints_of_makers(self, headers: Iterable[str]) -> None:
+        """Know the names of a maker for the joints, such as S L U R B T, if a table has all of them."""
+        names = [split_unit(header)[0] for header in headers]
+        name_of_joint = {_name_joint_of_maker(name): fold_word(name) for name in names}
+        for joints in _WORDS["makers"].values():
+            if name_of_joint.keys() >= set(joints):
+                self._joints.update({name_of_joint[joint]: number for number, joint in enumerate(joints)})
+
     def meaning(self, header: str, *, guessed: bool) -> Meaning:
         """Return the meaning of a header: as the caller states it, else as the grammar understands it.
 
@@ -539,7 +566,7 @@ class Vocabulary:
             ImportFileError: the header is not understood, or its unit differs from the stated one.
         """
         text = collapse_blanks(header)
-        if self._is_ignored(text):
+        if self.is_ignored(text):
             return Meaning(Quantity("ignored"))
         stated = self.stated.get(text)
         meaning = self._parse(header if stated is None else _add_unit_of_mass(header, stated))
@@ -554,16 +581,20 @@ class Vocabulary:
         A header that the caller ignores or gives a meaning is known, and returned as `ignored`.
         """
         text = collapse_blanks(header)
-        if self._is_ignored(text) or text in self.stated or fold_word(split_unit(header)[0]) == "q0":
+        if self.is_ignored(text) or text in self.stated or fold_word(split_unit(header)[0]) == "q0":
             return Meaning(Quantity("ignored"))
         try:
             return self._parse(header)
         except ImportFileError:
             return None
 
-    def _is_ignored(self, text: str) -> bool:
+    def is_ignored(self, header: str) -> bool:
         """Return whether the caller ignores a header."""
-        return any(fits_header(pattern, text) for pattern in self._ignored)
+        return any(fits_header(pattern, header) for pattern in self._ignored)
+
+    def is_stated(self, header: str) -> bool:
+        """Return whether the caller states the meaning of a header."""
+        return collapse_blanks(header) in self.stated
 
     def _parse(self, header: str) -> Meaning:
         """Return the meaning of a header by the grammar, or of a joint by its name.

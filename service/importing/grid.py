@@ -20,6 +20,7 @@ from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import lacks_number
 from jointstiff.service.importing.joint_positions import JointPosition, read_joint_positions
+from jointstiff.service.importing.key_values import KeyedRecords, read_key_values
 from jointstiff.service.importing.point_reports import PointReport, read_point_report
 
 # ---- limits: files are hostile until parsed
@@ -248,13 +249,15 @@ _UTF8_SEQUENCE: Final = re.compile(
 )
 _CONTROL: Final = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ufeff\ufffe\uffff]")
 
-_Line = tuple[int, str]
+NumberedLine = tuple[int, str]
+"""Number of a line, from 1, and its text."""
 
 
 def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     """Decode a text file and split it into cells; find the delimiter from the lines if `delimiter` is None.
 
-    A robot program with joint positions, or a report of measured points, is read as a table of these.
+    A robot program with joint positions, a report of measured points, or records of named numbers are read as
+    a table of these.
 
     Raises:
         ImportFileError: the file is not plain text, has no row, or its delimiter is ambiguous.
@@ -264,12 +267,14 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
         return _build_grid_of_positions(file, encoding, positions)
     if report := read_point_report(file, text):
         return _build_grid_of_points(file, encoding, text, report)
+    if records := read_key_values(text):
+        return _build_grid_of_records(file, encoding, records)
     return _read_table(file, text, encoding, delimiter)
 
 
 def _read_table(file: str, text: str, encoding: str, delimiter: Delimiter | None) -> Grid:
     """Split the lines of a text into cells, and set comments aside."""
-    lines: list[_Line] = []
+    lines: list[NumberedLine] = []
     comments: list[Remark] = []
     for number, line in enumerate(_LINE_END.split(text), start=1):
         stripped = line.strip(" \t")
@@ -278,7 +283,7 @@ def _read_table(file: str, text: str, encoding: str, delimiter: Delimiter | None
         elif stripped:
             lines.append((number, line))
     if delimiter is None and lines:
-        delimiter = _find_delimiter(file, lines)
+        delimiter = find_delimiter(file, lines)
     rows = [row for row in _split_lines(file, lines, delimiter or "comma") if any(row.cells)]
     if not rows:
         raise no_rows_error(file)
@@ -340,6 +345,26 @@ def _build_grid_of_points(file: str, encoding: str, text: str, report: PointRepo
     return Grid(preview, (header, *rows), has_final_line_break=text.endswith(("\n", "\r")))
 
 
+def _build_grid_of_records(file: str, encoding: str, records: KeyedRecords) -> Grid:
+    """Return records of named numbers as a table with a header.
+
+    Raises:
+        ImportFileError: a text is too long, or there are too many of them.
+    """
+    rows = [Row(line, tuple(map(write_ascii_minus, texts))) for line, texts in records.rows]
+    if len(rows) > limits.MAX_ROWS or len(rows) * len(records.headers) > limits.MAX_CELLS:
+        raise too_large_error(file, rows[-1].line)
+    for row in rows:
+        for cell in row.cells:
+            if len(cell) > limits.MAX_CELL_LENGTH:
+                reason = f"a text has more than {limits.MAX_CELL_LENGTH} characters: {quote(cell)}"
+                raise ImportFileError(Place(file, row.line), reason, "shorten the text")
+    note = f"{len(rows)} records of named numbers were read as rows"
+    preview = FilePreview(file=file, format="text", encoding=encoding, assumptions=[note])
+    remarks = tuple(Remark(line, text) for line, text in records.remarks)
+    return Grid(preview, (Row(1, records.headers), *rows), remarks)
+
+
 def decode(file: str, content: bytes) -> tuple[str, str]:
     """Return the text of a file, and the name of its encoding.
 
@@ -371,7 +396,7 @@ def decode(file: str, content: bytes) -> tuple[str, str]:
     return text, encoding or "utf-8"
 
 
-def _find_delimiter(file: str, lines: Sequence[_Line]) -> Delimiter:
+def find_delimiter(file: str, lines: Sequence[NumberedLine]) -> Delimiter:
     """Find the delimiter: tab or semicolon if most of the last lines have one, else comma or whitespace.
 
     Raises:
@@ -400,7 +425,7 @@ def _have_most(lines: Sequence[str], character: str) -> bool:
     return 2 * sum(character in line for line in lines) > len(lines)
 
 
-def _can_be_split_by_commas(file: str, lines: Sequence[_Line]) -> bool:
+def _can_be_split_by_commas(file: str, lines: Sequence[NumberedLine]) -> bool:
     """Return whether commas split lines into rows of equal length, without a cell of several numbers.
 
     The first row may be a header, whose names may contain numbers and blanks.
@@ -410,14 +435,16 @@ def _can_be_split_by_commas(file: str, lines: Sequence[_Line]) -> bool:
     return bool(rows) and not any(_NUMBERS_IN_A_CELL.search(cell) for cell in cells)
 
 
-def _can_be_split_by_blanks(file: str, lines: Sequence[_Line]) -> bool:
+def _can_be_split_by_blanks(file: str, lines: Sequence[NumberedLine]) -> bool:
     """Return whether blanks split lines into rows of equal length, with commas only inside of numbers."""
     rows = _split_into_equal_rows(file, lines, "whitespace")
     cells = (cell for row in rows for cell in row)
     return bool(rows) and not any(_COMMA_NOT_IN_A_NUMBER.search(cell) for cell in cells)
 
 
-def _split_into_equal_rows(file: str, lines: Sequence[_Line], delimiter: Delimiter) -> list[tuple[str, ...]]:
+def _split_into_equal_rows(
+    file: str, lines: Sequence[NumberedLine], delimiter: Delimiter
+) -> list[tuple[str, ...]]:
     """Split lines at a delimiter; return the rows of cells below the titles, or [] if their lengths differ.
 
     Each row must have two cells at least; up to 20 lines of titles may come before the rows.
@@ -434,7 +461,7 @@ def _split_into_equal_rows(file: str, lines: Sequence[_Line], delimiter: Delimit
     return rows[first_row:] if have_equal_lengths and width > 1 else []
 
 
-def _split_lines(file: str, lines: Iterable[_Line], delimiter: Delimiter) -> Iterator[Row]:
+def _split_lines(file: str, lines: Iterable[NumberedLine], delimiter: Delimiter) -> Iterator[Row]:
     """Yield the row of cells of each line, in the order of the lines.
 
     Raises:
@@ -445,14 +472,14 @@ def _split_lines(file: str, lines: Iterable[_Line], delimiter: Delimiter) -> Ite
         if index == limits.MAX_ROWS:
             reason = f"the file has more than {limits.MAX_ROWS} rows"
             raise ImportFileError(Place(file, number), reason, "split the file")
-        row = _split_line(file, number, text, delimiter)
+        row = split_line(file, number, text, delimiter)
         cell_count += len(row.cells) if any(row.cells) else 0
         if len(row.cells) > limits.MAX_COLUMNS or cell_count > limits.MAX_CELLS:
             raise too_large_error(file, number)
         yield row
 
 
-def _split_line(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
+def split_line(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
     """Split one line into cells without blanks at their ends; cells may be in quotation marks.
 
     Raises:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import PurePath
 from typing import Final
@@ -14,7 +15,7 @@ import numpy as np
 
 from jointstiff.schemas.imports import DecimalMark, ImportOptions
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.grammar import Meaning, Vocabulary, is_statistic
+from jointstiff.service.importing.grammar import Meaning, Quantity, Vocabulary, is_planned, is_statistic
 from jointstiff.service.importing.grid import (
     Grid,
     Row,
@@ -25,12 +26,18 @@ from jointstiff.service.importing.grid import (
     read_number,
     remove_thousands_separators,
 )
+from jointstiff.service.importing.header import find_heading
 from jointstiff.service.importing.masses import is_mass_table
 from jointstiff.service.importing.reading import SourceFile, read_grids
+from jointstiff.service.importing.row_key import RowName
+from jointstiff.service.importing.transposed import turn_table
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.table import Table
 
 _LEAST_NUMBERS: Final = 3
 """Numbers of a row of data, at least."""
+_DIGITS: Final = 9
+"""Digits behind the decimal mark of computed numbers."""
 _OTHER_KINDS: Final = frozenset(("force", "moment", "load point", "mass", "along", "uncertainty"))
 """Kinds of columns that are neither joints nor positions."""
 
@@ -45,6 +52,10 @@ class NumberTable:
     rows: tuple[Row, ...]  # rows of data
     mark: DecimalMark
     table: Table  # the numbers
+    stated: frozenset[int] = frozenset()  # columns whose meaning the caller states
+    ignored: frozenset[int] = frozenset()  # columns that the caller ignores
+    turn: tuple[RowName, ...] = ()  # names of the rows of a posture, which follow each other; () if unknown
+    labels: tuple[str, ...] = ()  # names of the postures, in the order of the rows; () without names
 
     @property
     def name(self) -> str:
@@ -56,31 +67,72 @@ class NumberTable:
         """Name of the file without its extension."""
         return PurePath(self.grid.file).stem
 
+    @property
+    def title(self) -> str:
+        """Name of the file without its extension, and of the sheet, which may say state and load."""
+        return f"{self.stem} {self.grid.preview.sheet or ''}".strip()
+
+    def replace_numbers(self, numbers_of_column: Mapping[int, FloatArray]) -> NumberTable:
+        """Return the table with other numbers (N,) in some columns."""
+        numbers = self.table.numbers.copy()
+        for column, values in numbers_of_column.items():
+            numbers[:, column] = values
+        rows = []
+        for row, values in zip(self.rows, numbers, strict=True):
+            cells = list(row.cells)
+            for column in numbers_of_column:
+                cells[column] = _write_number(float(values[column]), self.mark)
+            rows.append(replace(row, cells=tuple(cells)))
+        return replace(self, rows=tuple(rows), table=replace(self.table, numbers=numbers))
+
+    def scale(self, columns: Collection[int], factor: float, unit: str) -> NumberTable:
+        """Return the table with the numbers of some columns multiplied by a factor, and in another unit."""
+        meanings = [
+            replace(meaning, unit=unit) if meaning is not None and column in columns else meaning
+            for column, meaning in enumerate(self.meanings)
+        ]
+        scaled = {column: factor * self.table.numbers[:, column] for column in columns}
+        return replace(self.replace_numbers(scaled), meanings=tuple(meanings))
+
     def find_column(self, kind: str) -> int | None:
         """Return the first column of a kind, such as `name`; None without one."""
         columns = (c for c, meaning in enumerate(self.meanings) if meaning and meaning.kind == kind)
         return next(columns, None)
 
 
+@dataclass(frozen=True)
+class NumberFiles:
+    """Tables of numbers of files, and the files that have none."""
+
+    tables: tuple[NumberTable, ...]
+    masses: tuple[SourceFile, ...]  # files with the masses of the robot's bodies
+    without: tuple[str, ...]  # names of files without a row of numbers
+
+
 def read_number_tables(
     files: Sequence[SourceFile], options: ImportOptions, joints: Sequence[str]
-) -> list[NumberTable]:
-    """Read the tables of numbers of all files; tables of masses or without rows of numbers are left out.
+) -> NumberFiles:
+    """Read the tables of numbers of all files.
 
     `joints` are the names of the robot's joints, which columns may have.
 
     Raises:
         ImportFileError: a file is no table, or its numbers are ambiguous.
     """
-    tables = []
+    tables, masses, without = list[NumberTable](), list[SourceFile](), list[str]()
     for file in files:
-        grids = read_grids(file, options, every_length=True)
-        for grid in grids:
-            if not is_mass_table(grid) and any(_is_data(row) for row in grid.rows):
-                sheet = grid.preview.sheet if len(grids) > 1 else None
-                name = f"{grid.file}, {sheet}" if sheet else grid.file
-                tables.append(_read_table(grid, name, options, joints))
-    return tables
+        words = Vocabulary(options, joints)
+        grids = [turn_table(grid, words) for grid in read_grids(file, options, every_length=True)]
+        with_numbers = [grid for grid in grids if not is_mass_table(grid) and any(map(_is_data, grid.rows))]
+        for grid in with_numbers:
+            sheet = grid.preview.sheet if len(grids) > 1 else None
+            name = f"{grid.file}, {sheet}" if sheet else grid.file
+            tables.append(_read_table(grid, name, options, joints))
+        if any(map(is_mass_table, grids)):
+            masses.append(file)
+        elif not with_numbers:
+            without.append(file.name)
+    return NumberFiles(tuple(tables), tuple(masses), tuple(without))
 
 
 def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[str]) -> NumberTable:
@@ -89,10 +141,13 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     Raises:
         ImportFileError: the decimal mark of the table is ambiguous.
     """
-    data = [index for index, row in enumerate(grid.rows) if _is_data(row)]
+    words = Vocabulary(options, joints)
+    start = _find_start(grid, words, options)
+    data = [index for index, row in enumerate(grid.rows) if index >= start and _is_data(row)]
     width = Counter(len(grid.rows[index].cells) for index in data).most_common(1)[0][0]
     rows = tuple(grid.rows[index] for index in data if len(grid.rows[index].cells) == width)
-    headers = _find_headers(grid, data[0], width)
+    headers = _find_headers(grid, words, options, data[0], width)
+    words.add_joints_of_makers(headers)
     columns = [c for c in range(width) if any(looks_like_a_number(row.cells[c]) for row in rows)]
     is_separated = grid.preview.format != "text" or has_separated_thousands(rows, columns)
     mark, _ = decide_decimal_mark(
@@ -100,11 +155,29 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     )
     read = partial(_read_cell, mark=mark, are_thousands_separated=is_separated)
     numbers = np.array([[read(cell) for cell in row.cells] for row in rows])
-    meanings = _find_meanings(headers, Vocabulary(options, joints))
+    meanings = _find_meanings(headers, words)
+    ignored = frozenset(column for column, header in enumerate(headers) if words.is_ignored(header))
+    stated = frozenset(column for column, header in enumerate(headers) if words.is_stated(header)) - ignored
     named_joints = _list_joint_columns(meanings)
     known_joints = named_joints if len(named_joints) == len(joints) else ()
-    table = Table(name, numbers, known_joints, _find_other_columns(meanings))
-    return NumberTable(grid, headers, meanings, rows, mark, table)
+    planned = {column for column, header in enumerate(headers) if is_planned(header)} - stated
+    others = _find_other_columns(meanings) | ignored | planned
+    points = _list_stated_points(meanings, stated)
+    table = Table(name, numbers, known_joints, others, points)
+    return NumberTable(grid, headers, meanings, rows, mark, table, stated, ignored)
+
+
+def _list_stated_points(
+    meanings: Sequence[Meaning | None], stated: Collection[int]
+) -> tuple[tuple[int, int, int], ...]:
+    """Return the columns of x, y and z of each target and state that the caller states."""
+    columns_of_quantity: dict[Quantity, dict[int, int]] = {}
+    for column in stated:
+        meaning = meanings[column]
+        if meaning is not None and meaning.kind == "position" and meaning.axis is not None:
+            columns_of_quantity.setdefault(meaning.quantity, {})[meaning.axis] = column
+    complete = [columns for columns in columns_of_quantity.values() if len(columns) == 3]
+    return tuple((columns[0], columns[1], columns[2]) for columns in complete)
 
 
 def _list_joint_columns(meanings: Sequence[Meaning | None]) -> tuple[int, ...]:
@@ -131,16 +204,65 @@ def _is_data(row: Row) -> bool:
     return count_numbers(row) >= _LEAST_NUMBERS and not is_statistic(first_filled)
 
 
-def _find_headers(grid: Grid, first: int, width: int) -> tuple[str, ...]:
-    """Return the header in the row above the first row of data; empty texts without a header."""
+def _find_start(grid: Grid, words: Vocabulary, options: ImportOptions) -> int:
+    """Return the index of the row below a header that is known as a whole; 0 without such a header.
+
+    The last row of a header may have numbers, such as those of joints.
+    """
+    with suppress(ImportFileError):
+        heading = find_heading(grid, words, options)
+        texts = [text for text in heading.texts if text]
+        is_known = bool(texts) and words.count_known(texts) == len(texts)
+        has_data = any(map(_is_data, grid.rows[heading.start :]))
+        if heading.lines and is_known and has_data:
+            return heading.start
+    return 0
+
+
+def _find_headers(
+    grid: Grid, words: Vocabulary, options: ImportOptions, first: int, width: int
+) -> tuple[str, ...]:
+    """Return the header above the first row of data, or the one that the caller states.
+
+    A header of several rows is combined, if that gives a header for each column. Without a header, the texts
+    are empty.
+    """
+    with suppress(ImportFileError):
+        heading = find_heading(grid, words, options)
+        is_above_data = heading.start == first or not heading.lines
+        if is_above_data and not heading.columns_are_assumed and len(heading.texts) == width:
+            return heading.texts
+    if options.header is not None and len(options.header) == width:
+        return tuple(options.header)
     if first > 0 and len(grid.rows[first - 1].cells) == width:
         return grid.rows[first - 1].cells
     return ("",) * width
 
 
 def _find_meanings(headers: Sequence[str], words: Vocabulary) -> tuple[Meaning | None, ...]:
-    """Return the meanings of headers by their names; None for an empty or unknown header."""
-    return tuple(words.find(header) if header else None for header in headers)
+    """Return the meanings of headers: as the caller states them, or by their names; None if unknown.
+
+    Raises:
+        ImportFileError: a stated meaning is not understood.
+    """
+    return tuple(_find_meaning(header, words) for header in headers)
+
+
+def _find_meaning(header: str, words: Vocabulary) -> Meaning | None:
+    """Return the meaning of a header; None for an empty or unknown header.
+
+    Raises:
+        ImportFileError: a stated meaning is not understood.
+    """
+    if not header:
+        return None
+    return words.meaning(header, guessed=False) if words.is_stated(header) else words.find(header)
+
+
+def _write_number(number: float, mark: DecimalMark) -> str:
+    """Return the text of a number with a decimal mark; empty for NaN."""
+    text = "" if math.isnan(number) else repr(round(number, _DIGITS))
+    return text.replace(".", ",") if mark == "comma" else text
 
 
 def _read_cell(cell: str, mark: DecimalMark, *, are_thousands_separated: bool) -> float:

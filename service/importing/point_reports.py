@@ -38,6 +38,7 @@ _TRIPLE: Final = re.compile(
     r"\s*(\S{1,64}?)[\s,;:]+X\s*[=:]?\s*(\S{1,40}?)[\s,;]+Y\s*[=:]?\s*(\S{1,40}?)[\s,;]+Z\s*[=:]?\s*(\S{1,40}?)[\s,;]*",
     re.IGNORECASE,
 )
+_DIGIT: Final = re.compile(r"\d")
 
 
 @dataclass(frozen=True)
@@ -173,7 +174,7 @@ def _read_triples(file: str, lines: Sequence[str]) -> PointReport | None:
     points = [
         ReportedPoint(number, match[1], (match[2], match[3], match[4]))
         for number, match in found.items()
-        if match
+        if match and all(map(_DIGIT.search, match.groups()[1:]))
     ]
     if len(points) < _LEAST_POINTS:
         return None

@@ -28,6 +28,8 @@ from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing import grid
 from jointstiff.service.importing.arrays import build_grids_of_matrices, read_arrays
+from jointstiff.service.importing.axis_rows import join_axis_rows
+from jointstiff.service.importing.blocks import read_blocks
 from jointstiff.service.importing.certificates import read_certificate
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.excel import read_workbook, split_sheets
@@ -42,6 +44,7 @@ from jointstiff.service.importing.grammar import (
 )
 from jointstiff.service.importing.grid import Grid, decode, file_type, read_text
 from jointstiff.service.importing.header import Columns
+from jointstiff.service.importing.json_rows import read_json_rows
 from jointstiff.service.importing.layout import Layout, understand_table
 from jointstiff.service.importing.masses import is_mass_table, read_mass_table
 from jointstiff.service.importing.matrices import Matrix, find_matrices
@@ -479,20 +482,40 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
     if not file.content.strip():
         raise ImportFileError(Place(file.name), "the file is empty", "export the file again")
     kind = file_type(file.content, file.name)
-    if kind == grid.WORKBOOK:
-        sheets = split_sheets(options.sheet)
-        return [read_workbook(file.name, file.content, sheet) for sheet in sheets]
     if kind is not None and kind in grid.ARRAYS:
         sheets = split_sheets(options.sheet)
         return read_arrays(file.name, file.content, grid.ARRAYS[kind], sheets, every_length=every_length)
     if kind == grid.CERTIFICATE:
         return read_certificate(file.name, file.content)
+    if kind == grid.WORKBOOK:
+        sheets = split_sheets(options.sheet)
+        grids = [read_workbook(file.name, file.content, sheet) for sheet in sheets]
+    else:
+        grids = _read_text_grids(file, kind, options, every_length=every_length)
+    return [join_axis_rows(each) for each in grids]
+
+
+def _read_text_grids(
+    file: SourceFile, kind: str | None, options: ImportOptions, *, every_length: bool
+) -> list[Grid]:
+    """Read a text file, whose type may be JSON, as rows of cells; arguments as of `read_grids`.
+
+    Raises:
+        ImportFileError: the file is of another type, or cannot be read.
+    """
     is_text = kind in (None, grid.JSON)  # a matrix without a name begins as a list of JSON does
+    rows_of_json = read_json_rows(file.name, file.content) if kind == grid.JSON else None
+    if rows_of_json is not None:
+        return [rows_of_json]
     matrices = _find_matrices(file) if is_text else []
     if every_length and matrices:
         return build_grids_of_matrices(file.name, matrices)
     if kind is not None:
         raise _build_type_error(file, kind)
+    if every_length:
+        blocks = read_blocks(file.name, file.content, options.delimiter)
+        if blocks:
+            return blocks
     return [read_text(file.name, file.content, options.delimiter)]
 
 

@@ -4,117 +4,114 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.imports import State
-from jointstiff.service.importing.grammar import Meaning, find_state_in_name
+from jointstiff.service.importing.grammar import Meaning
 from jointstiff.service.importing.grid import remove_thousands_separators
+from jointstiff.service.importing.naming import NamedReading
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.meaning.proposal import Proposal, TargetReading
+from jointstiff.solver.meaning.proposal import Proposal
 
-_STATES: Final[tuple[State, ...]] = ("unloaded", "loaded", "unloaded_after")
-"""States of a target in the order of its positions, if no name says more."""
-_KEPT_KINDS: Final = frozenset(("force", "moment", "load point", "mass", "validation", "time"))
+KEPT_KINDS: Final = frozenset(("force", "moment", "load point", "mass", "validation", "time"))
 """Kinds of columns of the table of joints that are kept."""
 _DIGITS: Final = 9
 
 
 @dataclass(frozen=True)
-class NamedReading:
-    """Positions of a proposal with the target and the state that they are imported as."""
+class _LoadCase:
+    """Readings of all postures under one load, which are a row of the written table for each posture."""
 
-    reading: TargetReading
-    target: str
-    state: State
+    readings: Sequence[NamedReading]
+    mass: float | None  # of the load [kg]; None if no name states it
+    load: str  # in words; empty if no name states it
+    row: int  # row of each posture of the table of joints that has the force
+    is_only_one: bool  # whether no other load was read
 
-
-def name_readings(
-    proposal: Proposal, tables: Sequence[NumberTable], state_words: Mapping[str, State]
-) -> list[NamedReading]:
-    """Name targets and states: by the headers, by the names of files, else by the order of the columns.
-
-    Names are used only if no two readings get the same target and state.
-    """
-    table_of_name = {table.name: table for table in tables}
-    by_headers = list[NamedReading]()
-    by_files = list[NamedReading]()
-    by_order = list[NamedReading]()
-    for reading in proposal.readings:
-        table = table_of_name[reading.points.table]
-        named = _name_by_header(reading, table, state_words)
-        by_headers += [] if named is None else [named]
-        state = _STATES[reading.state] if reading.state < len(_STATES) else "loaded"
-        by_order.append(NamedReading(reading, f"T{reading.target}", state))
-        state_of_file = _find_state(table, state_words)
-        by_files.append(NamedReading(reading, f"T{reading.target}", state_of_file or state))
-    if len(by_headers) == len(proposal.readings) and _are_distinct(by_headers):
-        return by_headers
-    return by_files if _are_distinct(by_files) else by_order
-
-
-def _are_distinct(readings: Sequence[NamedReading]) -> bool:
-    """Return whether no two readings have the same target and state."""
-    return len({(each.target, each.state) for each in readings}) == len(readings)
-
-
-def _name_by_header(
-    reading: TargetReading, table: NumberTable, state_words: Mapping[str, State]
-) -> NamedReading | None:
-    """Return the target and state that the headers of three columns name; None if they do not."""
-    meanings = [table.meanings[column] for column in reading.points.columns]
-    if reading.points.groups.count > 1 or any(each is None for each in meanings):
-        return None
-    named = {(each.kind, each.quantity.target, each.quantity.state) for each in meanings if each}
-    axes = [each.axis for each in meanings if each]
-    if len(named) != 1 or axes != [0, 1, 2]:
-        return None
-    kind, target, state = named.pop()
-    state = state or _find_state(table, state_words)
-    if kind != "position" or state is None:
-        return None
-    return NamedReading(reading, target or "T1", state)
-
-
-def _find_state(table: NumberTable, state_words: Mapping[str, State]) -> State | None:
-    """Return the state that the name of a table's file has; None without one."""
-    return find_state_in_name(table.stem, state_words)
+    @property
+    def suffix(self) -> str:
+        """Words behind the label of an observation; empty if there is one load only."""
+        return "" if self.is_only_one or not self.load else f" {self.load}"
 
 
 def write_readings(
-    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable]
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], *, with_masses: bool
 ) -> SourceFile:
-    """Write a table with a row for each posture, with the columns that the import understands.
+    """Write a table with a row for each posture and load, with the columns that the import understands.
 
     Numbers are copied as they are written. Positions in another frame than R0 are turned into R0. Positions
-    in cm, and joints that are counted otherwise, are converted.
+    in cm, and joints that are counted otherwise, are converted. With `with_masses`, loads that names state
+    are the masses that hang at the load point.
     """
-    by_name = {table.name: table for table in tables}
-    joints = by_name[proposal.joints.table]
-    columns = [_write_labels(proposal, joints), *_write_joints(proposal, joints)]
-    columns += _keep_columns(proposal, joints)
-    for each in named:
-        columns += _write_positions(proposal, each, by_name[each.reading.points.table])
+    cases = [
+        {head: cells for head, *cells in _write_case(proposal, case, tables, with_masses=with_masses)}
+        for case in _list_cases(proposal, named)
+    ]
+    headers = list(dict.fromkeys(head for columns in cases for head in columns))
     text = io.StringIO()
     writer = csv.writer(text, delimiter=";", lineterminator="\n")
-    writer.writerows(zip(*columns, strict=True))
+    writer.writerow(headers)
+    for columns in cases:
+        empty = [""] * len(columns["label"])  # for a target that was not read under this load
+        writer.writerows(zip(*(columns.get(head, empty) for head in headers), strict=True))
     return SourceFile(tables[0].grid.file, text.getvalue().encode())
 
 
-def _pick_rows(proposal: Proposal, table: NumberTable) -> list[int]:
-    """Return the first row of each posture of the table of joints."""
+def list_masses(named: Sequence[NamedReading]) -> list[float | None]:
+    """Return the different loads [kg] of the readings under load; None for a load that no name states."""
+    return list(dict.fromkeys(each.mass for each in named if each.state == "loaded"))
+
+
+def has_column_of(table: NumberTable, kind: str) -> bool:
+    """Return whether a header of a table names a kind of column, such as `force`."""
+    return any(meaning is not None and meaning.kind == kind for meaning in table.meanings)
+
+
+def _list_cases(proposal: Proposal, named: Sequence[NamedReading]) -> Iterator[_LoadCase]:
+    """Yield the readings of each load, with those without load; one case without any load."""
+    loads = list(dict.fromkeys(each.load for each in named if each.state == "loaded")) or [""]
+    for load in loads:
+        readings = [each for each in named if each.state != "loaded" or each.load == load]
+        loaded = [each for each in readings if each.state == "loaded"]
+        mass = loaded[0].mass if loaded else None
+        own_rows = [
+            each.reading.index for each in loaded if each.reading.points.table == proposal.joints.table
+        ]
+        yield _LoadCase(readings, mass, load, own_rows[0] if own_rows else 0, len(loads) == 1)
+
+
+def _write_case(
+    proposal: Proposal, case: _LoadCase, tables: Sequence[NumberTable], *, with_masses: bool
+) -> list[list[str]]:
+    """Return the columns of the readings under one load."""
+    by_name = {table.name: table for table in tables}
+    joints = by_name[proposal.joints.table]
+    head, *labels = _write_labels(proposal, joints)
+    columns = [[head, *(f"{label}{case.suffix}" for label in labels)], *_write_joints(proposal, joints)]
+    if with_masses and case.mass is not None:
+        columns.append(["mass [kg]", *(f"{case.mass:g}" for _ in labels)])
+    columns += _keep_columns(proposal, joints, case.row, with_masses=with_masses)
+    for each in case.readings:
+        columns += _write_positions(proposal, each, by_name[each.reading.points.table])
+    return columns
+
+
+def _pick_rows(proposal: Proposal, table: NumberTable, row: int = 0) -> list[int]:
+    """Return a row of each posture of the table of joints."""
     rows = np.arange(len(table.rows), dtype=np.float64)[:, None]
-    return [int(each) for each in proposal.joints.groups.split(rows)[:, 0, 0]]
+    return [int(each) for each in proposal.joints.groups.split(rows)[:, row, 0]]
 
 
 def _write_labels(proposal: Proposal, table: NumberTable) -> list[str]:
     """Return the column of labels: the file's names if they differ, else numbers."""
     rows = _pick_rows(proposal, table)
+    if len(table.labels) == len(rows):
+        return ["label", *table.labels]
     column = table.find_column("name")
     if column is not None:
         labels = [table.rows[row].cells[column] for row in rows]
@@ -148,11 +145,21 @@ def _convert_joints(proposal: Proposal, numbers: FloatArray) -> list[list[str]]:
     return [[repr(round(float(each), _DIGITS)) for each in column] for column in shown.T]
 
 
-def _keep_columns(proposal: Proposal, table: NumberTable) -> Iterator[list[str]]:
-    """Yield the columns of the table of joints that names explain and a campaign needs, such as forces."""
-    rows = _pick_rows(proposal, table)
+def _keep_columns(
+    proposal: Proposal, table: NumberTable, row: int, *, with_masses: bool
+) -> Iterator[list[str]]:
+    """Yield the columns of the table of joints that names explain and a campaign needs, such as forces.
+
+    Args:
+        proposal: meaning of the columns.
+        table: table of joints.
+        row: row of each posture that has the force.
+        with_masses: whether the masses of loads have a column of their own.
+    """
+    rows = _pick_rows(proposal, table, row)
     for column, meaning in enumerate(table.meanings):
-        if meaning is not None and meaning.kind in _KEPT_KINDS and not _is_used(proposal, table, column):
+        is_kept = meaning is not None and meaning.kind in KEPT_KINDS - ({"mass"} if with_masses else set())
+        if meaning is not None and is_kept and not _is_used(proposal, table, column):
             yield [_head(table.headers[column], meaning), *(table.rows[row].cells[column] for row in rows)]
 
 

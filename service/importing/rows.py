@@ -212,7 +212,7 @@ class NameReader:
         # The column is left out at first, so that the point's name can be split as if the column were absent.
         column = self._text_columns.pop("target")
         self._needed_kinds.add("target")
-        split = _split_name(self._table_name, self._state_words)
+        split = split_name(self._table_name, self._state_words)
         names_give_target = split.state is not None and len(split.parts) == 1
         with suppress(ImportFileError):
             names_give_target = self._split_point_name(row).target is not None or names_give_target
@@ -287,12 +287,12 @@ class NameReader:
         target = split.parts[1] if len(split.parts) > 1 else None
         return NameParts(split.parts[0], target, split.state)
 
-    def _split_with_states(self, name: str, words: Mapping[str, State]) -> _SplitName | None:
+    def _split_with_states(self, name: str, words: Mapping[str, State]) -> SplitName | None:
         """Split the name of a point into its label, and target and state if names of this table give these.
 
         None if there are more parts, or a state that a column gives. `words` are words for states.
         """
-        split = _split_name(name, words)
+        split = split_name(name, words)
         most_parts = 2 if "target" in self._needed_kinds else 1
         may_have_state = split.state is None or "state" in self._needed_kinds
         return split if 1 <= len(split.parts) <= most_parts and may_have_state else None
@@ -321,7 +321,7 @@ class NameReader:
         If the name has no state, the option `state` gives it. `lacking` are the kinds (target, state) that
         are needed.
         """
-        split = _split_name(self._table_name, self._state_words)
+        split = split_name(self._table_name, self._state_words)
         names, state = split.parts, split.state
         source = f"by the name of the {'file' if self._table_name == self._grid.stem else 'sheet'}"
         state_anywhere = find_state_in_name(self._table_name, self._state_words)
@@ -417,7 +417,7 @@ class _FileParts(NamedTuple):
     source: str  # such as `by the name of the file`
 
 
-class _SplitName(NamedTuple):
+class SplitName(NamedTuple):
     """Name that was split at `::` or `_`."""
 
     parts: list[str]  # parts that name no state
@@ -425,7 +425,7 @@ class _SplitName(NamedTuple):
     word: str = ""  # word of this state
 
 
-def _split_name(name: str, words: Mapping[str, State]) -> _SplitName:
+def split_name(name: str, words: Mapping[str, State]) -> SplitName:
     """Split a name at `::` or `_`; `words` are words for states.
 
     In `c01_P10_loaded` the state is a part; in `c01 unloaded::P10` and `c01::P10_loaded` it is the last word
@@ -434,31 +434,31 @@ def _split_name(name: str, words: Mapping[str, State]) -> _SplitName:
     name = join_state_phrases(name)
     parts = name.split("::") if "::" in name else name.split("_")
     if not all(parts):
-        return _SplitName([name])
+        return SplitName([name])
     states = [find_state(part, words) for part in parts]
     positions = [position for position, state in enumerate(states) if state is not None]
     if not positions and "::" in name:
         return _split_last_words(parts, words)
     if len(positions) != 1:
-        return _SplitName(parts)
+        return SplitName(parts)
     word = parts.pop(positions[0])
-    return _SplitName(parts, states[positions[0]], word)
+    return SplitName(parts, states[positions[0]], word)
 
 
-def _split_last_words(parts: list[str], words: Mapping[str, State]) -> _SplitName:
+def _split_last_words(parts: list[str], words: Mapping[str, State]) -> SplitName:
     """Split the last word from the one part whose last word names a state: `c01 unloaded`, `P10`.
 
     A short word behind a blank may be an abbreviation of something else, and names no state.
     """
-    found = list[tuple[int, _SplitName]]()  # position of the part, and the split name
+    found = list[tuple[int, SplitName]]()  # position of the part, and the split name
     for position, part in enumerate(parts):
         end = re.fullmatch(r"(.+)([ _])([^ _]+)", part)
         if end and (end[2] == "_" or len(end[3]) >= _MIN_STATE_LETTERS):
             state = find_state(end[3], words)
             if state is not None:
                 shortened = [*parts[:position], end[1], *parts[position + 1 :]]
-                found.append((position, _SplitName(shortened, state, end[3])))
-    return found[0][1] if len(found) == 1 else _SplitName(parts)
+                found.append((position, SplitName(shortened, state, end[3])))
+    return found[0][1] if len(found) == 1 else SplitName(parts)
 
 
 # ---- numbers, times, uncertainties

@@ -19,6 +19,7 @@ from jointstiff.service.problems import (
     CampaignError,
     FilesError,
     as_campaign_error,
+    http_problem,
     naming_missing_file,
     problem_from_error,
 )
@@ -143,6 +144,8 @@ def read(
             raise CampaignError(problem_from_error(error)) from error
         proposed = propose_import(sources, request, robots)
         if isinstance(proposed, NoProposal):
+            if proposed.remedy:
+                raise CampaignError(http_problem(422, proposed.reason, proposed.remedy)) from error
             problem = problem_from_error(error)
             detail = f"{problem.detail}; the robot explains no columns either: {proposed.reason}"
             raise CampaignError(problem.model_copy(update={"detail": detail})) from error

@@ -4,17 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from jointstiff.schemas.imports import ImportAnswer, ImportRequest
+from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
 from jointstiff.schemas.meaning import JointsMeaning, PointsMeaning, TableMeaning
-from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.importing.deflections import add_deflections
+from jointstiff.service.importing.errors import NOWHERE, ImportFileError
+from jointstiff.service.importing.grammar import Vocabulary
+from jointstiff.service.importing.joining import join_tables
+from jointstiff.service.importing.lengths import convert_columns, unify_lengths
+from jointstiff.service.importing.naming import NamedReading, name_readings
 from jointstiff.service.importing.numbers import NumberTable, read_number_tables
 from jointstiff.service.importing.reading import SourceFile, understand_files
-from jointstiff.service.importing.rewriting import NamedReading, name_readings, write_readings
+from jointstiff.service.importing.rewriting import has_column_of, list_masses, write_readings
+from jointstiff.service.resources.columns_left import (
+    find_contradiction,
+    leave_positions,
+    list_columns_left,
+    list_unexplained_numbers,
+    name_columns_left,
+    refuse_columns_left,
+    refuse_single_rows,
+    refuse_unknown_headers,
+)
 from jointstiff.service.resources.imports import ImportRefusedError, import_files, lack_meaning
+from jointstiff.service.resources.previews import preview_tables
 from jointstiff.solver.meaning.proposal import Proposal, propose
 from jointstiff.solver.meaning.states import order_states
 from jointstiff.solver.meaning.table import JointColumns
@@ -33,11 +49,19 @@ OPTIONS_OF_COLUMNS: Final = (
 )
 """Options that explain the columns of files, which the written table explains itself."""
 
+OPTIONS_OF_FILES: Final = (
+    *("columns", "header", "ignore", "delimiter", "decimal_mark", "by_order"),
+    *("state", "state_words", "point_name", "sheet"),
+)
+"""Options that a template keeps of files that a proposal explains."""
 
 _LARGEST_WORSENING: Final = 3.0
 """Largest ratio of the residuals of files and of those of their template."""
 _CLEARLY_FARTHER: Final = 2.0
 """Ratio of the distances to positions without and under load from which a reading is one under load."""
+_LARGEST_REMAINDER: Final = 0.25
+"""Largest distance of positions after unloading from those before, as a part of that from those under load,
+if no name says that the load was taken off."""
 _TURNS_OF_AXES: Final = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 """Orders of x, y and z that keep the hand of a frame. Where two axes are exchanged, the place of the
 instrument decides which order is proposed; a template keeps the order of its first files."""
@@ -52,14 +76,20 @@ class ProposedImport:
     table: SourceFile  # with headers that the import understands
     request: ImportRequest  # options that are left for this table
     meaning: TableMeaning  # for a template
+    notes: tuple[str, ...] = ()  # what a person should know of rows and columns
+    masses: tuple[SourceFile, ...] = ()  # files with the masses of the robot's bodies
+    previews: tuple[FilePreview, ...] = ()  # of the files as they are written
+
+    @property
+    def files(self) -> list[SourceFile]:
+        """Files to import in place of those of the readings."""
+        return [self.table, *self.masses]
 
     @property
     def sentence(self) -> str:
-        """The proposal in words, and what a person should know about its fit."""
-        states = [each.state.replace("_", " ") for each in self.named]
-        names = [f"{each.target} {state}" for each, state in zip(self.named, states, strict=True)]
-        text, note = describe(self.proposal, names), remark(self.proposal)
-        return f"{text}; {note}" if note else text
+        """The proposal in words, and what a person should know about its fit, its rows and its columns."""
+        text, note = describe(self.proposal, [each.words for each in self.named]), remark(self.proposal)
+        return "; ".join(each for each in (text, note, *self.notes) if each)
 
     @property
     def text(self) -> str:
@@ -74,13 +104,14 @@ class ProposedImport:
 
     def find_fault(self) -> ImportFileError | None:
         """Return the first fault of the table with the proposed meaning; None if a person can accept it."""
-        faults = understand_files([self.table], self.request, self.known.robot.joint_names).faults
+        faults = understand_files(self.files, self.request, self.known.robot.joint_names).faults
         return faults[0] if faults else None
 
     def accept(self, request: ImportRequest | None = None) -> ImportAnswer:
         """Import the table as the proposal says; `request` has other statements about the readings."""
-        answer = import_files([self.table], request or self.request, self.known.robot)
-        return answer.model_copy(update={"assumptions": [self.sentence, *answer.assumptions]})
+        answer = import_files(self.files, request or self.request, self.known.robot)
+        assumptions = [self.sentence, *answer.assumptions]
+        return answer.model_copy(update={"assumptions": assumptions, "files": list(self.previews)})
 
 
 @dataclass(frozen=True)
@@ -88,6 +119,7 @@ class NoProposal:
     """Reason why no robot has a proposal for the meaning of files."""
 
     reason: str
+    remedy: str = ""  # what to do, if the robot explains some columns and the others must be stated
 
 
 def propose_import(
@@ -107,62 +139,151 @@ def propose_import(
     known = list(robots)
     names = known[0].robot.joint_names if len(known) == 1 else ()
     try:
-        tables = _read_tables(files, request, names)
+        numbers = _read_numbers(files, request, names)
         if template is None:
-            return _propose_importable(tables, request, known)
-        return _propose_as_template(tables, request, known, template)
+            proposed = _propose_importable(numbers, request, known)
+        else:
+            proposed = _propose_as_template(numbers.tables, request, known, template)
+        return replace(proposed, masses=numbers.masses)
     except _NoProposalError as error:
-        return NoProposal(error.reason)
+        return NoProposal(error.reason, error.remedy)
 
 
 class _NoProposalError(Exception):
     """Error that no robot has a proposal for the meaning of files; `propose_import` answers its reason."""
 
-    def __init__(self, reason: str) -> None:
+    def __init__(self, reason: str, remedy: str = "") -> None:
         super().__init__(reason)
         self.reason = reason  # why there is no proposal, in words
+        self.remedy = remedy  # what to do, if columns must be stated
 
 
 def _propose_importable(
-    tables: Sequence[NumberTable], request: ImportRequest, robots: Sequence[KnownRobot]
+    numbers: _Numbers, request: ImportRequest, robots: Sequence[KnownRobot]
 ) -> ProposedImport:
     """Return the proposal of the robots for tables of numbers; a person can accept it.
 
     Raises:
         _NoProposalError: no meaning fits, or the import refuses the table with the proposed meaning.
     """
-    proposal = _find_proposal(tables, request, robots)
-    named = name_readings(proposal, tables, request.state_words)
+    found_meaning = _find_in_one_unit(numbers, request, robots)
+    numbers, proposal = found_meaning.numbers, found_meaning.proposal
+    tables = numbers.tables
+    named = name_readings(proposal, tables, request)
+    _refuse_contradiction(proposal, named, tables)
     _refuse_loaded_after_unloading(named)
-    proposed = _build_import(proposal, named, tables, request)
+    _refuse_states_against_force(proposal, named, tables, request)
+    left = list_columns_left(proposal, tables)
+    notes = [*numbers.notes, *name_columns_left(left, tables)]
+    try:
+        refuse_single_rows(proposal, tables)
+        refuse_columns_left(left, proposal, named, tables)
+        proposed = _build_import(proposal, named, tables, request, notes)
+    except ImportFileError as error:
+        found = describe(proposal, [each.words for each in named])
+        raise _NoProposalError(f"{found}, but {error.reason}", error.remedy) from error
     fault = proposed.find_fault()
     if fault is not None:
-        sentence = proposed.sentence
-        raise _NoProposalError(f"{sentence}, but the import of these columns is refused: {fault.reason}")
+        remedy = fault.remedy if fault.option == "allow_missing" and _have_same_states(named) else ""
+        reason = f"{proposed.sentence}, but the import of these columns is refused: {fault.reason}"
+        raise _NoProposalError(reason, remedy)
     return proposed
 
 
-def _refuse_loaded_after_unloading(named: Sequence[NamedReading]) -> None:
-    """Refuse positions after unloading that are nearer to those under load than to those before.
+def _have_same_states(named: Sequence[NamedReading]) -> bool:
+    """Return whether all targets were read in the same states, so that only cells can be missing."""
+    states_of_target: dict[str, set[str]] = {}
+    for each in named:
+        states_of_target.setdefault(each.target, set()).add(each.state)
+    return len({frozenset(states) for states in states_of_target.values()}) == 1
+
+
+class _FoundMeaning(NamedTuple):
+    """Meaning of the columns by the robot that fits, and the numbers in one unit."""
+
+    numbers: _Numbers
+    proposal: Proposal
+
+
+def _find_in_one_unit(
+    numbers: _Numbers, request: ImportRequest, robots: Sequence[KnownRobot]
+) -> _FoundMeaning:
+    """Return the meaning of tables; columns that are not read are tried in metres or mm, as the others are.
 
     Raises:
-        _NoProposalError: a target has such positions: a second load, or the same load once more.
+        _NoProposalError: no robot fits, several meanings fit alike, or the request states other units.
+    """
+    proposal = _find_proposal(numbers.tables, request, robots)
+    left = list_columns_left(proposal, numbers.tables)
+    named = name_readings(proposal, numbers.tables, request)
+    if not leave_positions(left, named):
+        return _FoundMeaning(numbers, proposal)
+    converted, names = list(numbers.tables), list[str]()
+    for position, each in enumerate(left):
+        columns = list_unexplained_numbers(each)
+        table = convert_columns(each.table, columns, proposal.unit) if columns else None
+        if table is not None:
+            converted[position] = table
+            names.append(each.table.name)
+    if not names:
+        return _FoundMeaning(numbers, proposal)
+    again = propose([each.table for each in converted], robots).best
+    if again is None or len(again.readings) <= len(proposal.readings):
+        return _FoundMeaning(numbers, proposal)
+    other_unit = "m" if proposal.unit == "mm" else "mm"
+    note = f"the other positions of {', '.join(names)} converted from {other_unit}"
+    in_one_unit = numbers._replace(tables=converted, notes=[*numbers.notes, note])
+    return _FoundMeaning(in_one_unit, _order_by_forces(again, converted))
+
+
+def _refuse_contradiction(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable]
+) -> None:
+    """Refuse a proposal that contradicts what the caller states of columns.
+
+    Raises:
+        _NoProposalError: a stated column has another meaning, or is not read.
+    """
+    contradiction = find_contradiction(proposal, named, tables)
+    if contradiction:
+        remedy = "correct `columns`, or leave the statement out"
+        raise _NoProposalError(contradiction, remedy)
+
+
+def _refuse_loaded_after_unloading(named: Sequence[NamedReading]) -> None:
+    """Refuse positions after unloading that are not clearly nearer to those before than to those under load.
+
+    Where names state the positions, those after unloading may be far from those before, but not farther.
+
+    Raises:
+        _NoProposalError: a target has such positions: of a second load, of the same load, or nominal ones.
     """
     positions = {(each.target, each.state): each.reading.positions for each in named}
-    for target in dict.fromkeys(each.target for each in named):
-        unloaded = positions.get((target, "unloaded"))
-        loaded = positions.get((target, "loaded"))
-        after = positions.get((target, "unloaded_after"))
-        if unloaded is None or loaded is None or after is None:
+    for each in named:
+        unloaded = positions.get((each.target, "unloaded"))
+        loaded = positions.get((each.target, "loaded"))
+        if each.state != "unloaded_after" or unloaded is None or loaded is None:
             continue
         to_loaded, to_unloaded = (
-            float(np.nanmedian(np.linalg.norm(after - other, axis=1))) for other in (loaded, unloaded)
+            float(np.nanmedian(np.linalg.norm(each.reading.positions - other, axis=1)))
+            for other in (loaded, unloaded)
         )
-        if to_unloaded > _CLEARLY_FARTHER * to_loaded:
+        ratio = _LARGEST_REMAINDER if each.is_by_order else _CLEARLY_FARTHER
+        if to_unloaded > ratio * to_loaded or _is_first_loaded(each, named):
             raise _NoProposalError(
-                f"the third positions of {target} are {1e3 * to_unloaded:.2g} mm from those without load and "
-                f"{1e3 * to_loaded:.2g} mm from those under load, so that headers must name the states"
+                f"the third positions of {each.target} are {1e3 * to_unloaded:.2g} mm from the first, and "
+                f"{1e3 * to_loaded:.2g} mm from the second, so that headers must name the states",
+                "write states or loads in the headers (`header`) or in a column, such as `X 50 kg`, or leave "
+                "columns out with `ignore`",
             )
+
+
+def _is_first_loaded(after: NamedReading, named: Sequence[NamedReading]) -> bool:
+    """Return whether forces alone make the first of three positions of a target the one under load."""
+    own = [each for each in named if each.target == after.target]
+    states = [each.state for each in own]
+    are_by_order = all(each.is_by_order for each in own)
+    return are_by_order and states.index("loaded") < states.index("unloaded")
 
 
 def _propose_as_template(
@@ -183,7 +304,7 @@ def _propose_as_template(
     reasons = []
     for order in _TURNS_OF_AXES:
         turned = proposal.with_axes(order)
-        named = _name_by_template(name_readings(turned, tables, request.state_words), template)
+        named = _name_by_template(name_readings(turned, tables, request), template)
         reason = _find_difference(_build_meaning(turned, named, tables), template)
         if not reason:
             return _build_import(turned, named, tables, request)
@@ -208,7 +329,11 @@ def _find_proposal(
 
 
 def _build_import(
-    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
+    proposal: Proposal,
+    named: Sequence[NamedReading],
+    tables: Sequence[NumberTable],
+    request: ImportRequest,
+    notes: Sequence[str] = (),
 ) -> ProposedImport:
     """Return a proposal with the table that the import understands, and the options left for this table.
 
@@ -219,28 +344,82 @@ def _build_import(
         named: names of targets and states of the positions.
         tables: numbers of the files.
         request: options of the import of the files.
-    """
-    table = write_readings(proposal, named, tables)
-    options = request.model_copy(update={**_clear_headers(), **_state_units(request)})
-    meaning = _build_meaning(proposal, named, tables)
-    return ProposedImport(proposal, tuple(named), table, options, meaning)
-
-
-def _read_tables(
-    files: Sequence[SourceFile], request: ImportRequest, joints: Sequence[str]
-) -> list[NumberTable]:
-    """Return the tables of numbers of the files; `joints` are names of joints.
+        notes: what a person should know of rows and columns.
 
     Raises:
-        _NoProposalError: a file cannot be read, or no file has rows of numbers.
+        ImportFileError: readings under several loads have one force.
+    """
+    with_masses = _has_masses(proposal, named, tables, request)
+    table = write_readings(proposal, named, tables, with_masses=with_masses)
+    options = request.model_copy(update={**_clear_headers(), **_clear_names(), **_state_units(request)})
+    meaning = _build_meaning(proposal, named, tables)
+    if with_masses and len(list_masses(named)) > 1:
+        notes = (*notes, "each load is an observation, with the same readings without load")
+    previews = tuple(preview_tables(proposal, named, tables))
+    return ProposedImport(proposal, tuple(named), table, options, meaning, tuple(notes), previews=previews)
+
+
+def _has_masses(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
+) -> bool:
+    """Return whether the loads that names state are the masses of the readings.
+
+    A force that the caller or a column states takes precedence for one load.
+
+    Raises:
+        ImportFileError: several loads have one force.
+    """
+    masses = list_masses(named)
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    has_force = request.force is not None or has_column_of(joints, "force")
+    if len(masses) > 1 and has_force and request.force is not None:
+        listed = " and ".join("another load" if mass is None else f"{mass:g} kg" for mass in masses)
+        reason = f"there are readings under {listed}, and `force` states one force for all"
+        raise ImportFileError(NOWHERE, reason, "omit `force`: the masses are those of the files", "force")
+    return None not in masses and bool(masses) and not has_force
+
+
+class _Numbers(NamedTuple):
+    """Tables of numbers with their rows in one order."""
+
+    tables: Sequence[NumberTable]
+    notes: Sequence[str]  # what a person should know of the rows
+    masses: tuple[SourceFile, ...]  # files with the masses of the robot's bodies
+
+
+def _read_numbers(files: Sequence[SourceFile], request: ImportRequest, joints: Sequence[str]) -> _Numbers:
+    """Return the tables of numbers of the files with their rows in one order; `joints` are names of joints.
+
+    Raises:
+        _NoProposalError: a file cannot be read or has no rows of numbers, or names of rows or headers do not
+            fit.
     """
     try:
-        tables = read_number_tables(files, request, joints)
+        found = read_number_tables(files, request, joints)
     except ImportFileError as fault:
-        raise _NoProposalError(str(fault)) from fault
-    if not tables:
+        is_settled_by_option = fault.option is not None
+        if is_settled_by_option:
+            raise _NoProposalError(str(fault)) from fault
+        raise _describe_fault(fault) from fault
+    if not found.tables:
         raise _NoProposalError("the files have no rows of numbers")
-    return tables
+    if found.without:
+        reason = f"{', '.join(found.without)} has no rows of numbers"
+        raise _NoProposalError(reason, "leave this file out, or export it as a table")
+    try:
+        refuse_unknown_headers(found.tables, request)
+        words = Vocabulary(request, joints)
+        joined = join_tables(unify_lengths(found.tables), request)
+        tables, notes = add_deflections(joined.tables, words)
+    except ImportFileError as fault:
+        raise _describe_fault(fault) from fault
+    return _Numbers(tables, [*joined.notes, *notes], found.masses)
+
+
+def _describe_fault(fault: ImportFileError) -> _NoProposalError:
+    """Return the error that a fault of files, at its place, forbids a proposal."""
+    place = "" if fault.place == NOWHERE else f"{fault.place}: "
+    return _NoProposalError(f"{place}{fault.reason}", fault.remedy)
 
 
 def import_or_propose(
@@ -267,11 +446,8 @@ def import_or_propose(
     try:
         answer = import_files(files, request, robot.robot, others)
     except ImportRefusedError:
-        if not request.accept_proposal or not lack_meaning(files, request, robot.robot):
-            raise
-        proposed = propose_import(files, request, [robot])
-        if isinstance(proposed, ProposedImport):
-            return _accept_proposal(proposed)
+        if request.accept_proposal and lack_meaning(files, request, robot.robot):
+            return _import_by_proposal(files, request, robot)
         raise
     if not answer.faults or not lack_meaning(files, request, robot.robot):
         return answer
@@ -281,6 +457,22 @@ def import_or_propose(
     if request.accept_proposal:
         return _accept_proposal(proposed)
     return answer.model_copy(update={"proposal": proposed.text})
+
+
+def _import_by_proposal(
+    files: Sequence[SourceFile], request: ImportRequest, robot: KnownRobot
+) -> ImportAnswer:
+    """Import files that names do not explain by the proposal of the robot.
+
+    Raises:
+        ImportRefusedError: there is no proposal.
+    """
+    proposed = propose_import(files, request, [robot])
+    if isinstance(proposed, ProposedImport):
+        return _accept_proposal(proposed)
+    if proposed.remedy:
+        raise ImportRefusedError([ImportFileError(NOWHERE, proposed.reason, proposed.remedy)])
+    return import_files(files, request, robot.robot)
 
 
 def _accept_proposal(proposed: ProposedImport) -> ImportAnswer:
@@ -355,6 +547,11 @@ def _clear_headers() -> dict[str, object]:
     return {name: getattr(empty, name) for name in OPTIONS_OF_COLUMNS}
 
 
+def _clear_names() -> dict[str, object]:
+    """Return the options that explain names of points, files and states, with their defaults."""
+    return {"state": None, "point_name": None, "file_name": None, "state_words": {}}
+
+
 def _state_units(request: ImportRequest) -> dict[str, object]:
     """Return the units of forces and moments, which the written table may leave open."""
     if request.units is None:
@@ -371,6 +568,30 @@ def _order_by_forces(proposal: Proposal, tables: Sequence[NumberTable]) -> Propo
     groups = proposal.joints.groups
     forces = groups.split(joints.table.numbers[:, columns])[:, 0]
     return order_states(proposal, [table.table for table in tables], np.nan_to_num(forces))
+
+
+def _refuse_states_against_force(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
+) -> None:
+    """Refuse states by the order of positions that move against the force that the request states.
+
+    Raises:
+        _NoProposalError: the first positions may be those under load, or the force has the wrong sign.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    are_by_order = any(each.is_by_order for each in named)
+    if request.force is None or not are_by_order or _find_force_columns(joints) is not None:
+        return
+    postures = len(joints.rows) // proposal.joints.groups.count
+    forces = np.tile(np.array(request.force), (postures, 1))
+    ordered = order_states(proposal, [table.table for table in tables], forces)
+    if ordered is not proposal:
+        found = describe(proposal, [each.words for each in named])
+        raise _NoProposalError(
+            f"{found}, but the targets then move against `force`",
+            "name the states in the headers (`header`), by `state_words` or in the names of files; or "
+            "correct the sign of `force`",
+        )
 
 
 def _find_force_columns(table: NumberTable) -> list[int] | None:

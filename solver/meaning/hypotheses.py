@@ -212,12 +212,16 @@ def _find_angle_units(angles: FloatArray) -> list[AngleUnit]:
 
 
 def find_triples(table: Table) -> list[tuple[int, int, int]]:
-    """Return the columns that can be x, y and z: three columns at equal distances; two or more change."""
+    """Return the columns that can be x, y and z: three columns at equal distances; two or more change.
+
+    Columns that a person states to be positions belong to no other triple.
+    """
     is_moving = find_moving_columns(table.numbers)
     has_numbers = np.isfinite(table.numbers).mean(axis=0) > _LEAST_KNOWN
-    excluded = table.others | set(table.joints)
+    stated = {column for triple in table.points for column in triple}
+    excluded = table.others | set(table.joints) | stated
     _, column_count = table.size
-    triples = []
+    triples = list(table.points)
     for step in _STEPS:
         for first in range(column_count - 2 * step):
             triple = (first, first + step, first + 2 * step)

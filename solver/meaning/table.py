@@ -34,6 +34,9 @@ class Table:
     numbers: FloatArray  #: (N, m) in the unknown units of the file; NaN for a cell without a number
     joints: tuple[int, ...] = ()  #: columns that are joints by their names, from base to flange
     others: frozenset[int] = frozenset()  #: columns that are neither joints nor positions by their names
+    points: tuple[
+        tuple[int, int, int], ...
+    ] = ()  #: columns that a person states to be x, y and z of a target
 
     @property
     def size(self) -> tuple[int, int]:

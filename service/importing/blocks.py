@@ -1,0 +1,258 @@
+"""Texts of several blocks: a table in each, or a block for each posture with rows of joints and targets."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from jointstiff.schemas.imports import Delimiter, FilePreview
+from jointstiff.service.importing.errors import ImportFileError, Place
+from jointstiff.service.importing.grid import (
+    COMMENT_MARKS,
+    Grid,
+    NumberedLine,
+    Row,
+    count_numbers,
+    decode,
+    find_delimiter,
+    looks_like_a_number,
+    split_line,
+    strip_comment_mark,
+)
+
+_LEAST_NUMBERS: Final = 3
+"""Numbers of a row of data, at least."""
+_LEAST_BLOCKS: Final = 3
+"""Postures, at least, each with a block."""
+_LEAST_ROWS: Final = 3
+"""Rows of a table in a block."""
+_MOST_NOT_ALIKE: Final = 0.34
+"""Largest fraction of the blocks that may differ from the others, as incomplete postures do."""
+_COORDINATES: Final = 3
+_NUMBER: Final = re.compile(r"[-+]?\d+(?:[.,]\d+)?")
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Lines of a text without a blank line between them."""
+
+    titles: tuple[Row, ...]  # rows above the data, with fewer than three numbers, and comments
+    rows: tuple[tuple[Row, Row | None], ...]  # rows of data, each with the row of texts above it
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of cells with numbers in each row of data."""
+        return tuple(count_numbers(row) for row, _ in self.rows)
+
+    @property
+    def widths(self) -> set[int]:
+        """Numbers of cells of the rows of data."""
+        return {len(row.cells) for row, _ in self.rows}
+
+    @property
+    def header(self) -> Row | None:
+        """Row of texts above the first row of data, if it has as many cells."""
+        first, above = self.rows[0]
+        return above if above is not None and len(above.cells) == len(first.cells) else None
+
+    @property
+    def title(self) -> str:
+        """Text of the last title that is no header; empty without one."""
+        titles = [row for row in self.titles if row is not self.header]
+        return " ".join(cell for cell in titles[-1].cells if cell) if titles else ""
+
+
+def read_blocks(file: str, content: bytes, delimiter: Delimiter | None) -> list[Grid]:
+    """Return a table for each block of a text, or one table of blocks that are a posture each.
+
+    No table is returned of a text that is no such list of blocks.
+
+    Raises:
+        ImportFileError: a posture has other rows than the others.
+    """
+    text, encoding = decode(file, content)
+    lines = [(number, line) for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1)]
+    filled = [line for line in lines if line[1].strip() and not line[1].lstrip().startswith(COMMENT_MARKS)]
+    if not filled:
+        return []
+    for split in (_split_blocks, _split_at_titles):
+        try:
+            delimiter = delimiter or find_delimiter(file, filled)
+            blocks = [_read_block(file, block, delimiter) for block in split(lines)]
+        except ImportFileError:
+            return []
+        preview = FilePreview(file=file, format="text", encoding=encoding, delimiter=delimiter)
+        with_data = [block for block in blocks if block.rows]
+        grids = _join_postures(preview, with_data) or _list_tables(preview, _add_lone_titles(blocks))
+        if grids:
+            return grids
+    return []
+
+
+def _split_blocks(lines: Sequence[NumberedLine]) -> Iterator[list[NumberedLine]]:
+    """Yield the lines of each block: blank lines are between blocks, and comments begin one."""
+    block: list[NumberedLine] = []
+    for number, line in lines:
+        is_comment = line.lstrip().startswith(COMMENT_MARKS)
+        has_data = any(not text.lstrip().startswith(COMMENT_MARKS) for _, text in block)
+        if block and (not line.strip() or (is_comment and has_data)):
+            yield block
+            block = []
+        if line.strip():
+            block.append((number, line))
+    if block:
+        yield block
+
+
+def _split_at_titles(lines: Sequence[NumberedLine]) -> Iterator[list[NumberedLine]]:
+    """Yield the lines of each block that begins with a title such as `Pose 1`; nothing without titles."""
+    filled = [(number, line) for number, line in lines if line.strip()]
+    forms = [_NUMBER.sub("0", line.strip()) for _, line in filled]
+    has_letter = [any(map(str.isalpha, form)) and len(_NUMBER.findall(form)) == 1 for form in forms]
+    titles = Counter(form for form, is_title in zip(forms, has_letter, strict=True) if is_title)
+    title, count = titles.most_common(1)[0] if titles else ("", 0)
+    if count < _LEAST_BLOCKS:
+        return
+    starts = [index for index, form in enumerate(forms) if form == title]
+    for start, end in zip(starts, [*starts[1:], len(filled)], strict=True):
+        yield filled[start:end]
+
+
+def _read_block(file: str, lines: Sequence[NumberedLine], delimiter: Delimiter) -> _Block:
+    """Return the rows of a block.
+
+    Raises:
+        ImportFileError: a line cannot be split into cells.
+    """
+    titles: list[Row] = []
+    rows: list[tuple[Row, Row | None]] = []
+    above: Row | None = None
+    for number, line in lines:
+        if line.lstrip().startswith(COMMENT_MARKS):
+            titles.append(Row(number, (strip_comment_mark(line.strip()),)))
+            continue
+        row = split_line(file, number, line, delimiter)
+        if count_numbers(row) >= _LEAST_NUMBERS:
+            rows.append((row, above))
+            above = None
+            continue
+        above = row
+        if not rows:
+            titles.append(row)
+    return _Block(tuple(titles), tuple(rows))
+
+
+def _add_lone_titles(blocks: Sequence[_Block]) -> list[_Block]:
+    """Return the blocks with data; a block of titles alone belongs to the block below it."""
+    joined, titles = list[_Block](), tuple[Row, ...]()
+    for block in blocks:
+        if block.rows:
+            joined.append(_Block((*titles, *block.titles), block.rows))
+            titles = ()
+        else:
+            titles = block.titles
+    return joined
+
+
+# ---- a table in each block
+
+
+def _list_tables(preview: FilePreview, blocks: Sequence[_Block]) -> list[Grid]:
+    """Return a table for each block, if the blocks have other columns or other titles; else none."""
+    are_tables = all(len(block.rows) >= _LEAST_ROWS and len(block.widths) == 1 for block in blocks)
+    if len(blocks) < 2 or not are_tables:
+        return []
+    headers = {block.header.cells if block.header else tuple(block.widths) for block in blocks}
+    titles = [block.title for block in blocks]
+    if len(headers) == 1 and len(set(titles)) < len(titles):
+        return []
+    names = Counter(titles)
+    grids = []
+    for number, block in enumerate(blocks, 1):
+        name = (
+            block.title
+            if block.title and names[block.title] == 1
+            else f"block {number} {block.title}".strip()
+        )
+        above = [] if block.header is None else [block.header]
+        rows = (*above, *(row for row, _ in block.rows))
+        grids.append(Grid(preview.model_copy(update={"sheet": name}), rows))
+    return grids
+
+
+# ---- a block for each posture
+
+
+def _join_postures(preview: FilePreview, blocks: Sequence[_Block]) -> list[Grid]:
+    """Return one table with a row for each block, if its rows differ and the blocks are alike; else none.
+
+    Raises:
+        ImportFileError: a block has other rows than the others.
+    """
+    shapes = Counter(block.shape for block in blocks)
+    shape, count = shapes.most_common(1)[0] if shapes else ((), 0)
+    is_each_posture = len(shape) > 1 and len(set(shape)) > 1 and count >= _LEAST_BLOCKS
+    if not is_each_posture or count < (1.0 - _MOST_NOT_ALIKE) * len(blocks):
+        return []
+    other = next((block for block in blocks if block.shape != shape), None)
+    if other is not None:
+        place = Place(preview.file, other.rows[0][0].line)
+        reason = f"this block has {len(other.shape)} rows of numbers, and the others have {len(shape)}"
+        if len(other.shape) == len(shape):
+            reason = "the rows of this block have other numbers of cells than those of the others"
+        raise ImportFileError(place, reason, "complete the block, or remove it")
+    headers: list[str] = []
+    for number in range(len(shape)):
+        headers += _name_columns([block.rows[number] for block in blocks])
+    labels = _list_labels(blocks)
+    rows = []
+    for number, block in enumerate(blocks):
+        cells = [cell for row, _ in block.rows for cell in _pick_numbers(row)]
+        own_label = [labels[number]] if labels else []
+        rows.append(Row(block.rows[0][0].line, (*own_label, *cells)))
+    header = Row(rows[0].line, (*(["label"] if labels else []), *headers))
+    note = f"{len(blocks)} blocks of {len(shape)} rows were read as postures"
+    return [Grid(preview.model_copy(update={"assumptions": [note]}), (header, *rows))]
+
+
+def _pick_numbers(row: Row) -> list[str]:
+    """Return the cells of a row that are numbers."""
+    return [cell for cell in row.cells if looks_like_a_number(cell)]
+
+
+def _name_columns(rows: Sequence[tuple[Row, Row | None]]) -> list[str]:
+    """Return the headers of the numbers in one row of each block: its common texts, and those above it."""
+    first, above = rows[0]
+    is_headed = above is not None and len(above.cells) == len(first.cells)
+    common = [
+        cell
+        for column, cell in enumerate(first.cells)
+        if cell and not looks_like_a_number(cell) and all(_has_cell(row, column, cell) for row, _ in rows)
+    ]
+    words = " ".join(common)
+    columns = [column for column, cell in enumerate(first.cells) if looks_like_a_number(cell)]
+    if is_headed and above is not None:
+        return [f"{words} {above.cells[column]}".strip() for column in columns]
+    if len(columns) == _COORDINATES and words:
+        return [f"{words} {axis}" for axis in "xyz"]
+    return [f"{words} {number}".strip() if words else "" for number in range(1, len(columns) + 1)]
+
+
+def _has_cell(row: Row, column: int, text: str) -> bool:
+    """Return whether a row has a text in a column."""
+    return column < len(row.cells) and row.cells[column] == text
+
+
+def _list_labels(blocks: Sequence[_Block]) -> list[str]:
+    """Return the first titles of the blocks, if they differ; else no labels."""
+    titles = [_find_first_title(block) for block in blocks]
+    are_labels = all(titles) and len(set(titles)) == len(titles)
+    return titles if are_labels else []
+
+
+def _find_first_title(block: _Block) -> str:
+    """Return the text of the first title; empty without one."""
+    return " ".join(cell for cell in block.titles[0].cells if cell) if block.titles else ""

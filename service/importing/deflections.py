@@ -1,0 +1,159 @@
+"""Positions before the load with displacements under load, read as positions under load."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from jointstiff.service.importing.errors import ImportFileError, Place
+from jointstiff.service.importing.grammar import Meaning, Quantity, Vocabulary, split_unit
+from jointstiff.service.importing.lengths import find_size, guess_unit
+from jointstiff.service.importing.numbers import NumberTable
+from jointstiff.solver.meaning.table import METRES
+
+_MICROMETRES: Final = frozenset(("µm", "μm", "um", "micron", "microns", "micrometer", "micrometre"))
+_SIZES: Final[Mapping[str, float]] = {**{str(unit): size for unit, size in METRES.items()}, "µm": 1e-6}
+"""Unit of a displacement → its size [m]."""
+_LEAST, _MOST = 5e-6, 0.03
+"""Displacements under load that are plausible [m]: larger than a tracker's noise, and elastic."""
+
+
+class _Displacement(NamedTuple):
+    """Columns of the displacement of a target."""
+
+    target: str | None
+    columns: tuple[int, int, int]
+    unit: str | None  # None if the headers state no unit
+
+
+def add_deflections(tables: Sequence[NumberTable], words: Vocabulary) -> tuple[list[NumberTable], list[str]]:
+    """Return tables whose displacements were added to the positions before the load, and notes.
+
+    The positions are in the same table, or in another one with as many rows. A displacement without such a
+    position is not changed.
+
+    Raises:
+        ImportFileError: displacements without a unit may be in two units.
+    """
+    changed, notes = list(tables), list[str]()
+    for number, table in enumerate(tables):
+        for found in _list_displacements(table, words):
+            others = [other for other in range(len(tables)) if other != number]
+            for base_number in (number, *others):
+                base_table = changed[base_number]
+                base = _find_base(base_table, found.target)
+                if base is None or len(base_table.rows) != len(table.rows):
+                    continue
+                changed[base_number] = _name_base(base_table, base, found.target)
+                changed[number], note = _add_found(changed[number], found, base_table, base)
+                notes.append(note)
+                break
+    return changed, notes
+
+
+def _add_found(
+    table: NumberTable, found: _Displacement, base_table: NumberTable, base: tuple[int, int, int]
+) -> tuple[NumberTable, str]:
+    """Return a table with positions under load in place of a displacement, and a note.
+
+    Args:
+        table: table of the displacement.
+        found: columns of the displacement.
+        base_table: table of the positions before the load.
+        base: columns of these positions.
+
+    Raises:
+        ImportFileError: a displacement without a unit may be in two units.
+    """
+    unit = _find_unit(base_table, base[0])
+    base_metres = METRES[guess_unit(find_size(base_table, base))] if unit is None else _SIZES[unit]
+    metres = _SIZES[found.unit] if found.unit else _choose_size(table, found, base_metres)
+    positions = base_table.table.numbers[:, list(base)]
+    displacements = table.table.numbers[:, list(found.columns)]
+    sums = positions + metres / base_metres * displacements
+    meanings = list(table.meanings)
+    for axis, column in enumerate(found.columns):
+        meanings[column] = Meaning(Quantity("position", found.target, "loaded"), axis, unit)
+    numbers = {column: sums[:, axis] for axis, column in enumerate(found.columns)}
+    added = replace(table.replace_numbers(numbers), meanings=tuple(meanings))
+    headers = ", ".join(table.headers[column] for column in found.columns)
+    stated = "" if found.unit else f" in {_name_size(metres)}"
+    return added, f"{headers}{stated} added to the positions without load"
+
+
+def _name_base(table: NumberTable, base: tuple[int, int, int], target: str | None) -> NumberTable:
+    """Return a table in which the columns of a position are named as those without load."""
+    meanings = list(table.meanings)
+    for axis, column in enumerate(base):
+        quantity = Quantity("position", target, "unloaded")
+        meanings[column] = Meaning(quantity, axis, _find_unit(table, column))
+    return replace(table, meanings=tuple(meanings))
+
+
+def _list_displacements(table: NumberTable, words: Vocabulary) -> list[_Displacement]:
+    """Return the columns that headers name as displacements along x, y and z."""
+    columns_of: dict[tuple[str | None, str | None], dict[int, int]] = {}
+    for column, header in enumerate(table.headers):
+        name, unit = split_unit(header)
+        is_in_micrometres = unit is not None and unit.casefold() in _MICROMETRES
+        meaning = words.find(name) if is_in_micrometres else table.meanings[column]
+        if column in table.ignored or meaning is None or meaning.axis is None:
+            continue
+        if meaning.kind == "position" and meaning.quantity.state == "deflection":
+            key = meaning.quantity.target, "µm" if is_in_micrometres else meaning.unit
+            columns_of.setdefault(key, {})[meaning.axis] = column
+    return [
+        _Displacement(target, (columns[0], columns[1], columns[2]), unit)
+        for (target, unit), columns in columns_of.items()
+        if len(columns) == 3
+    ]
+
+
+def _find_base(table: NumberTable, target: str | None) -> tuple[int, int, int] | None:
+    """Return the columns of the position before the load of a target; None if not exactly one is named.
+
+    None also if the target has a position under load.
+    """
+    columns_of: dict[str | None, dict[int, int]] = {}
+    for column, meaning in enumerate(table.meanings):
+        if meaning is None or meaning.kind != "position" or meaning.axis is None:
+            continue
+        if meaning.quantity.target == target and meaning.quantity.state != "deflection":
+            columns_of.setdefault(meaning.quantity.state, {})[meaning.axis] = column
+    if "loaded" in columns_of or len(columns_of) != 1:
+        return None
+    (columns,) = columns_of.values()
+    return (columns[0], columns[1], columns[2]) if len(columns) == 3 else None
+
+
+def _choose_size(table: NumberTable, found: _Displacement, base_metres: float) -> float:
+    """Return the size [m] of the unit of a displacement without a unit: that of the positions, or µm.
+
+    Raises:
+        ImportFileError: both units are plausible, or none is.
+    """
+    numbers = table.table.numbers[:, list(found.columns)]
+    typical = float(np.nanmedian(np.linalg.norm(numbers, axis=1)))
+    plausible = [metres for metres in (base_metres, _SIZES["µm"]) if _LEAST <= typical * metres <= _MOST]
+    if len(plausible) == 1:
+        return plausible[0]
+    header = table.headers[found.columns[0]]
+    raise ImportFileError(
+        Place(table.grid.file, None, found.columns[0] + 1),
+        f"the displacements are {typical:.3g} by their median, so that their unit is not clear",
+        f"write the unit in the headers, such as `{split_unit(header)[0]} [µm]`",
+    )
+
+
+def _find_unit(table: NumberTable, column: int) -> str | None:
+    """Return the unit that the header of a column states; None without one."""
+    meaning = table.meanings[column]
+    return None if meaning is None else meaning.unit
+
+
+def _name_size(metres: float) -> str:
+    """Return the name of the unit of a size [m]."""
+    return next(unit for unit, size in _SIZES.items() if size == metres)

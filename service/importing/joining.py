@@ -1,0 +1,322 @@
+"""Tables of numbers whose rows are put in one order by their names: the rows of a posture in turn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from jointstiff.schemas.imports import ImportOptions
+from jointstiff.service.importing.errors import ImportFileError, Place, quote
+from jointstiff.service.importing.lengths import find_size, guess_unit
+from jointstiff.service.importing.numbers import NumberTable
+from jointstiff.service.importing.row_key import RowName
+from jointstiff.service.importing.row_names import name_rows
+from jointstiff.solver.meaning.table import METRES
+
+_MOST_REPEAT = 1e-4
+"""Greatest distance [m] of a repeated coordinate from the mean of all repeats."""
+_LARGEST_RADIANS = 6.6
+"""Largest joint in radians; larger numbers are degrees."""
+_MOST_NAMED = 3
+"""Most names in a message."""
+
+
+@dataclass(frozen=True)
+class JoinedTables:
+    """Tables whose rows are in one order, as far as names tell, and notes for the user."""
+
+    tables: tuple[NumberTable, ...]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class _NamedTable:
+    """A table with the names of its rows."""
+
+    table: NumberTable
+    names: tuple[RowName, ...]
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """Names of observations in order of appearance; none if rows have no names."""
+        return tuple(dict.fromkeys(name.label for name in self.names if name.label is not None))
+
+    @cached_property
+    def keys(self) -> tuple[RowName, ...]:
+        """Names of the rows of a posture, in order of appearance, without labels."""
+        return tuple(dict.fromkeys(name._replace(label=None) for name in self.names))
+
+
+def join_tables(tables: Sequence[NumberTable], options: ImportOptions) -> JoinedTables:
+    """Put the rows of all tables in the order of the observations of the table of joints, by their names.
+
+    Rows of a posture follow each other. Rows without names keep their order.
+
+    Raises:
+        ImportFileError: an observation lacks a row that others have, or a row occurs twice.
+    """
+    first = _choose_first(tables, options)
+    labels = () if first is None else _name(first, options).labels
+    named = [_name(table, options, () if table is first else labels) for table in tables]
+    joined = [each for each in named if labels and set(each.labels) & set(labels)]
+    kept = _choose_labels(joined, labels, options)
+    arranged = []
+    for each in named:
+        own_labels = kept if each in joined else each.labels
+        arranged.append(_arrange(each, own_labels))
+    return JoinedTables(tuple(arranged), tuple(_describe(joined, labels, kept)))
+
+
+def _name(table: NumberTable, options: ImportOptions, labels: Sequence[str] = ()) -> _NamedTable:
+    """Return a table with the names of its rows."""
+    named = _NamedTable(table, _name_after_unloading(name_rows(table, options, labels)))
+    if options.mean_of_repeats and len(named.keys) > 1:
+        named = _average_repeats(named)
+    return _equal_joints(named, options.joint_tolerance)
+
+
+def _choose_first(tables: Sequence[NumberTable], options: ImportOptions) -> NumberTable | None:
+    """Return the table whose observations give the order: that of most columns with names of rows."""
+    named = [table for table in tables if _name(table, options).labels]
+    return max(named, key=lambda table: table.table.size[1], default=None)
+
+
+def _choose_labels(
+    joined: Sequence[_NamedTable], labels: Sequence[str], options: ImportOptions
+) -> tuple[str, ...]:
+    """Return the observations that all tables with common names have, in order.
+
+    Raises:
+        ImportFileError: a table lacks an observation, unless `allow_missing` is set.
+    """
+    sets = [set(each.labels) for each in joined]
+    kept = tuple(label for label in labels if all(label in own for own in sets))
+    if options.allow_missing:
+        return kept
+    for each, own in zip(joined, sets, strict=True):
+        for other in joined:
+            lacking = [label for label in other.labels if label not in own]
+            if lacking:
+                raise _build_lacking_error(each.table, other.table, lacking)
+    return kept
+
+
+def _build_lacking_error(table: NumberTable, other: NumberTable, lacking: Sequence[str]) -> ImportFileError:
+    """Return the error that a table lacks rows that another table has."""
+    listed = _list_names(lacking)
+    return ImportFileError(
+        Place(table.grid.file),
+        f"{listed} of {quote(other.name)} has no row here",
+        "add the rows, spell names alike in all files, or use `allow_missing` to leave these out",
+        "allow_missing",
+    )
+
+
+def _list_names(names: Sequence[str]) -> str:
+    """Return the first names of a list in words."""
+    others = len(names) - _MOST_NAMED
+    listed = ", ".join(map(quote, names[:_MOST_NAMED]))
+    return f"{listed} and {others} more" if others > 0 else listed
+
+
+def _describe(joined: Sequence[_NamedTable], labels: Sequence[str], kept: Sequence[str]) -> list[str]:
+    """Return what a person should know of the order of rows."""
+    notes = []
+    if len(joined) > 1:
+        notes.append("rows of the files joined by their names")
+    kept_labels = set(kept)
+    left_out = [label for label in labels if label not in kept_labels]
+    if joined and left_out:
+        notes.append(f"left out, as not all files have them: {_list_names(left_out)}")
+    return notes
+
+
+def _arrange(named: _NamedTable, labels: Sequence[str]) -> NumberTable:
+    """Return a table with the rows of a posture in turn, in the order of the labels.
+
+    Raises:
+        ImportFileError: an observation lacks a row that others have, or a row occurs twice.
+    """
+    order = _order_by_labels(named, labels) if labels else _order_by_keys(named)
+    if order is None:
+        return named.table
+    table = named.table
+    rows = tuple(table.rows[row] for row in order)
+    solver_table = replace(table.table, numbers=table.table.numbers[order])
+    turn = named.keys if len(named.keys) > 1 else ()
+    return replace(table, rows=rows, table=solver_table, turn=turn, labels=tuple(labels))
+
+
+def _name_after_unloading(names: Sequence[RowName]) -> tuple[RowName, ...]:
+    """Return names in which a second row without load, below a row under load, is after unloading."""
+    is_loaded: dict[tuple[str | None, str | None], bool] = {}
+    named, seen = list[RowName](), set[RowName]()
+    for name in names:
+        posture = name.label, name.target
+        if name.state == "loaded":
+            is_loaded[posture] = True
+        is_below_loaded = name.state == "unloaded" and is_loaded.get(posture, False)
+        is_after = name.label is not None and name in seen and is_below_loaded
+        named.append(name._replace(state="unloaded_after") if is_after else name)
+        seen.add(name)
+    return tuple(named)
+
+
+def _average_repeats(named: _NamedTable) -> _NamedTable:
+    """Return a table in which rows with the same names are one row, with the means of their numbers.
+
+    Raises:
+        ImportFileError: a repeated position is far from the mean.
+    """
+    rows_of_name: dict[RowName, list[int]] = {}
+    for row, name in enumerate(named.names):
+        rows_of_name.setdefault(name, []).append(row)
+    if len(rows_of_name) == len(named.names):
+        return named
+    table = named.table
+    groups = list(rows_of_name.values())
+    for group in groups:
+        _refuse_far_repeats(table, group)
+    means = np.array([table.table.numbers[group].mean(axis=0) for group in groups])
+    first_rows = replace(
+        table,
+        rows=tuple(table.rows[group[0]] for group in groups),
+        table=replace(table.table, numbers=means),
+    )
+    moved = [
+        column
+        for column in range(means.shape[1])
+        if np.isfinite(means[:, column]).all()
+        and not np.array_equal(means[:, column], table.table.numbers[[group[0] for group in groups], column])
+    ]
+    averaged = first_rows.replace_numbers({column: means[:, column] for column in moved})
+    return _NamedTable(averaged, tuple(rows_of_name))
+
+
+def _refuse_far_repeats(table: NumberTable, rows: Sequence[int]) -> None:
+    """Raise an `ImportFileError` if a repeated coordinate is far from the mean of all repeats.
+
+    Coordinates are columns that headers name as positions, or of numbers of hundreds of millimetres.
+    """
+    for column, meaning in enumerate(table.meanings):
+        numbers = table.table.numbers[rows, column]
+        unit = guess_unit(find_size(table, [column]))
+        is_position = meaning is not None and meaning.kind == "position"
+        if not is_position and (meaning is not None or unit != "mm"):
+            continue
+        farthest = METRES[unit] * float(np.abs(numbers - numbers.mean()).max())
+        if farthest > _MOST_REPEAT:
+            raise ImportFileError(
+                table.grid.place(table.rows[rows[0]], column),
+                f"repeated readings are {1e3 * farthest:.2g} mm from their mean",
+                "remove the wrong reading; the mean is used of readings within 0.1 mm",
+            )
+
+
+def _equal_joints(named: _NamedTable, tolerance: float) -> _NamedTable:
+    """Return a table in which the joints of a posture are those of its row without load, if they agree.
+
+    `tolerance` is the greatest difference [deg] of a joint.
+    """
+    table = named.table
+    joints = list(table.table.joints)
+    rows_of_label: dict[str, list[int]] = {}
+    for row, name in enumerate(named.names):
+        if name.label is not None:
+            rows_of_label.setdefault(name.label, []).append(row)
+    if not joints or len(rows_of_label) in (0, len(named.names)):
+        return named
+    numbers = table.table.numbers[:, joints].copy()
+    is_in_degrees = np.nanmax(np.abs(numbers)) > _LARGEST_RADIANS
+    limit = tolerance if is_in_degrees else np.radians(tolerance)
+    for rows in rows_of_label.values():
+        first = next((row for row in rows if named.names[row].state == "unloaded"), rows[0])
+        if np.abs(numbers[rows] - numbers[first]).max() <= limit:
+            numbers[rows] = numbers[first]
+    if np.array_equal(numbers, table.table.numbers[:, joints]):
+        return named
+    equal = table.replace_numbers({column: numbers[:, number] for number, column in enumerate(joints)})
+    return replace(named, table=equal)
+
+
+def _order_by_labels(named: _NamedTable, labels: Sequence[str]) -> list[int] | None:
+    """Return the rows in the order of their labels, and of what they tell of a posture.
+
+    None for rows that nothing tells apart, several of a posture: they keep their order.
+
+    Raises:
+        ImportFileError: an observation lacks a row that others have, or a row occurs twice.
+    """
+    row_of_name: dict[RowName, int] = {}
+    for row, name in enumerate(named.names):
+        if name in row_of_name and len(named.keys) > 1:
+            raise _build_repeat_error(named, row, name)
+        row_of_name.setdefault(name, row)
+    if len(row_of_name) < len(named.names):
+        return _order_repeated(named, labels)
+    order = []
+    for label in labels:
+        for key in named.keys:
+            name = key._replace(label=label)
+            if name not in row_of_name:
+                raise _build_gap_error(named, label, key)
+            order.append(row_of_name[name])
+    return order
+
+
+def _order_repeated(named: _NamedTable, labels: Sequence[str]) -> list[int] | None:
+    """Return rows that nothing but their order tells apart, in the order of their labels.
+
+    None if observations have different numbers of rows.
+    """
+    rows_of_label: dict[str | None, list[int]] = {}
+    for row, name in enumerate(named.names):
+        rows_of_label.setdefault(name.label, []).append(row)
+    counts = {len(rows_of_label.get(label, ())) for label in labels}
+    if len(counts) != 1:
+        return None
+    return [row for label in labels for row in rows_of_label[label]]
+
+
+def _order_by_keys(named: _NamedTable) -> list[int] | None:
+    """Return the rows of each posture in turn, if each row of a posture occurs as often as the others.
+
+    The first rows of each kind are the first posture. None if nothing tells the rows of a posture apart.
+    """
+    rows_of_key: dict[RowName, list[int]] = {key: [] for key in named.keys}
+    for row, name in enumerate(named.names):
+        rows_of_key[name._replace(label=None)].append(row)
+    counts = {len(rows) for rows in rows_of_key.values()}
+    if len(rows_of_key) < 2 or len(counts) != 1:
+        return None
+    return [row for rows in zip(*rows_of_key.values(), strict=True) for row in rows]
+
+
+def _build_repeat_error(named: _NamedTable, row: int, name: RowName) -> ImportFileError:
+    """Return the error that a row of a posture occurs twice."""
+    table = named.table
+    return ImportFileError(
+        table.grid.place(table.rows[row]),
+        f"{quote(name.label or '')} has this row twice{_describe_key(name)}",
+        "remove or rename one of the two rows, or use `mean_of_repeats` for repeated readings",
+        "mean_of_repeats",
+    )
+
+
+def _build_gap_error(named: _NamedTable, label: str, key: RowName) -> ImportFileError:
+    """Return the error that a posture lacks a row that others have."""
+    return ImportFileError(
+        Place(named.table.grid.file),
+        f"{quote(label)} has no row{_describe_key(key)}, but other observations have one",
+        "add the row, or remove the other rows of this observation",
+    )
+
+
+def _describe_key(name: RowName) -> str:
+    """Return what tells the rows of a posture apart, in words."""
+    mass = None if name.mass is None else f"{name.mass:g} kg"
+    words = [word for word in (name.target, name.state, mass) if word]
+    return f" of {' '.join(words)}".replace("_", " ") if words else ""

@@ -1,0 +1,155 @@
+"""Objects of JSON as a table: an array of objects, or an object in each line, with a row for each object."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+from pydantic_core import from_json
+
+from jointstiff.schemas.imports import FilePreview
+from jointstiff.service.importing import limits
+from jointstiff.service.importing.errors import ImportFileError, Place, quote
+from jointstiff.service.importing.grammar import find_known_unit, is_joint
+from jointstiff.service.importing.grid import Grid, Row, decode, too_large_error
+
+_LEAST_ROWS: Final = 3
+_COORDINATES: Final = 3
+_MOST_DEPTH: Final = 6
+_CAMPAIGNS: Final = frozenset(("measurement_set", "observations", "robot_id", "poses"))
+"""Fields of documents that need no import."""
+_NAMES: Final = ("name", "target", "id", "label")
+"""Fields of an object that name it among others."""
+
+_Record = dict[str, str]
+
+
+def read_json_rows(file: str, content: bytes) -> Grid | None:
+    """Return the objects of a JSON file as a table; None of another document.
+
+    Raises:
+        ImportFileError: the text is damaged, or the table is too large.
+    """
+    text, encoding = decode(file, content)
+    objects = _read_lines(text)
+    if len(objects) < _LEAST_ROWS:
+        objects = _read_array(text)
+    if len(objects) < _LEAST_ROWS:
+        return None
+    records = [dict(_flatten(each, "", 0)) for _, each in objects]
+    headers = list(dict.fromkeys(header for record in records for header in record))
+    if len(headers) > limits.MAX_COLUMNS or len(headers) * len(records) > limits.MAX_CELLS:
+        raise too_large_error(file, 1)
+    for header in headers:
+        if len(header) > limits.MAX_CELL_LENGTH:
+            reason = f"a name has more than {limits.MAX_CELL_LENGTH} characters: {quote(header)}"
+            raise ImportFileError(Place(file), reason, "shorten the name")
+    rows = [Row(1, tuple(headers))]
+    for (line, _), record in zip(objects, records, strict=True):
+        cells = tuple(record.get(header, "")[: limits.MAX_CELL_LENGTH] for header in headers)
+        rows.append(Row(line, cells))
+    note = f"{len(records)} objects of JSON were read as rows"
+    preview = FilePreview(file=file, format="text", encoding=encoding, assumptions=[note])
+    return Grid(preview, tuple(rows))
+
+
+def _read_lines(text: str) -> list[tuple[int, Mapping[str, Any]]]:
+    """Return the object in each line of a text, with its line; none if a line is no object."""
+    objects = list[tuple[int, Mapping[str, Any]]]()
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.strip():
+            continue
+        try:
+            found = json.loads(line)
+        except (ValueError, RecursionError):
+            return []
+        if not isinstance(found, dict):
+            return []
+        objects.append((number, found))
+    return objects
+
+
+def _read_array(text: str) -> list[tuple[int, Mapping[str, Any]]]:
+    """Return the objects of the array that a document is or has; none of another document."""
+    try:
+        document = from_json(text)
+    except ValueError:
+        return []
+    if isinstance(document, dict):
+        if not _CAMPAIGNS.isdisjoint(document):
+            return []
+        arrays = [each for each in document.values() if _is_array_of_objects(each)]
+        document = arrays[0] if len(arrays) == 1 else _turn_columns(document)
+    if not _is_array_of_objects(document):
+        return []
+    return [(number, each) for number, each in enumerate(document, 1)]
+
+
+def _turn_columns(document: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return an object for each element of the arrays of a document, which have one length; else none."""
+    arrays = {key: each for key, each in document.items() if isinstance(each, list)}
+    lengths = {len(each) for each in arrays.values()}
+    if len(arrays) < 2 or len(lengths) != 1:
+        return []
+    return [dict(zip(arrays, elements, strict=True)) for elements in zip(*arrays.values(), strict=True)]
+
+
+def _is_array_of_objects(value: object) -> bool:
+    """Return whether a value is an array of objects."""
+    return isinstance(value, list) and bool(value) and all(isinstance(each, dict) for each in value)
+
+
+def _flatten(value: object, name: str, depth: int) -> Iterator[tuple[str, str]]:
+    """Yield header and text of each number and text in a value; names of nested fields are joined.
+
+    Three numbers of one field are x, y and z; more numbers are counted from 1, as joints are.
+    """
+    if depth > _MOST_DEPTH or value is None:
+        return
+    if isinstance(value, Mapping):
+        for key, each in value.items():
+            yield from _flatten(each, _join(name, str(key)), depth + 1)
+    elif isinstance(value, Sequence) and not isinstance(value, str):
+        for key, each in zip(_name_elements(value, name), value, strict=True):
+            yield from _flatten(each, key, depth + 1)
+    else:
+        yield name, _write(value)
+
+
+def _join(name: str, key: str) -> str:
+    """Return the name of a field in a field; names of mere containers, such as `targets`, are left out."""
+    is_container = name.casefold() in ("targets", "joints", "data", "points", "positions", "readings")
+    return key if is_container or not name else f"{name} {key}"
+
+
+def _name_elements(values: Sequence[Any], name: str) -> list[str]:
+    """Return the header of each element of an array: x, y, z of three numbers, a name, else a number."""
+    base, unit = _split_unit(name)
+    ending = f" [{unit}]" if unit else ""
+    if _is_array_of_objects(values):
+        found = [next((str(each[key]) for key in _NAMES if key in each), "") for each in values]
+        if all(found) and len(set(found)) == len(found):
+            return found
+    are_numbers = all(isinstance(each, int | float) for each in values)
+    if are_numbers and len(values) == _COORDINATES and not is_joint(base):
+        return [f"{base} {axis}{ending}" for axis in "xyz"]
+    word = base if is_joint(base) or not base.casefold().startswith("joint") else "joint"
+    return [f"{word} {number}{ending}" for number in range(1, len(values) + 1)]
+
+
+def _split_unit(name: str) -> tuple[str, str]:
+    """Split a name such as `joints_deg` into name and unit; the unit is empty without one."""
+    base, _, unit = name.replace(" ", "_").rpartition("_")
+    if base and find_known_unit(unit) is not None:
+        return name[: len(base)], unit
+    return name, ""
+
+
+def _write(value: object) -> str:
+    """Return the text of a number, of a truth value, or of a text."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return repr(value)
+    return " ".join(str(value).split())

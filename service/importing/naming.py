@@ -1,0 +1,164 @@
+"""Names of the positions of a proposal: target, state and load, by headers, rows, files, else by order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from jointstiff.schemas.imports import ImportOptions, State
+from jointstiff.service.importing.grammar import find_state_in_name
+from jointstiff.service.importing.loads import find_load, find_state_of_load, remove_load
+from jointstiff.service.importing.numbers import NumberTable
+from jointstiff.service.importing.row_key import RowName
+from jointstiff.solver.meaning.proposal import Proposal, TargetReading
+
+_STATES: Final[tuple[State, ...]] = ("unloaded", "loaded", "unloaded_after")
+"""States of a target in the order of its positions, if no name says more."""
+
+
+@dataclass(frozen=True)
+class NamedReading:
+    """Positions of a proposal with the target and the state that they are imported as."""
+
+    reading: TargetReading
+    target: str
+    state: State
+    mass: float | None = None  # of the load [kg]; None if no name states it
+    force: str = ""  # size and unit of the force, if there are several; else empty
+    is_by_order: bool = False  # whether the order of the positions gives the state, and no name
+
+    @property
+    def words(self) -> str:
+        """Target, state and load in words."""
+        load = self.load if self.state == "loaded" else ""
+        return f"{self.target} {self.state.replace('_', ' ')} {load}".strip()
+
+    @property
+    def load(self) -> str:
+        """Load in words, such as `50 kg` or `490 N`; empty if no name states it."""
+        return self.force if self.mass is None else f"{self.mass:g} kg"
+
+
+def name_readings(
+    proposal: Proposal, tables: Sequence[NumberTable], options: ImportOptions
+) -> list[NamedReading]:
+    """Name targets, states and loads: by headers, rows and files, else by the order of the columns.
+
+    Names are used only if no two readings get the same target, state and load.
+    """
+    table_of_name = {table.name: table for table in tables}
+    found = [
+        _find_names(reading, table_of_name[reading.points.table], options) for reading in proposal.readings
+    ]
+    targets = _name_targets(proposal.readings, found)
+    named = _add_states(proposal.readings, targets, found)
+    if _are_distinct(named):
+        return named
+    without_files = [
+        _find_names(reading, table_of_name[reading.points.table], options, by_file=False)
+        for reading in proposal.readings
+    ]
+    named = _add_states(proposal.readings, _name_targets(proposal.readings, without_files), without_files)
+    if _are_distinct(named):
+        return named
+    by_number = [f"T{reading.target}" for reading in proposal.readings]
+    return _add_states(proposal.readings, by_number, [RowName()] * len(proposal.readings))
+
+
+def _are_distinct(readings: Sequence[NamedReading]) -> bool:
+    """Return whether no two readings have the same target, state and load."""
+    return len({(each.target, each.state, each.load) for each in readings}) == len(readings)
+
+
+def _find_names(
+    reading: TargetReading, table: NumberTable, options: ImportOptions, *, by_file: bool = True
+) -> RowName:
+    """Return what names tell of a reading: headers first, then its row, then the name of its file.
+
+    `by_file` tells whether the name of the file counts.
+    """
+    name = _name_by_header(reading, table)
+    if len(table.turn) == reading.points.groups.count > 1:
+        row = table.turn[reading.index]
+        mass = row.mass if name.mass is None else name.mass
+        name = RowName(None, name.target or row.target, name.state or row.state, mass, row.force)
+    if name.state is None and by_file:
+        name = _name_by_file(name, table, options.state_words)
+    if name.state is None and options.state is not None:
+        name = name._replace(state=options.state)
+    return name
+
+
+def _name_by_header(reading: TargetReading, table: NumberTable) -> RowName:
+    """Return the target, state and load that the headers of x, y and z name alike."""
+    meanings = [table.meanings[column] for column in reading.points.columns]
+    named = {each.quantity for each in meanings if each is not None and each.kind == "position"}
+    are_alike = all(each is not None for each in meanings) and len(named) == 1
+    if not are_alike:
+        return RowName()
+    _, target, state = named.pop()
+    if target is None:
+        return RowName(None, None, state)
+    mass = find_load(target)
+    if mass is None:
+        return RowName(None, target, state)
+    return RowName(None, remove_load(target) or None, state or find_state_of_load(mass), mass)
+
+
+def _name_by_file(name: RowName, table: NumberTable, state_words: Mapping[str, State]) -> RowName:
+    """Return a name with the state and the load that the name of the file or the sheet states."""
+    mass = find_load(table.title)
+    state = find_state_in_name(table.title, state_words)
+    if mass is None:
+        return name._replace(state=state)
+    return name._replace(state=state or find_state_of_load(mass), mass=mass)
+
+
+def _name_targets(readings: Sequence[TargetReading], found: Sequence[RowName]) -> list[str]:
+    """Return the target of each reading: its name, else that of another reading at its place, else a number.
+
+    Several names at one place, none with a state, are words for states that are not known.
+    """
+    names_of_number: dict[int, set[str]] = {}
+    is_state_known: dict[int, bool] = {}
+    for reading, name in zip(readings, found, strict=True):
+        names = names_of_number.setdefault(reading.target, set())
+        names.update([] if name.target is None else [name.target])
+        is_state_known[reading.target] = is_state_known.get(reading.target, False) or name.state is not None
+    targets = []
+    for reading, name in zip(readings, found, strict=True):
+        names = names_of_number[reading.target]
+        by_place = next(iter(names)) if len(names) == 1 else f"T{reading.target}"
+        are_states = len(names) > 1 and not is_state_known[reading.target]
+        targets.append(by_place if are_states or name.target is None else name.target)
+    return targets
+
+
+def _add_states(
+    readings: Sequence[TargetReading], targets: Sequence[str], found: Sequence[RowName]
+) -> list[NamedReading]:
+    """Return the readings with their states: those that names state, and the others in their order."""
+    used: dict[str, list[State]] = {}
+    for target, name in zip(targets, found, strict=True):
+        used.setdefault(target, []).extend([] if name.state is None else [name.state])
+    state_of_reading: dict[int, State] = {}
+    for number in sorted(range(len(readings)), key=lambda number: readings[number].state):
+        used_states = used[targets[number]]
+        free = [state for state in _STATES if state not in used_states]
+        next_state: State = free[0] if free else "loaded"
+        named_state = found[number].state
+        if named_state is None:
+            used_states.append(next_state)
+        state_of_reading[number] = named_state or next_state
+    return [
+        NamedReading(
+            reading,
+            targets[number],
+            state_of_reading[number],
+            found[number].mass,
+            found[number].force,
+            is_by_order=found[number].state is None,
+        )
+        for number, reading in enumerate(readings)
+    ]

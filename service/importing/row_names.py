@@ -1,0 +1,274 @@
+"""Names of the rows of a table without known columns: observation, target, state and load of each row."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection, Mapping, Sequence
+from typing import Final
+
+from jointstiff.schemas.imports import ImportOptions, State
+from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.importing.grammar import (
+    STATE_OF_DIGIT,
+    find_state,
+    find_state_in_name,
+    split_unit,
+)
+from jointstiff.service.importing.grid import looks_like_a_number
+from jointstiff.service.importing.loads import find_load, find_state_of_load
+from jointstiff.service.importing.numbers import NumberTable
+from jointstiff.service.importing.row_key import RowName
+from jointstiff.service.importing.rows import Template
+
+_SEPARATORS: Final = re.compile(r"::|[\s_\-.:/|]+")
+"""What may be between the parts of a name."""
+_LEAST_LABELS: Final = 3
+"""Fewest different names of observations; fewer are names of something else, such as a robot."""
+_MOST_CODES: Final = 16
+"""Most different names of targets or states in a column."""
+_COUNTED: Final = re.compile(r"\d{1,5}")
+
+
+def name_rows(
+    table: NumberTable, options: ImportOptions, known_labels: Collection[str] = ()
+) -> list[RowName]:
+    """Name the rows of a table: by its columns, then by the parts of its names of points.
+
+    Args:
+        table: table with rows of numbers.
+        options: words for states, and the template of names of points.
+        known_labels: names of the observations in another table, which are parts of the names of points.
+    """
+    label_column = None if options.by_order else _find_label_column(table)
+    state_column = _find_state_column(table, options, label_column)
+    target_column = _find_target_column(table, (label_column, state_column))
+    masses = _list_masses(table)
+    forces = _list_forces(table)
+    names = [RowName()] * len(table.rows)
+    if label_column is not None:
+        texts = [row.cells[label_column] for row in table.rows]
+        names = _split_names(texts, options, known_labels)
+    states = {}
+    if state_column is not None:
+        states = _list_state_words(_list_texts(table, state_column), options.state_words)
+    named = []
+    for number, (row, name) in enumerate(zip(table.rows, names, strict=True)):
+        if target_column is not None:
+            name = name._replace(target=row.cells[target_column])
+        if state_column is not None:
+            name = _add_state(name, row.cells[state_column], states)
+        if masses is not None and name.mass is None:
+            name = name._replace(mass=masses[number], state=find_state_of_load(masses[number]))
+        if forces is not None and name.state is None:
+            name = name._replace(state=forces[number].state, force=forces[number].force)
+        named.append(name)
+    return _omit_row_numbers(named)
+
+
+def _omit_row_numbers(names: list[RowName]) -> list[RowName]:
+    """Return the names without labels that number the rows, if other names distinguish rows of a posture."""
+    labels = [name.label for name in names]
+    are_row_numbers = len(set(labels)) == len(names) and len({name.key for name in names}) > 1
+    return [name._replace(label=None) for name in names] if are_row_numbers else names
+
+
+def _list_texts(table: NumberTable, column: int) -> list[str]:
+    """Return the cells of a column."""
+    return [row.cells[column] for row in table.rows]
+
+
+def _are_texts(texts: Sequence[str]) -> bool:
+    """Return whether no cell is empty, or a number."""
+    return all(text and not looks_like_a_number(text) for text in texts)
+
+
+def _find_label_column(table: NumberTable) -> int | None:
+    """Return the column of names of observations or points; None without one.
+
+    Without a header that says so, the first column has names if its cells are texts, or if they are whole
+    numbers below a header that is not known.
+    """
+    named = table.find_column("name")
+    if named is not None and len(set(_list_texts(table, named))) >= _LEAST_LABELS:
+        return named
+    if table.meanings[0] is not None or 0 in table.ignored:
+        return None
+    texts = _list_texts(table, 0)
+    are_counted = bool(table.headers[0]) and all(_COUNTED.fullmatch(text) for text in texts)
+    is_label = (_are_texts(texts) or are_counted) and len(set(texts)) >= _LEAST_LABELS
+    return 0 if is_label else None
+
+
+def _find_state_column(table: NumberTable, options: ImportOptions, label_column: int | None) -> int | None:
+    """Return the column whose cells are words for states or loads, at least two; None without one."""
+    named = table.find_column("state")
+    if named is not None:
+        return named
+    for column, meaning in enumerate(table.meanings):
+        if meaning is not None or column == label_column or column in table.ignored:
+            continue
+        texts = _list_texts(table, column)
+        words = set(texts)
+        if not 1 < len(words) <= _MOST_CODES or not _are_texts(list(words)):
+            continue
+        are_states = all(_read_state_word(word, options.state_words) is not None for word in words)
+        # Next to a load such as `100 kg`, another word means no load.
+        has_load = len(words) == 2 and any(find_load(word) for word in words)
+        if are_states or (has_load and len(_list_state_words(texts, options.state_words)) == 2):
+            return column
+    return None
+
+
+def _list_state_words(texts: Sequence[str], words: Mapping[str, State]) -> dict[str, RowName]:
+    """Return word → state and mass, of the words of a column of states; without words that are not known.
+
+    If one of two words is known to mean loaded or unloaded, the other word means the other state.
+    """
+    different = list(dict.fromkeys(texts))
+    known = {word: read for word in different if (read := _read_state_word(word, words)) is not None}
+    opposite: dict[State | None, State] = {"loaded": "unloaded", "unloaded": "loaded"}
+    if len(different) == 2 and len(known) == 1:
+        ((first, read),) = known.items()
+        other = next(word for word in different if word != first)
+        if read.state in opposite:
+            known[other] = RowName(state=opposite[read.state])
+    return known
+
+
+def _find_target_column(table: NumberTable, others: Collection[int | None]) -> int | None:
+    """Return the column of names of targets; None without one, or if there is a single name."""
+    column = table.find_column("target")
+    if column is None or column in others:
+        return None
+    count = len(set(_list_texts(table, column)))
+    return column if 1 < count <= _MOST_CODES else None
+
+
+def _list_masses(table: NumberTable) -> list[float] | None:
+    """Return the mass [kg] that hangs in each row; None without a column, or for one mass."""
+    for column, header in enumerate(table.headers):
+        meaning = table.meanings[column]
+        is_mass = meaning is not None and meaning.kind == "mass"
+        is_in_kg = meaning is None and (split_unit(header)[1] or "").casefold() == "kg"
+        if not is_mass and not is_in_kg:
+            continue
+        masses = [float(mass) for mass in table.table.numbers[:, column]]
+        if all(mass >= 0.0 for mass in masses) and 1 < len(set(masses)) <= _MOST_CODES:
+            return masses
+    return None
+
+
+def _list_forces(table: NumberTable) -> list[RowName] | None:
+    """Return state and force of each row by its columns of forces, if some rows have none; else None."""
+    columns = [column for column, meaning in enumerate(table.meanings) if meaning and meaning.kind == "force"]
+    sizes = [
+        math.hypot(*(table.table.numbers[row, column] for column in columns))
+        for row in range(len(table.rows))
+    ]
+    different = {f"{size:.4g}" for size in sizes if size > 0.0}
+    if not columns or all(size > 0.0 for size in sizes) or not different:
+        return None
+    has_several = 1 < len(different) <= _MOST_CODES
+    meaning = table.meanings[columns[0]]
+    unit = (meaning.unit if meaning is not None else None) or ""
+    names = []
+    for size in sizes:
+        force = f"{size:.4g} {unit}".strip() if has_several and size > 0.0 else ""
+        names.append(RowName(state="loaded" if size > 0.0 else "unloaded", force=force))
+    return names
+
+
+def _read_state_word(word: str, words: Mapping[str, State]) -> RowName | None:
+    """Return the state, and the mass if the word states one; None for a word that is neither."""
+    state = find_state(word, words)
+    if state is not None:
+        return RowName(state=state)
+    mass = find_load(word)
+    if mass is not None:
+        return RowName(state=find_state_of_load(mass), mass=mass)
+    state = find_state(word, STATE_OF_DIGIT) or find_state_in_name(word, words)
+    return None if state is None else RowName(state=state)
+
+
+def _add_state(name: RowName, word: str, states: Mapping[str, RowName]) -> RowName:
+    """Return the name of a row with the state and the load that a word means; unchanged for other words."""
+    read = states.get(word)
+    return name if read is None else name._replace(state=read.state, mass=read.mass)
+
+
+# ---- names of points
+
+
+def _split_names(
+    texts: Sequence[str], options: ImportOptions, known_labels: Collection[str]
+) -> list[RowName]:
+    """Split names of points into observation, target, state and load.
+
+    The template `point_name` says how. Without it, the part that is a known label is the observation, and a
+    part that is a word for a state or a load in every name is the state. What is left is the target.
+    """
+    if options.point_name:
+        return _split_by_template(texts, options.point_name, options.state_words)
+    if known_labels and set(texts) <= set(known_labels):
+        return [RowName(text) for text in texts]
+    parts = [[part for part in _SEPARATORS.split(text) if part] for text in texts]
+    if len({len(each) for each in parts}) != 1 or len(parts[0]) == 1:
+        return [RowName(text) for text in texts]
+    columns = [list(column) for column in zip(*parts, strict=True)]
+    state_part = _find_state_part(columns, options.state_words)
+    label_part = _find_label_part(columns, known_labels, state_part)
+    if label_part is None:
+        return [RowName(text) for text in texts]
+    states = {}
+    if state_part is not None:
+        states = _list_state_words(columns[state_part], options.state_words)
+    named = []
+    for own in parts:
+        target_words = [word for n, word in enumerate(own) if n not in (state_part, label_part)]
+        name = RowName(own[label_part], "_".join(target_words) or None)
+        if state_part is not None:
+            name = _add_state(name, own[state_part], states)
+        named.append(name)
+    are_same_target = len({name.target for name in named}) == 1
+    return [name._replace(target=None) for name in named] if are_same_target else named
+
+
+def _split_by_template(
+    texts: Sequence[str], template_text: str, state_words: Mapping[str, State]
+) -> list[RowName]:
+    """Split names of points by the template that the caller states; a name that does not fit is a label."""
+    template = Template("point_name", template_text)
+    named = []
+    for text in texts:
+        try:
+            parts = template.parse(text, state_words)
+        except ImportFileError:
+            return [RowName(each) for each in texts]
+        named.append(RowName(parts.label, parts.target, parts.state))
+    return named
+
+
+def _find_state_part(columns: Sequence[Sequence[str]], words: Mapping[str, State]) -> int | None:
+    """Return the part of names that is a word for a state or a load in every name; None unless it is one."""
+    found = []
+    for number, column in enumerate(columns):
+        different = set(column)
+        are_states = all(_read_state_word(word, words) is not None for word in different)
+        if 1 < len(different) <= _MOST_CODES and are_states and not all(map(str.isdigit, different)):
+            found.append(number)
+    return found[0] if len(found) == 1 else None
+
+
+def _find_label_part(
+    columns: Sequence[Sequence[str]], known_labels: Collection[str], state_part: int | None
+) -> int | None:
+    """Return the part of names that is the observation: a known label, else the only part of many values."""
+    others = [number for number in range(len(columns)) if number != state_part]
+    if known_labels:
+        known = [number for number in others if set(columns[number]) <= set(known_labels)]
+        return max(known, key=lambda number: len(set(columns[number])), default=None)
+    counts = sorted((len(set(columns[number])), number) for number in others)
+    most, number = counts[-1]
+    is_clear = len(counts) == 1 or most > counts[-2][0]
+    return number if is_clear and most >= _LEAST_LABELS and state_part is not None else None

@@ -1,0 +1,250 @@
+"""Columns of files that a proposal does not read, or that it reads otherwise than the caller states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from jointstiff.schemas.imports import ImportRequest
+from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
+from jointstiff.service.importing.grammar import Meaning, collapse_blanks, fits_header
+from jointstiff.service.importing.naming import NamedReading
+from jointstiff.service.importing.numbers import NumberTable
+from jointstiff.service.importing.rewriting import KEPT_KINDS
+from jointstiff.solver.meaning.proposal import Proposal
+from jointstiff.solver.meaning.table import find_moving_columns
+
+_NAMES: Final = frozenset(("name", "collection", "group", "target", "state", "time", "ignored"))
+"""Kinds of columns that tell of rows, or of nothing that a campaign has."""
+_MOST_NAMED: Final = 8
+"""Most columns that a sentence names."""
+_COORDINATES: Final = 3
+"""Coordinates of a position."""
+
+
+@dataclass(frozen=True)
+class ColumnsLeft:
+    """Columns of a table that a proposal does not read."""
+
+    table: NumberTable
+    columns: tuple[int, ...]
+    is_whole: bool  # whether no column of the table is read
+
+
+def list_columns_left(proposal: Proposal, tables: Sequence[NumberTable]) -> list[ColumnsLeft]:
+    """Return the columns of each table that a proposal does not read, and the caller does not ignore."""
+    found = []
+    for table in tables:
+        read = _list_columns_read(proposal, table)
+        columns = [column for column in range(len(table.headers)) if column not in read]
+        left = [column for column in columns if not _is_explained(table, column)]
+        found.append(ColumnsLeft(table, tuple(left), is_whole=not read))
+    return found
+
+
+def _list_columns_read(proposal: Proposal, table: NumberTable) -> set[int]:
+    """Return the columns of a table that are joints or positions of a proposal."""
+    read = {
+        column
+        for reading in proposal.readings
+        if reading.points.table == table.name
+        for column in reading.points.columns
+    }
+    return read | set(proposal.joints.columns if table.name == proposal.joints.table else ())
+
+
+def _is_explained(table: NumberTable, column: int) -> bool:
+    """Return whether a column is empty, names rows, is kept, or is ignored by the caller."""
+    is_empty = not any(row.cells[column] for row in table.rows)
+    meaning = table.meanings[column]
+    is_label = column == 0 and bool(table.labels)
+    is_named = meaning is not None and meaning.kind in KEPT_KINDS | (_NAMES - {"ignored"})
+    return is_empty or is_named or is_label or column in table.ignored
+
+
+def name_columns_left(left: Sequence[ColumnsLeft], tables: Sequence[NumberTable]) -> Iterator[str]:
+    """Yield a note that names the columns that a proposal does not read; nothing if all are read."""
+    names = []
+    for each in left:
+        prefix = f"{each.table.name} " if len(tables) > 1 else ""
+        names += [prefix + _name_column(each.table, column) for column in each.columns]
+    if not names:
+        return
+    others = len(names) - _MOST_NAMED
+    listed = ", ".join(names[:_MOST_NAMED]) + (f" and {others} more" if others > 0 else "")
+    yield f"not read: {listed}"
+
+
+def _name_column(table: NumberTable, column: int) -> str:
+    """Return the header of a column, or its number without a header."""
+    return collapse_blanks(table.headers[column]) or f"column {column + 1}"
+
+
+def leave_positions(left: Sequence[ColumnsLeft], named: Sequence[NamedReading]) -> bool:
+    """Return whether columns that are left may be positions: a whole file, or without a second state."""
+    is_file_left = any(each.is_whole for each in left)
+    return is_file_left or len({each.state for each in named}) == 1
+
+
+def refuse_columns_left(
+    left: Sequence[ColumnsLeft],
+    proposal: Proposal,
+    named: Sequence[NamedReading],
+    tables: Sequence[NumberTable],
+) -> None:
+    """Refuse a proposal that leaves out a file, or columns that may be the positions under load.
+
+    Raises:
+        ImportFileError: nothing of a file is read; or all positions are in one state, and three columns of
+            numbers are left.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    postures = len(joints.rows) // proposal.joints.groups.count
+    for each in left:
+        if each.is_whole:
+            raise _build_file_error(each.table, joints, postures)
+    if len({each.state for each in named}) > 1:
+        return
+    for each in left:
+        columns = list_unexplained_numbers(each)
+        if columns:
+            listed = ", ".join(_name_column(each.table, column) for column in columns)
+            state = named[0].state.replace("_", " ")
+            reason = f"{listed} of {quote(each.table.name)} are not read, and all positions are {state}"
+            remedy = "correct these columns or name them in `header`, or leave them out with `ignore`"
+            raise ImportFileError(Place(each.table.grid.file), reason, remedy)
+
+
+def refuse_single_rows(proposal: Proposal, tables: Sequence[NumberTable]) -> None:
+    """Refuse a proposal that reads as postures the rows that names make states or targets of one posture.
+
+    Raises:
+        ImportFileError: a table has such rows.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    count = len(joints.turn)
+    if count > 1 and proposal.joints.groups.count != count:
+        reason = f"the {count} rows of a posture have different joints, so that each was read as a posture"
+        remedy = (
+            "write the joints of a posture alike in its rows; joints that headers name may differ by "
+            "`joint_tolerance`"
+        )
+        raise ImportFileError(Place(joints.grid.file), reason, remedy)
+
+
+def _build_file_error(table: NumberTable, joints: NumberTable, postures: int) -> ImportFileError:
+    """Return the error that nothing of a file is read."""
+    place, name = Place(table.grid.file), quote(table.name)
+    if len(table.rows) % postures:
+        reason = f"{name} is not read: it has {len(table.rows)} rows for {postures} postures"
+        remedy = "give each posture a row in every file, or leave the file out"
+        return ImportFileError(place, reason, remedy)
+    reason = f"{name} is not read: its numbers are no positions in the postures of {quote(joints.name)}"
+    remedy = (
+        "put the rows of all files in one order, or name them alike in a first column `label`; or leave the "
+        "file out"
+    )
+    return ImportFileError(place, reason, remedy)
+
+
+def list_unexplained_numbers(left: ColumnsLeft) -> list[int]:
+    """Return the columns of numbers that differ and that no header explains, if there are three at least.
+
+    A header explains columns of forces, of uncertainties and of other quantities.
+    """
+    table = left.table
+    is_moving = find_moving_columns(table.table.numbers)
+    numbers = [
+        column
+        for column in left.columns
+        if is_moving[column] and column not in table.table.others and not _is_other(table.meanings[column])
+    ]
+    return numbers if len(numbers) >= _COORDINATES else []
+
+
+def _is_other(meaning: Meaning | None) -> bool:
+    """Return whether a header says that a column has nothing of a campaign, such as a temperature."""
+    return meaning is not None and meaning.kind == "ignored"
+
+
+# ---- what the caller states
+
+
+def refuse_unknown_headers(tables: Sequence[NumberTable], request: ImportRequest) -> None:
+    """Refuse a statement about a header that no file has.
+
+    Raises:
+        ImportFileError: `columns` or `ignore` names such a header, or `header` has another number of columns.
+    """
+    widths = {len(table.headers) for table in tables}
+    if request.header is not None and len(request.header) not in widths:
+        found = " or ".join(map(str, sorted(widths)))
+        reason = f"`header` names {len(request.header)} columns, but the rows have {found} cells"
+        raise ImportFileError(NOWHERE, reason, "name each column in `header`", "header")
+    headers = {collapse_blanks(header) for table in tables for header in table.headers}
+    for header in request.columns:
+        if collapse_blanks(header) not in headers:
+            raise _build_header_error("columns", header)
+    for pattern in request.ignore:
+        if not any(fits_header(pattern, header) for header in headers):
+            raise _build_header_error("ignore", pattern)
+
+
+def _build_header_error(option: str, header: str) -> ImportFileError:
+    """Return the error that an option names a header that no file has."""
+    reason = f"`{option}` names the header {quote(header)}, but no file has this header"
+    return ImportFileError(NOWHERE, reason, f"write the header in `{option}` exactly as in the file", option)
+
+
+def find_contradiction(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable]
+) -> str:
+    """Return which column a proposal reads otherwise than the caller states; empty if it reads none so."""
+    for table in tables:
+        uses = describe_uses(proposal, named, table)
+        for column in sorted(table.stated):
+            meaning = table.meanings[column]
+            stated = "" if meaning is None else _describe_meaning(meaning, uses.get(column))
+            if stated and uses.get(column) != stated:
+                header = quote(table.headers[column])
+                used = uses.get(column, "not read")
+                return f"`columns` states that {header} is {stated}, but by the robot it is {used}"
+    return ""
+
+
+def describe_uses(proposal: Proposal, named: Sequence[NamedReading], table: NumberTable) -> Mapping[int, str]:
+    """Return column → its meaning by a proposal, of the columns of a table that it reads."""
+    uses: dict[int, str] = {}
+    if table.name == proposal.joints.table:
+        for number, column in enumerate(proposal.joints.columns, 1):
+            uses[column] = f"J{number} [{proposal.joints.unit}]"
+    own = [each for each in named if each.reading.points.table == table.name]
+    for each in own:
+        columns = each.reading.points.columns
+        words = {other.words for other in own if other.reading.points.columns == columns}
+        targets = {other.target for other in own if other.reading.points.columns == columns}
+        state = each.state.replace("_", " ")
+        common = f"{each.target} {state}" if len(words) == 1 else " and ".join(sorted(targets))
+        for axis, column in zip("xyz", columns, strict=True):
+            uses[column] = f"{common} {axis} [{proposal.unit}]"
+    return uses
+
+
+def _describe_meaning(meaning: Meaning, use: str | None) -> str:
+    """Return a stated joint or position in the words of `describe_uses`; empty for other meanings.
+
+    What is not stated, such as the unit or the state, is as in the use of the column.
+    """
+    if meaning.axis is None or meaning.kind not in ("joint", "position"):
+        return ""
+    used_words, _, used_unit = (use or "").rpartition(" ")
+    unit = f"[{meaning.unit}]" if meaning.unit else used_unit
+    if meaning.kind == "joint":
+        return f"J{meaning.axis + 1} {unit}".strip()
+    used_target, _, _ = used_words.rpartition(" ")
+    target, state = meaning.quantity.target, meaning.quantity.state
+    words = [target, state and state.replace("_", " ")]
+    if target is None or state is None:
+        words = [used_target]
+    return " ".join([*(word for word in words if word), "xyz"[meaning.axis], unit])

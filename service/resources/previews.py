@@ -1,0 +1,54 @@
+"""Previews of files whose columns a proposal explains, as the files are written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from jointstiff.schemas.imports import MAX_PREVIEW_ROWS, ColumnMeaning, FilePreview
+from jointstiff.service.importing.naming import NamedReading
+from jointstiff.service.importing.numbers import NumberTable
+from jointstiff.service.importing.rewriting import KEPT_KINDS
+from jointstiff.service.resources.columns_left import describe_uses
+from jointstiff.solver.meaning.proposal import Proposal
+
+_NAMES: Final = frozenset(("name", "target", "state", "time"))
+"""Kinds of columns that name rows."""
+
+
+def preview_tables(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable]
+) -> list[FilePreview]:
+    """Return a preview of each table, with the meaning of each column by a proposal."""
+    return [_preview(proposal, named, table) for table in tables]
+
+
+def _preview(proposal: Proposal, named: Sequence[NamedReading], table: NumberTable) -> FilePreview:
+    """Return the preview of a table."""
+    uses = describe_uses(proposal, named, table)
+    columns = []
+    for column, header in enumerate(table.headers):
+        words, _, unit = uses.get(column, _describe_other(table, column)).partition(" [")
+        meaning = ColumnMeaning(
+            column=column + 1, header=header, meaning=words, unit=unit.rstrip("]") or None
+        )
+        columns.append(meaning)
+    first_rows = table.rows[:MAX_PREVIEW_ROWS]
+    understood = {
+        "decimal_mark": table.mark if table.grid.preview.format == "text" else None,
+        "columns": columns,
+        "row_count": len(table.rows),
+        "first_rows": [list(row.cells) for row in first_rows],
+        "first_lines": [row.line for row in first_rows],
+    }
+    return table.grid.preview.model_copy(update=understood)
+
+
+def _describe_other(table: NumberTable, column: int) -> str:
+    """Return the meaning of a column that is no joint and no position: what it names, or `ignored`."""
+    meaning = table.meanings[column]
+    if column == 0 and table.labels:
+        return "name"
+    if meaning is None or meaning.kind not in KEPT_KINDS | _NAMES:
+        return "ignored"
+    return f"{meaning} [{meaning.unit}]" if meaning.unit else str(meaning)

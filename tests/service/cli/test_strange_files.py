@@ -1,0 +1,257 @@
+"""Files as instruments, controllers and metrologists write them become the campaign that was measured."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.command_lines import assert_said, refused, typed
+from support.strange_files import (
+    FORMS,
+    JOINTS,
+    deflection,
+    digits,
+    joints,
+    judge,
+    places,
+    points,
+    simulate,
+    table,
+    wide,
+)
+
+ARMS = ("KUKA KR 210 R2700 extra", "Universal Robots UR10e", "Yaskawa GP25", "FANUC M-20iD/25")
+STATED = "--encoders motor --load-point 0,0,120"
+FORCE = "--force 0,0,-981 --units force=N"
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def write(files):
+    for name, text in files.items():
+        Path(name).write_text(text)
+    return " ".join(files)
+
+
+def line(files, arm, more=FORCE):
+    return f"import {write(files)} --robot '{arm}' {STATED} {more} --yes -o c.json"
+
+
+def read_set():
+    return json.loads(Path("c.json").read_text())["measurement_set"]
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_one_proposal_gives_the_measured_campaign(name):
+    form = FORMS[name]
+    arm = ARMS[list(FORMS).index(name) % len(ARMS)]
+    campaign = simulate(arm, seed=1000 + len(name), postures=14)
+    typed(line(form.write(campaign), arm, f"{FORCE if form.states_force else ''} {form.options}"))
+    assert judge(campaign, read_set(), form.load_count) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("rows_of_files_in_other_orders", "rows of the files joined by their names"),
+        ("units_and_other_columns", "not read: RMS [mm], Temp [°C], RMS' [mm]"),
+        (
+            "displacements_in_micrometres_without_units",
+            "dX, dY, dZ in µm added to the positions without load",
+        ),
+        ("a_file_in_metres_and_one_in_millimetres", "the other positions of loaded.txt converted from mm"),
+        ("loads_in_headers", "each load is an observation, with the same readings without load"),
+    ],
+)
+def test_a_proposal_says_what_it_did_with_rows_and_columns(name, said):
+    form = FORMS[name]
+    campaign = simulate(ARMS[0], seed=3, postures=14)
+    shown = typed(line(form.write(campaign), ARMS[0], FORCE if form.states_force else ""))
+    assert_said(shown, said, "wrote c.json")
+
+
+def test_the_preview_shows_the_files_as_they_are_written():
+    campaign = simulate(ARMS[0], seed=3, postures=14)
+    shown = typed(line(FORMS["times_and_an_operator"].write(campaign), ARMS[0]))
+    assert_said(shown, "log.csv: utf-8, comma between cells", "Operator", "ignored", "T1 x")
+
+
+# ---- nothing of a file is left out in silence
+
+
+def write_parts(campaign, loaded):
+    """Write joints, positions without load and `loaded` rows as three files without headers."""
+    parts = {
+        "j.txt": [row[1:] for row in wide(campaign)],
+        "u.txt": [digits(each) for each in places(campaign)],
+        "l.txt": loaded,
+    }
+    return {name: table([], rows, " ") for name, rows in parts.items()}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda rows: rows[:-1], "'l.txt' is not read: it has 13 rows for 14 postures"),
+        (
+            lambda rows: rows[::-1],
+            "'l.txt' is not read: its numbers are no positions in the postures",
+        ),
+    ],
+    ids=["a row less", "another order"],
+)
+def test_a_file_that_is_not_read_is_refused(change, said):
+    campaign = simulate(ARMS[1], seed=4, postures=14)
+    files = write_parts(campaign, change([digits(each) for each in places(campaign, 0, 1)]))
+    assert_said(refused(line(files, ARMS[1])), said, "remedy:")
+    assert not Path("c.json").exists()
+
+
+def test_a_file_without_numbers_is_refused():
+    campaign = simulate(ARMS[1], seed=4, postures=14)
+    files = write_parts(campaign, [digits(each) for each in places(campaign, 0, 1)])
+    files["notes.txt"] = "hall 3, Monday\n"
+    assert_said(refused(line(files, ARMS[1])), "notes.txt has no rows of numbers", "leave this file out")
+
+
+def test_columns_that_may_be_the_loaded_positions_are_not_dropped():
+    campaign = simulate(ARMS[2], seed=4, postures=14)
+    rows = [row[1:] for row in wide(campaign, places(campaign), deflection(campaign))]
+    shown = refused(line({"dx.txt": table([], rows, " ")}, ARMS[2]))
+    assert_said(shown, "column 10, column 11, column 12 of 'dx.txt' are not read")
+
+
+def test_a_posture_without_a_row_in_another_file_is_named_and_can_be_left_out():
+    campaign = simulate(ARMS[2], seed=4, postures=14)
+    header = ["Pose", "X", "Y", "Z"]
+    loaded = [row for row in points(campaign, 1) if row[0] != "P04"]
+    files = {
+        "achsen.csv": joints(campaign, label="Pose"),
+        "ohne_last.csv": table(header, points(campaign, 0)),
+        "mit_last.csv": table(header, loaded),
+    }
+    shown = refused(line(files, ARMS[2]))
+    assert_said(shown, "'mit_last.csv': 'P04' of 'achsen.csv' has no row here", "`--allow-missing`")
+    typed(line(files, ARMS[2], f"{FORCE} --allow-missing"))
+    assert len(read_set()["observations"]) == 13
+    assert judge(campaign, read_set())[:-1] == []  # the last is the reading that is left out
+
+
+def test_a_block_with_fewer_rows_than_the_others_is_refused_at_its_line():
+    campaign = simulate(ARMS[3], seed=4, postures=14)
+    files = FORMS["a_block_for_each_posture"].write(campaign)
+    lines = files["postures.txt"].splitlines()
+    del lines[10]
+    shown = refused(line({"postures.txt": "\n".join(lines) + "\n"}, ARMS[3]))
+    assert_said(shown, "'postures.txt', line 9: this block has 4 rows of numbers, and the others have 5")
+
+
+# ---- what a person states
+
+
+def write_unknown(campaign, *blocks):
+    """Write a table with the headers K1 to K6, then A, B, … for x, y and z of each block of positions."""
+    headers = [f"K{number}" for number in range(1, 7)]
+    axes = [f"{letter}{axis}" for letter, _ in zip("ABC", blocks, strict=False) for axis in "xyz"]
+    return {"a.csv": table(["Pose", *headers, *axes], wide(campaign, *blocks))}
+
+
+def test_stated_columns_decide_which_positions_are_loaded():
+    campaign = simulate(ARMS[0], seed=5, postures=14)
+    files = write_unknown(campaign, places(campaign, 0, 1), places(campaign))
+    stated = [
+        f"--column '{letter}{axis}=P1 {state} {axis} [mm]'"
+        for letter, state in (("A", "loaded"), ("B", "unloaded"))
+        for axis in "xyz"
+    ]
+    typed(line(files, ARMS[0], " ".join(["--force 0,0,981 --units force=N", *stated])))
+    assert judge(campaign, read_set()) == []
+
+
+def test_ignored_columns_are_no_positions():
+    campaign = simulate(ARMS[1], seed=5, postures=14)
+    files = write_unknown(campaign, places(campaign), places(campaign, 0, 1), places(campaign, 1))
+    typed(line(files, ARMS[1], f"{FORCE} --ignore 'C*'"))
+    assert judge(campaign, read_set()) == []
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("--ignore Cx", "`--ignore` names the header 'Cx', but no file has this header"),
+        ("--column 'Cx=P1 loaded x'", "`--column` names the header 'Cx', but no file has this header"),
+        (
+            " ".join(f"--column 'A{axis}=P1 unloaded {axis} [m]'" for axis in "xyz"),
+            "`--column` states that 'Ax' is P1 unloaded x [m], but by the robot it is P1 unloaded x [mm]",
+        ),
+        (
+            "--column 'K2=J1 [deg]'",
+            "states that 'K2' is J1 [deg], but by the robot it is J2 [deg]",
+        ),
+    ],
+)
+def test_a_statement_that_does_not_hold_is_refused(option, said):
+    campaign = simulate(ARMS[2], seed=5, postures=14)
+    files = write_unknown(campaign, places(campaign), places(campaign, 0, 1))
+    assert_said(refused(line(files, ARMS[2], f"{FORCE} {option}")), said, "remedy:")
+    assert not Path("c.json").exists()
+
+
+def test_one_force_for_several_loads_is_refused():
+    campaign = simulate(ARMS[3], seed=6, postures=14)
+    shown = refused(line(FORMS["loads_in_headers"].write(campaign), ARMS[3]))
+    assert_said(shown, "there are readings under 50 kg and 100 kg, and `--force` states one force for all")
+
+
+def test_displacements_that_may_be_in_two_units_need_a_unit():
+    campaign = simulate(ARMS[3], seed=6, postures=14)
+    rows = wide(campaign, places(campaign), 20.0 * deflection(campaign))
+    files = {"dx.csv": table(["Pose", *JOINTS, "X", "Y", "Z", "dX", "dY", "dZ"], rows)}
+    assert_said(refused(line(files, ARMS[3])), "so that their unit is not clear", "such as `dX [µm]`")
+
+
+def test_a_template_keeps_what_was_stated_of_columns():
+    campaign = simulate(ARMS[0], seed=7, postures=14)
+    form = FORMS["displacements_with_a_stated_header"]
+    typed(line(form.write(campaign), ARMS[0], f"{FORCE} {form.options} --save-template t.json"))
+    next_day = simulate(ARMS[0], seed=8, postures=12)
+    files = write(form.write(next_day))
+    typed(f"import {files} --robot '{ARMS[0]}' --template t.json -o c.json --overwrite")
+    assert judge(next_day, read_set()) == []
+
+
+def test_names_of_all_joints_of_a_maker_need_no_proposal():
+    campaign = simulate(ARMS[2], seed=9, postures=14)
+    headers = [
+        "label",
+        *(f"{letter}-axis [deg]" for letter in "SLURBT"),
+        *(f"T1 {state} {axis} [mm]" for state in ("unloaded", "loaded") for axis in "xyz"),
+    ]
+    files = {"a.csv": table(headers, wide(campaign, places(campaign), places(campaign, 0, 1)))}
+    shown = typed(line(files, ARMS[2]))
+    assert " fit the " not in shown
+    assert judge(campaign, read_set()) == []
+
+
+def test_states_that_only_their_order_gives_must_agree_with_the_force():
+    campaign = simulate(ARMS[1], seed=10, postures=14)
+    rows = [row[1:] for row in wide(campaign, places(campaign, 0, 1), places(campaign))]
+    files = {"a.txt": table([], rows, " ")}
+    assert_said(refused(line(files, ARMS[1])), "but the targets then move against `--force`", "`--header`")
+    headers = ";".join([*JOINTS, *(f"{axis}_{state}" for state in ("mit", "ohne") for axis in "XYZ")])
+    typed(line(files, ARMS[1], f"{FORCE} --header '{headers}'"))
+    assert judge(campaign, read_set()) == []
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2), (0, 2, 1)])
+def test_nominal_positions_without_a_header_are_no_third_state(order):
+    campaign = simulate(ARMS[1], seed=10, postures=14)
+    scatter = np.random.default_rng(4).normal(0.0, 0.5, (14, 3))
+    blocks = [places(campaign), places(campaign, 0, 1), places(campaign) + scatter]
+    rows = [row[1:] for row in wide(campaign, *(blocks[number] for number in order))]
+    assert_said(
+        refused(line({"a.txt": table([], rows, " ")}, ARMS[1])), "so that headers must name the states"
+    )
