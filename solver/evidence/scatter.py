@@ -236,7 +236,7 @@ class RestrictedLikelihood:
         by_joints, by_station = block.shared_motion
         motion = np.concatenate([by_joints, by_station], axis=-1)[used]
         unit = unit.reshape(*columns.shape[:2], -1)[used]
-        if not used.all():  # an unknown that only the postures left out show is no unknown of the others
+        if not used.all():  # an unknown that only the other postures show is no unknown of these
             unit = orthonormal_basis(unit.reshape(-1, unit.shape[-1])).reshape(*unit.shape[:2], -1)
         rows = np.concatenate([unit, residual[used, :, None]], axis=-1)
         self._joint_count: int = by_joints.shape[-1]

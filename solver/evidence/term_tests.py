@@ -275,7 +275,10 @@ class TermTests:
             fitted: terms that are fitted in any case.
             test: function of a triangle, and of the names of tested terms, that returns their p-values.
         """
-        triangle = self.compress_given_statements((*fitted, name))
+        # The many unknowns of links would explain the scatter of few postures: the scatter is that without
+        # links, as in a score test (C. R. Rao, 1948).
+        explaining = fitted if name == DIAGONAL_LINKS.name else (*fitted, name)
+        triangle = self.compress_given_statements((*fitted, name), explaining)
         own_statement = next((term for term in self._stated_terms if term.name == name), None)
         if own_statement is None:
             return float(test(triangle, [name])[0])
@@ -284,29 +287,37 @@ class TermTests:
         p_value = triangle.statement_p_value(name, fitted, uncertainty)
         return float(test(triangle, [name])[0]) if p_value < STATEMENT_LEVEL else p_value
 
-    def compress_given_statements(self, names: Sequence[str]) -> Triangle:
+    def compress_given_statements(
+        self, names: Sequence[str], explaining: Sequence[str] | None = None
+    ) -> Triangle:
         """Return the triangle of some terms, in which statements about all other terms are fitted.
 
         If the residuals show a scatter of the joints, the rows have the scatter that is most likely with the
         terms.
+
+        Args:
+            names: terms of the triangle.
+            explaining: those of them with which the scatter is most likely; None for all.
         """
-        fit = self._account_for_scatter(names)
+        fit = self._account_for_scatter(names, names if explaining is None else explaining)
         triangle = fit.rows.stack(fit.terms, self.compliance).triangle()
         sigma = fit.rows.measurements.sigma or triangle.sigma(fit.names)
         triangle = join_statements(triangle, fit.stated_terms, fit.rows.measurements, sigma)
         triangle.span[JOINTS.name] = np.flatnonzero(self.visible)
         return triangle
 
-    def _account_for_scatter(self, names: Sequence[str]) -> _ScatteredFit:
+    def _account_for_scatter(self, names: Sequence[str], explaining: Sequence[str]) -> _ScatteredFit:
         """Return the named terms with all other stated terms, and the rows with the scatter of the joints.
 
-        If the residuals show scatter, the rows have the scatter that is most likely with these terms.
+        If the residuals show scatter, the rows have the scatter that is most likely with the stated terms and
+        those that are `explaining`.
         """
         stated_terms = [term for term in self._stated_terms if term.name not in names]
         terms = [*(term for term in self._terms if term.name in names), *stated_terms]
         rows = self.rows
         if self._scattered:
-            likelihood = RestrictedLikelihood.from_rows(rows, terms, self.compliance, self.visible)
+            of_scatter = [term for term in terms if term.name in explaining or term in stated_terms]
+            likelihood = RestrictedLikelihood.from_rows(rows, of_scatter, self.compliance, self.visible)
             scatter, _ = likelihood.fit_shared_errors()
             rows = rows.with_scatter(scatter)
         return _ScatteredFit(terms, stated_terms, rows)
@@ -335,7 +346,7 @@ class TermTests:
 
         Leaving out a posture equals a fit in which each of its coordinates is a free unknown.
         """
-        fit = self._account_for_scatter(self.fitted)
+        fit = self._account_for_scatter(self.fitted, self.fitted)
         stack = fit.rows.stack(fit.terms, self.compliance)
         basis = self._build_basis(stack, fit)
         readings = stack.flat[:, -1]

@@ -18,6 +18,7 @@ from jointstiff.solver.evidence.scatter import (
     RestrictedLikelihood,
     compute_target_motion,
 )
+from jointstiff.solver.evidence.term_tests import LINKS_LEVEL
 from jointstiff.solver.fit.identify import identify
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
@@ -217,6 +218,15 @@ def test_equal_weights_stay_equal_with_scatter():
     shared = identify(Rows(ROBOT, measurements).with_scatter(Scatter(1.0, 0.5)), uniform)
     np.testing.assert_allclose(shared.compliance, plain.compliance, rtol=1e-9)
     assert (np.diag(shared.covariance) > np.diag(plain.covariance)).all()
+
+
+@pytest.mark.parametrize("station", [5e-5, 1e-4])
+def test_the_scatter_of_few_postures_is_not_taken_for_links(station):
+    """The links' many unknowns explain such a scatter, so that no scatter would seem to be left with them."""
+    for seed in (1, 5, 12, 13, 22):
+        measurements = scattered(0.0, seed=seed, station=station, count=7)
+        joints = JointsAlone(Rows(ROBOT, measurements), SETTINGS)
+        assert joints.screening.links_p_value > LINKS_LEVEL
 
 
 def test_one_wrong_posture_is_no_scatter():
