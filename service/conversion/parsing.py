@@ -75,7 +75,7 @@ _QUOTED_BY_PYTHON: Final = re.compile(rb"[\[{]\s*'")
 
 
 class BrokenText(NamedTuple):
-    """Why a text is no JSON document: the cause, and what to do in any door; one of them may be empty."""
+    """Reason why a text is no JSON document, with what to do."""
 
     cause: str  # without a subject, such as "ends in the middle of the document"
     remedy: str

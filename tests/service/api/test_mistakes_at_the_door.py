@@ -64,6 +64,12 @@ def predicted(angle: str) -> dict[str, Any]:
 
 WELL = post_campaign()
 MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
+    "one run twice": (
+        request("POST", "/v1/comparisons", json={"run_ids": ["{run}", "{run}"]}),
+        422,
+        "must not contain duplicates.*give each entry only once",
+        request("POST", "/v1/comparisons", json={"run_ids": ["{run}", "{other}"]}),
+    ),
     # Addresses
     "singular": (
         get("/v1/robot"),
@@ -314,12 +320,6 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
             json={"measurement_set_id": "{set}", "goal": {"kind": "joints", "relative": 0.15}},
         ),
     ),
-    "one run twice": (
-        request("POST", "/v1/comparisons", json={"run_ids": ["{run}", "{run}"]}),
-        422,
-        "must not contain duplicates.*give each entry only once",
-        request("POST", "/v1/comparisons", json={"run_ids": ["{run}", "{other}"]}),
-    ),
     "option as a field of a form": (
         imported(files={"files": TABLE}, data={"show_faults": "true"}),
         422,
@@ -456,7 +456,8 @@ def test_a_mistake_is_answered_with_a_remedy_that_works(send, ids, name):
     assert (refused.status_code, bool(problem["remedy"])) == (status, True), words
     assert re.search(re.sub(r"\{(\w+)\}", r"\\{\1\\}", answer), words), words
     assert "openapi" not in words
-    assert send(correction).status_code in {200, 201, 202}
+    corrected = send(correction)
+    assert corrected.status_code in {200, 201, 202}, corrected.text
 
 
 def test_a_remedy_names_only_fields_that_exist_at_its_place(send):
