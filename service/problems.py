@@ -695,6 +695,10 @@ def _find_remedy_of_numbers(error: Mapping[str, Any]) -> str | None:
         return "give stiffnesses in N·m/rad (prismatic: N/m); 3.1 · 10⁶ N·m/rad in a table is 3.1e6"
     if error["type"] == "string_type" and "leave_out" in error["loc"]:
         return "give labels of observations as texts, in quotes, not their numbers"
+    if error["type"] == "list_type" and "leave_out" in error["loc"]:
+        return 'give a list of labels, such as ["c03"]'
+    if error["type"] == "list_type" and error["loc"][-1:] in {("area",), ("work_area",)}:
+        return "give two corners of the box, such as [[1.2, -0.6, 0.4], [2.0, 0.6, 0.8]]"
     if message.endswith("must not contain duplicates"):
         return "give each entry only once"
     return None

@@ -68,8 +68,10 @@ def parse(message: type[Parsed], content: bytes, section: str | None = None) -> 
 
 _NAME_OF_FILE: Final = re.compile(rb"@?[\w./\\:~ -]*[\w-]\.\w{1,8}")
 """Text that is only the name of a file, perhaps after the `@` of curl."""
-_PAIRS_OF_FORM: Final = re.compile(rb"[\w.\[\]-]+=[^\s{]*(&[\w.\[\]-]+=[^\s{]*)*")
+_PAIRS_OF_FORM: Final = re.compile(rb"[\w.\[\]-]+=[^\s{]*(&[\w.\[\]-]+=[^\s{]*)*$")
 """Text of `name=value` pairs, as a web form sends them."""
+_SECTION_OF_TOML: Final = re.compile(rb"\[+[A-Za-z][\w.-]*\]+[ \t]*\r?\n")
+"""First line of a text in TOML."""
 _QUOTED_BY_PYTHON: Final = re.compile(rb"[\[{]\s*'")
 """Beginning of a dictionary or list as `print` of Python writes it."""
 
@@ -79,6 +81,30 @@ class BrokenText(NamedTuple):
 
     cause: str  # without a subject, such as "ends in the middle of the document"
     remedy: str
+
+
+_FORMS_OF_TEXTS: Final = (
+    (
+        _QUOTED_BY_PYTHON,
+        BrokenText(
+            "seems to be printed by Python: texts are in single quotes, not in double quotes",
+            "write the document with `json.dump`, not with `print`",
+        ),
+    ),
+    (
+        re.compile(rb"//|/\*|#"),
+        BrokenText("begins with a comment, but JSON has no comments", "remove all comments"),
+    ),
+    (_SECTION_OF_TOML, BrokenText("is a text in TOML, not a JSON document", "give a JSON document")),
+    (
+        _PAIRS_OF_FORM,
+        BrokenText(
+            "is a list of `name=value` pairs, as a web form sends them",
+            'send one JSON object, such as {"name": "value"}',
+        ),
+    ),
+)
+"""Pattern of the beginning of a text → what the text is."""
 
 
 def explain_broken_text(content: bytes, message: str) -> BrokenText | None:
@@ -95,10 +121,11 @@ def explain_broken_text(content: bytes, message: str) -> BrokenText | None:
         return BrokenText(
             "ends in the middle of the JSON document: a part is missing", "copy or write the document again"
         )
-    if _QUOTED_BY_PYTHON.match(text):
+    if "trailing characters" in message and text[:1] == b"{":
+        place = message.partition(" at ")[2]
         return BrokenText(
-            "seems to be printed by Python: texts are in single quotes, not in double quotes",
-            "write the document with `json.dump`, not with `print`",
+            f"has further text after the end of the JSON document, at {place}",
+            "remove this text; give several documents in files of their own",
         )
     if _NAME_OF_FILE.fullmatch(text):
         name = text.decode(errors="replace").removeprefix("@")
@@ -106,12 +133,7 @@ def explain_broken_text(content: bytes, message: str) -> BrokenText | None:
             f"is only the name {name!r} of a file, not its content",
             f"send the content of the file: with curl, `--data-binary @{name}`",
         )
-    if _PAIRS_OF_FORM.fullmatch(text):
-        return BrokenText(
-            "is a list of `name=value` pairs, as a web form sends them",
-            'send one JSON object, such as {"name": "value"}',
-        )
-    return None
+    return next((broken for pattern, broken in _FORMS_OF_TEXTS if pattern.match(text)), None)
 
 
 def _list_faults(message: type[BaseModel], error: ValidationError) -> list[dict[str, Any]]:

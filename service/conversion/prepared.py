@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
+from math import degrees, radians
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
 
 import numpy as np
@@ -410,14 +412,30 @@ def _list_misreadings(document: RobotDocument) -> Iterator[KnownRobot]:
     convention: Literal["standard", "modified"] = "modified" if model.convention == "standard" else "standard"
     other = model.model_copy(update={"convention": convention})
     remedy = f"set `convention` of the Denavit-Hartenberg table to `{convention}`, and give the robot again"
-    yield _name_misreading(document, other, f"in the convention {convention}", remedy)
+    yield from _name_misreading(document, other, f"in the convention {convention}", remedy)
     for read_as, signs, words in _MISREAD_COLUMNS:
         rows = [
             row.model_copy(update={name: sign * getattr(row, read_as[name]) for name, sign in signs.items()})
             for row in model.rows
         ]
         remedy = f"correct the Denavit-Hartenberg table, {words}, and give the robot again"
-        yield _name_misreading(document, model.model_copy(update={"rows": rows}), words, remedy)
+        yield from _name_misreading(document, model.model_copy(update={"rows": rows}), words, remedy)
+    for rows, words in _list_other_rows(model.rows):
+        remedy = f"correct the Denavit-Hartenberg table, {words}, and give the robot again"
+        yield from _name_misreading(document, model.model_copy(update={"rows": rows}), words, remedy)
+
+
+def _list_other_rows(rows: list[DhRow]) -> Iterator[tuple[list[DhRow], str]]:
+    """Yield other rows that a table may mean, each with the correction in words."""
+    yield rows[::-1], "with the rows in reverse order"
+    for i, j in combinations(range(len(rows)), 2):
+        exchanged = [*rows]
+        exchanged[i], exchanged[j] = rows[j], rows[i]
+        yield exchanged, f"with the rows {i + 1} and {j + 1} exchanged"
+    for name in ("alpha", "theta"):
+        for factor, unit in ((degrees(1.0), "rad"), (radians(1.0), "deg")):
+            in_unit = [row.model_copy(update={name: factor * getattr(row, name)}) for row in rows]
+            yield in_unit, f"with {name} in {unit}"
 
 
 _MISREAD_COLUMNS: Final = (
@@ -435,10 +453,13 @@ _MISREAD_COLUMNS: Final = (
 """Columns of a mistaken table: where each column was written, with which sign, and the words for it."""
 
 
-def _name_misreading(document: RobotDocument, model: DhModel, words: str, remedy: str) -> KnownRobot:
-    """Return the robot of a corrected table with a name that says what was corrected."""
+def _name_misreading(
+    document: RobotDocument, model: DhModel, words: str, remedy: str
+) -> Iterator[KnownRobot]:
+    """Yield the robot of a corrected table, named by the correction; nothing if no arm has such a table."""
     other = document.model_copy(update={"model": model})
-    return KnownRobot(f"{document.name} {words}", _build_stated_robot(other), remedy=remedy)
+    with suppress(RobotError):
+        yield KnownRobot(f"{document.name} {words}", _build_stated_robot(other), remedy=remedy)
 
 
 def check_set(

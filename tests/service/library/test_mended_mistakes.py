@@ -131,6 +131,9 @@ def described(rows=TABLE, convention="modified", **fields):
         (described([(d, al, a, th) for a, al, d, th in TABLE]), "with the columns a and d exchanged"),
         (described([(a, th, d, al) for a, al, d, th in TABLE]), "with the columns alpha and theta exchanged"),
         (described([(-a, al, d, th) for a, al, d, th in TABLE]), "with the opposite signs of a"),
+        (described(TABLE[::-1]), "with the rows in reverse order"),
+        (described([*TABLE[:3], TABLE[4], TABLE[3], TABLE[5]]), "with the rows 4 and 5 exchanged"),
+        (described([(a, np.radians(al), d, th) for a, al, d, th in TABLE]), "with alpha in rad"),
         (described([(a, al, -d, th) for a, al, d, th in TABLE]), "with the opposite signs of d"),
     ],
 )
@@ -182,6 +185,12 @@ def test_a_number_is_no_goal(document, goal):
         (b"{'robot': None}", "seems to be printed by Python"),
         (b'{"robot": {"name": "a"', "ends in the middle of the JSON document"),
         ("Use: all 6 joints\n│ joint_1 │\n".encode(), "is a table that jointstiff printed"),
+        (b"// mine\n{}", "begins with a comment"),
+        (b"[laboratory]\nname = 1\n", "is a text in TOML"),
+        (
+            b'{"robot": 1}\n{"robot": 1}',
+            "has further text after the end of the JSON document",
+        ),
         (b"campaign.json", "is only the name 'campaign.json' of a file"),
     ],
 )
