@@ -278,7 +278,7 @@ class LiveCampaign:
         if not earlier_observations:
             return Entry("observation", observation.label, observation, misplaced)
         innovation, held_out = self.progress.compare_reading(prepared.measurements)
-        if misplaced is not None and not (innovation is not None and innovation.doubtful):
+        if misplaced is not None and (innovation is None or innovation.p_value is None):
             innovation = misplaced
         return Entry("observation", observation.label, observation, innovation, held_out)
 
