@@ -146,6 +146,23 @@ class LiveState(Message):
         default=None, description="Run of the closed measurement set; null until the campaign is closed."
     )
 
+    def __str__(self) -> str:
+        """Return the message, the doubtful readings, and what the verdict demands, each in a line."""
+        lines = [self.message]
+        for reading in self.readings:
+            is_last = reading is self.readings[-1]
+            is_shown = is_last or reading.state == "doubtful"
+            if reading.message is not None and is_shown and reading.message not in self.message:
+                lines.append(f"{reading.label} ({reading.state}): {reading.message}")
+        is_doubtful = any(reading.state == "doubtful" for reading in self.readings)
+        if self.assessment is not None and not is_doubtful:
+            lines += [f"{each.message}; {each.remedy}" for each in self.assessment.reasons]
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        """Return the same text, which a notebook shows after each reading."""
+        return str(self)
+
 
 class MeasurementSetPost(MeasurementSetRequest):
     """Request of a measurement set: complete, or open for readings to come."""

@@ -671,23 +671,60 @@ def _find_remedy(error: Mapping[str, Any], parameters: Sequence[str]) -> str | N
     meant = _find_meant_name(error, parameters)
     if meant is not None:
         return f"give `{meant}` in its place, or remove this field"
-    if error["type"] in {"too_long", "too_short"} and str(error["msg"]).startswith("Tuple"):
-        # A vector with decimal commas, such as 1,5,2,5,3,5, has too many numbers.
-        return "give one number per component, with decimal points, not commas"
     if error["type"] == "extra_forbidden" and error["loc"][:1] == ("query",):
         known = f", or use one of {', '.join(parameters)}" if parameters else ""
         return f"leave out this parameter{known}"
+    if error["type"] == "missing" and (remedy := _find_remedy_of_units(error["loc"])):
+        return remedy
+    return (
+        _find_remedy_of_unread(error)
+        or _find_remedy_of_numbers(error)
+        or _find_remedy_of_objects(error)
+        or _REMEDIES.get(str(error["type"]))
+    )
+
+
+def _find_remedy_of_numbers(error: Mapping[str, Any]) -> str | None:
+    """Return the remedy for wrong numbers or entries of a list; None for other faults."""
+    message = str(error["msg"])
+    if error["type"] in {"too_long", "too_short"} and message.startswith("Tuple"):
+        # A vector with decimal commas, such as 1,5,2,5,3,5, has too many numbers.
+        return "give one number per component, with decimal points, not commas"
     is_outside_limit = error["type"] in {"greater_than_equal", "less_than_equal"}
     if is_outside_limit and {"priors", "stiffness_bounds"}.intersection(error["loc"]):
         return "give stiffnesses in N·m/rad (prismatic: N/m); 3.1 · 10⁶ N·m/rad in a table is 3.1e6"
-    if error["type"] == "missing" and (remedy := _find_remedy_of_units(error["loc"])):
-        return remedy
     if error["type"] == "string_type" and "leave_out" in error["loc"]:
         return "give labels of observations as texts, in quotes, not their numbers"
+    if error["type"] == "list_type" and "leave_out" in error["loc"]:
+        return 'give a list of labels, such as ["c03"]'
+    if error["type"] == "list_type" and error["loc"][-1:] in {("area",), ("work_area",)}:
+        return "give two corners of the box, such as [[1.2, -0.6, 0.4], [2.0, 0.6, 0.8]]"
+    if message.endswith("must not contain duplicates"):
+        return "give each entry only once"
+    return None
+
+
+def _find_remedy_of_objects(error: Mapping[str, Any]) -> str | None:
+    """Return the remedy for a value that is no object, with the fields of the object; None without them."""
+    if error.get("forms"):
+        return f"give an object in braces, such as {' or '.join(error['forms'][:2])}"
     if error["type"] == "model_type" and error.get("fields"):
         fields = ", ".join(f'"{name}": …' for name in error["fields"])
         return f"{_AN_OBJECT}: {{{fields}}}"
-    return _REMEDIES.get(str(error["type"]))
+    return None
+
+
+def _find_remedy_of_unread(error: Mapping[str, Any]) -> str | None:
+    """Return the remedy for a number of an observation that is no finite number; None for other faults."""
+    place = error["loc"]
+    if "observations" not in place or error["type"] not in {"finite_number", "float_type", "list_type"}:
+        return None
+    remedy = _REMEDIES[error["type"]]
+    if "readings" in place:
+        return f"{remedy}; leave out the reading of a target that was not read"
+    if any(name in place for name in ("joints", "force", "moment")):
+        return f"{remedy}; leave out the observation if the number is unknown"
+    return None
 
 
 def _find_remedy_of_units(location: Sequence[int | str]) -> str | None:

@@ -21,7 +21,13 @@ from jointstiff.schemas.fields import MAX_NAME_LENGTH
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
-from jointstiff.service.conversion.parsing import NOT_JSON, USE_ARRAYS, MalformedError, parse
+from jointstiff.service.conversion.parsing import (
+    NOT_JSON,
+    USE_ARRAYS,
+    MalformedError,
+    explain_broken_text,
+    parse,
+)
 from jointstiff.service.security.access import AccessRoute
 from jointstiff.service.security.admission import MAX_BYTES, SMALL_BYTES, SPLIT_BODY, refuse_structure
 from jointstiff.service.store.tables import IdempotencyKey
@@ -57,7 +63,7 @@ class BodyRoute(AccessRoute):
             return handle
         is_form = isinstance(field.field_info, params.Form)
         # Media type, and its name in an error message
-        media_type_and_words = ("multipart/form-data", "a form") if is_form else ("application/json", "JSON")
+        media_type_and_words = ("multipart/form-data", _A_FORM) if is_form else ("application/json", "JSON")
         message: type[BaseModel] = field.field_info.annotation  # type: ignore[assignment]
 
         async def handle_parsed(request: Request) -> Response:
@@ -76,6 +82,9 @@ class BodyRoute(AccessRoute):
     async def finish_child_answer(self, _: Request, response: Response) -> Response:
         """Return the answer that the child process gave to the request; subclasses may change it."""
         return response
+
+
+_A_FORM: Final = "a form of the fields `files` and `options`, as curl -F does"
 
 
 async def read_json(request: Request, message: type[BaseModel]) -> BaseModel:
@@ -121,6 +130,10 @@ def bind_key(key: str | None, body: bytes) -> IdempotencyKey | None:
     return None if key is None else IdempotencyKey(key, hashlib.sha256(body).hexdigest())
 
 
+_NAMES_OF_FILES: Final = frozenset(("file", "files[]", "file[]", "upload", "data", "attachment", "program"))
+"""Names that forms elsewhere have for files."""
+
+
 async def _read_idempotency_key(request: Request, idempotency_key: KeyText = None) -> IdempotencyKey | None:
     """Return the idempotency key of a request, with the hash of its body; None without a key."""
     return None if idempotency_key is None else bind_key(idempotency_key, await request.body())
@@ -161,6 +174,9 @@ def parse_body(message: type[BaseModel], content: bytes) -> BaseModel:
     except MalformedError as error:
         if error.keys is NOT_JSON:
             _refuse_no_text(content)
+            _refuse_broken_text(content, str(error.faults[0]["msg"]))
+        elif not error.keys:
+            _refuse_encoded_twice(content)
         _refuse_other_document(message, content, error.keys)
         raise RequestValidationError(error.faults) from None
 
@@ -218,6 +234,45 @@ def _refuse_no_text(content: bytes) -> None:
         raise RequestError(
             "the body of the request is not a text in UTF-8",
             remedy="send the JSON document in UTF-8",
+            where="body",
+        )
+
+
+def _refuse_broken_text(content: bytes, message: str) -> None:
+    """Refuse a text that is no JSON document, if the mistake behind the text is known.
+
+    Args:
+        content: the body, a text in UTF-8.
+        message: message of the parser about the body.
+
+    Raises:
+        RequestError: names the mistake.
+    """
+    if broken := explain_broken_text(content, message):
+        raise RequestError(f"the body {broken.cause}", remedy=broken.remedy, where="body")
+    from jointstiff.service.importing.grid import file_type  # imported only for such a body
+
+    type_of_file = file_type(content)
+    if type_of_file is not None and content.lstrip()[:1] not in (b"{", b"["):
+        raise RequestError(
+            f"the body is {type_of_file}, not a JSON document",
+            remedy="send tables and point lists as `files` of a form with POST /v1/imports, and a URDF as "
+            "the text `urdf` of a robot's model",
+            where="body",
+        )
+
+
+def _refuse_encoded_twice(content: bytes) -> None:
+    """Refuse a JSON document that was written as a text into another JSON document.
+
+    Raises:
+        RequestError: the body is such a text.
+    """
+    text = content.strip()
+    if text.startswith(b'"{') or text.startswith(b'"['):
+        raise RequestError(
+            "the body is a JSON document in quotes: it was encoded twice",
+            remedy="encode the document once: `json=document`, not `json=json.dumps(document)`",
             where="body",
         )
 
@@ -299,21 +354,40 @@ def _check_fields(form: FormData) -> None:
             name = name[:MAX_NAME_LENGTH]
             raise RequestError(
                 f"the form has an unknown field {name!r}",
-                remedy="send only the fields `files` and `options`; `options` is one JSON object of all "
-                f'options, such as {{"{name}": …}}',
+                remedy=f"send only the fields `files` and `options`; {_name_right_field(name, value)}",
                 where="body",
             )
         headers = value.headers if isinstance(value, UploadFile) else {}
         if headers.get("content-transfer-encoding", "binary").lower() not in _ALLOWED_ENCODINGS:
             raise _malformed_form("a file has an unsupported Content-Transfer-Encoding")
         if name == "files" and isinstance(value, str):
-            raise RequestError("a file has no name", remedy="send the file with a `filename`", where="files")
+            remedy = "send the file with a `filename`"
+            if "." in value and "\n" not in value.strip():
+                remedy += f": with curl, `-F files=@{value.strip()[:40]}`"
+            raise RequestError("a file has no name", remedy=remedy, where="files")
     if len(form.getlist("options")) > 1:
         raise RequestError(
             "the field `options` is given twice",
             remedy="send one JSON document in `options`",
             where="options",
         )
+
+
+def _name_right_field(name: str, value: UploadFile | str) -> str:
+    """Return what to do with a field of a form that is neither `files` nor `options`.
+
+    Args:
+        name: name of the field.
+        value: a file is meant as one of `files`, an object as `options`, another text as an option.
+    """
+    if isinstance(value, UploadFile):
+        return f"send the file as `files`, not as `{name}`"
+    text = value.strip()
+    if text.startswith("{"):
+        return f"send the JSON object as `options`, not as `{name}`"
+    if name in _NAMES_OF_FILES:
+        return f"send the file as `files`, with its content: with curl, `-F files=@{text[:40] or 'FILE'}`"
+    return f'`options` is one JSON object of all options, such as {{"{name}": …}}'
 
 
 async def _decode_options(value: UploadFile | str) -> str:

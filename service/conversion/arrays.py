@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from itertools import permutations
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -158,10 +159,9 @@ class ArrayReadings:
         Raises:
             MeasurementError: a number of these observations is missing, or a shape is wrong.
         """
-        if not np.isfinite(joints[rows]).all():
-            raise _make_shape_error("joints", joints, _JOINT_ROWS)
-        if points is not None and not np.isfinite(points[rows]).all():
-            raise _make_shape_error("load_point", points, "finite numbers for each observation")
+        _refuse_missing_numbers("joints", joints, rows)
+        if points is not None:
+            _refuse_missing_numbers("load_point", points, rows)
         count = len(joints)
         moments = None if self.moments is None else to_vectors(self.moments, count, "moments", rows)
         vectors = {"joints": joints, "force": self._read_forces(count, rows)}
@@ -415,10 +415,14 @@ def _arrange_by_target(
         has_flat_rows = array.ndim in (1, 2) and array.size > 0
         if has_flat_rows and array[0].size % components == 0:
             array = array.reshape(len(array), -1, components)
+    are_named = bool(names)
     names = names or [f"T{t}" for t in range(1, array.shape[1] + 1 if array.ndim > 1 else 2)]
     if array.shape != (count, len(names), components):
+        target_count = len(names) if are_named else None
+        other_order = _exchange_axes(name, array, (count, target_count, components))
+        other_order = other_order or _split_rows(name, array, count, target_count, components)
         wanted = f"{components} numbers for each of {count} observations and {len(names)} targets"
-        raise _make_shape_error(name, array, wanted)
+        raise _make_shape_error(name, array, wanted, other_order)
     _refuse_partly_read(array, name, names)
     return array, names
 
@@ -540,14 +544,23 @@ def to_vectors(
     array = to_number_array(value, name)
     has_rows = array.shape == (count, 3)
     used = array[rows] if has_rows and rows is not None else array
+    if has_rows:
+        _refuse_missing_numbers(name, array, range(count) if rows is None else rows)
     if not (has_rows or array.shape == (3,)) or not np.isfinite(used).all():
-        raise _make_shape_error(name, array, f"finite numbers of shape (3,) or ({count}, 3)")
+        raise _make_shape_error(
+            name,
+            array,
+            f"finite numbers of shape (3,) or ({count}, 3)",
+            _exchange_axes(name, array, (count, 3)),
+        )
     return np.broadcast_to(array, (count, 3))
 
 
 _READINGS: Final = frozenset({"unloaded", "loaded", "unloaded_after", "deflections"})
 """Arrays in which a number may be missing, because a target was not read."""
 _NAN_WHERE_NOT_READ: Final = "write NaN where a target was not read"
+_MOST_NAMED: Final = 5
+"""Most observations that a message names."""
 _NUMBERS: Final = "give an array, lists of equal lengths, or columns of a data frame"
 
 
@@ -651,8 +664,72 @@ def _replace_missing(value: Any) -> Any:  # noqa: ANN401 - an object of an array
     return np.nan if value is None or type(value).__name__ == "NAType" else value
 
 
-def _make_shape_error(name: str, array: FloatArray, wanted: str) -> MeasurementError:
-    """Return the error that a field has another shape than the wanted one, or values that are not finite."""
+def _refuse_missing_numbers(name: str, array: FloatArray, rows: Iterable[int]) -> None:
+    """Raise a `MeasurementError` if a row (N, …) among `rows` has numbers that are not finite."""
+    lacking = [row + 1 for row in rows if not np.isfinite(array[row]).all()]
+    if not lacking:
+        return
+    numbers = ", ".join(map(str, lacking[:_MOST_NAMED]))
+    more = f" and {len(lacking) - _MOST_NAMED} more" if len(lacking) > _MOST_NAMED else ""
+    noun = "observation" if len(lacking) == 1 else "observations"
+    raise MeasurementError(
+        f"`{name}` lacks numbers in {noun} {numbers}{more} (counted from 1)",
+        where=name,
+        remedy="give these numbers, or leave out such rows of all arrays: "
+        f"array[np.isfinite({name}).all(axis=1)]",
+    )
+
+
+class _OtherOrder(NamedTuple):
+    """Other order of an array's numbers that has the wanted shape."""
+
+    fault: str  # what is in another order, in words
+    call: str  # call of numpy that arranges the numbers
+
+
+def _exchange_axes(name: str, array: FloatArray, wanted: Sequence[int | None]) -> _OtherOrder | None:
+    """Return the exchange of axes of an array to the wanted shape; None if no exchange does.
+
+    In `wanted`, None is an axis of any length.
+    """
+    for order in permutations(range(array.ndim)):
+        shape = tuple(array.shape[axis] for axis in order)
+        fits = len(shape) == len(wanted) and all(
+            length in (None, given) for given, length in zip(shape, wanted, strict=True)
+        )
+        if fits and list(order) != sorted(order):
+            call = f"{name}.T" if array.ndim == 2 else f"{name}.transpose{order}"
+            return _OtherOrder("axes seem to be exchanged", call)
+    return None
+
+
+def _split_rows(
+    name: str, array: FloatArray, count: int, targets: int | None, components: int
+) -> _OtherOrder | None:
+    """Return the split of rows of single readings into N observations; None if they do not fit."""
+    per_observation = array.size // (count * components)
+    is_whole = per_observation > 1 and array.size == count * per_observation * components
+    if not is_whole or len(array) != count * per_observation or targets not in (None, per_observation):
+        return None
+    return _OtherOrder(
+        "rows seem to be single readings, target after target",
+        f"{name}.reshape({count}, {per_observation}, {components})",
+    )
+
+
+def _make_shape_error(
+    name: str, array: FloatArray, wanted: str, other_order: _OtherOrder | None = None
+) -> MeasurementError:
+    """Return the error that a field has another shape than the wanted one, or values that are not finite.
+
+    `other_order` is an order of the array's numbers that has the wanted shape; None if there is none.
+    """
+    if other_order is not None:
+        return MeasurementError(
+            f"`{name}` has the shape {array.shape}: its {other_order.fault}",
+            where=name,
+            remedy=f"give {other_order.call}",
+        )
     fault = "" if np.isfinite(array).all() else ", and some of its values are not numbers"
     return MeasurementError(
         f"`{name}` has the shape {array.shape}{fault}", where=name, remedy=f"give {wanted}"

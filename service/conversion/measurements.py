@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -42,7 +42,7 @@ from jointstiff.solver.mechanics.measurements import (
     position_covariances,
     refuse_invalid_covariance,
 )
-from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.robot import Robot, describe_other_count
 
 
 class _StatedNoise(NamedTuple):
@@ -468,6 +468,10 @@ def refuse_informed_controller(noise: Noise | None) -> None:
     )
 
 
+_USUAL_JOINTS: Final = 6
+"""Joints of most arms: a model with more joints may count a tool as a joint."""
+
+
 def _refuse_other_joints(header: MeasurementSetHeader, readings: ReadingArrays, robot: Robot) -> None:
     """Refuse readings with joints that differ from the robot's joints in number or kind.
 
@@ -482,6 +486,8 @@ def _refuse_other_joints(header: MeasurementSetHeader, readings: ReadingArrays, 
                 f"; or, if the arm has {count} joints, describe all of them: the robot's model ends at its "
                 f"flange, '{robot.flange}'"
             )
+        elif robot.n > _USUAL_JOINTS:
+            remedy += f"; or, if the arm has {count} joints, {describe_other_count(count, robot.n)}"
         raise MeasurementError(
             f"there are {count} joint angles, but the robot has {robot.n} joints",
             where="observations[0].joints",

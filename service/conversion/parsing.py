@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import codecs
+import re
 from collections.abc import Iterator, Mapping, Sequence, Set
-from typing import Any, Final, TypeVar, get_args
+from typing import Any, Final, Literal, NamedTuple, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import from_json
@@ -65,6 +66,76 @@ def parse(message: type[Parsed], content: bytes, section: str | None = None) -> 
         raise MalformedError(_list_faults(message, error), keys) from None
 
 
+_NAME_OF_FILE: Final = re.compile(rb"@?[\w./\\:~ -]*[\w-]\.\w{1,8}")
+"""Text that is only the name of a file, perhaps after the `@` of curl."""
+_PAIRS_OF_FORM: Final = re.compile(rb"[\w.\[\]-]+=[^\s{]*(&[\w.\[\]-]+=[^\s{]*)*$")
+"""Text of `name=value` pairs, as a web form sends them."""
+_SECTION_OF_TOML: Final = re.compile(rb"\[+[A-Za-z][\w.-]*\]+[ \t]*\r?\n")
+"""First line of a text in TOML."""
+_QUOTED_BY_PYTHON: Final = re.compile(rb"[\[{]\s*'")
+"""Beginning of a dictionary or list as `print` of Python writes it."""
+
+
+class BrokenText(NamedTuple):
+    """Reason why a text is no JSON document, with what to do."""
+
+    cause: str  # without a subject, such as "ends in the middle of the document"
+    remedy: str
+
+
+_FORMS_OF_TEXTS: Final = (
+    (
+        _QUOTED_BY_PYTHON,
+        BrokenText(
+            "seems to be printed by Python: texts are in single quotes, not in double quotes",
+            "write the document with `json.dump`, not with `print`",
+        ),
+    ),
+    (
+        re.compile(rb"//|/\*|#"),
+        BrokenText("begins with a comment, but JSON has no comments", "remove all comments"),
+    ),
+    (_SECTION_OF_TOML, BrokenText("is a text in TOML, not a JSON document", "give a JSON document")),
+    (
+        _PAIRS_OF_FORM,
+        BrokenText(
+            "is a list of `name=value` pairs, as a web form sends them",
+            'send one JSON object, such as {"name": "value"}',
+        ),
+    ),
+)
+"""Pattern of the beginning of a text → what the text is."""
+
+
+def explain_broken_text(content: bytes, message: str) -> BrokenText | None:
+    """Return why a text is no JSON document; None if nothing more is known than the parser's message.
+
+    Args:
+        content: bytes of the text, in UTF-8.
+        message: message of the parser about the text.
+    """
+    text = content.removeprefix(codecs.BOM_UTF8).strip()
+    if not text:
+        return BrokenText("is empty", "give a JSON document")
+    if "EOF while parsing" in message:
+        return BrokenText(
+            "ends in the middle of the JSON document: a part is missing", "copy or write the document again"
+        )
+    if "trailing characters" in message and text[:1] == b"{":
+        place = message.partition(" at ")[2]
+        return BrokenText(
+            f"has further text after the end of the JSON document, at {place}",
+            "remove this text; give several documents in files of their own",
+        )
+    if _NAME_OF_FILE.fullmatch(text):
+        name = text.decode(errors="replace").removeprefix("@")
+        return BrokenText(
+            f"is only the name {name!r} of a file, not its content",
+            f"send the content of the file: with curl, `--data-binary @{name}`",
+        )
+    return next((broken for pattern, broken in _FORMS_OF_TEXTS if pattern.match(text)), None)
+
+
 def _list_faults(message: type[BaseModel], error: ValidationError) -> list[dict[str, Any]]:
     """Return the faults of a message.
 
@@ -78,6 +149,8 @@ def _list_faults(message: type[BaseModel], error: ValidationError) -> list[dict[
             fault["fields"] = list_fields_at(message, fault["loc"][:-1])
         elif fault["type"] == "model_type":
             fault["fields"] = _list_required_fields_at(message, fault["loc"])
+        elif fault["type"] == "model_attributes_type":
+            fault["forms"] = _list_forms_at(message, fault["loc"])
         faults.append(fault)
     return faults
 
@@ -97,6 +170,21 @@ def _list_required_fields_at(message: type[BaseModel], place: Sequence[int | str
     if len(models) != 1:
         return []
     return [name for model in models for name, field in model.model_fields.items() if field.is_required()]
+
+
+def _list_forms_at(message: type[BaseModel], place: Sequence[int | str]) -> list[str]:
+    """Return the forms that an object may have at a place, in JSON with … for a value, the shortest first."""
+    forms = []
+    for model in _list_models_at(message, place):
+        parts = []
+        for name, field in model.model_fields.items():
+            words = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
+            if len(words) == 1:
+                parts.append(f'"{name}": "{words[0]}"')
+            elif field.is_required():
+                parts.append(f'"{name}": …')
+        forms.append(f"{{{', '.join(parts)}}}")
+    return sorted(forms, key=len)
 
 
 def _list_models_at(message: type[BaseModel], place: Sequence[int | str]) -> set[type[BaseModel]]:

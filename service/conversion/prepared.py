@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from itertools import chain
+from functools import partial
+from itertools import combinations
+from math import degrees, radians
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
 
 import numpy as np
@@ -379,6 +381,13 @@ def build_robot(document: RobotDocument) -> Robot:
         RobotError: the description cannot be used.
         TypeError: the document did not come from `prepare_robot`.
     """
+    robot = _build_stated_robot(document)
+    robot.list_misreadings = partial(_list_misreadings, document)
+    return robot
+
+
+def _build_stated_robot(document: RobotDocument) -> Robot:
+    """Build the robot of such a document as the document states it; raise the same errors."""
     model = document.model
     if isinstance(model, DhModel):
         chain = build_dh_chain(model, document.name)
@@ -389,18 +398,68 @@ def build_robot(document: RobotDocument) -> Robot:
     return build_chain_robot(chain, document.joint_map, document.bodies or (), document.payload)
 
 
-def list_other_conventions(document: RobotDocument) -> Iterator[KnownRobot]:
-    """Yield the robot of a Denavit-Hartenberg table in the other convention; nothing without a table.
+def _list_misreadings(document: RobotDocument) -> Iterator[KnownRobot]:
+    """Yield the robots that a mistaken Denavit-Hartenberg table means; nothing without a table.
 
-    `document` is one that `prepare_robot` returned.
+    The table may be in the other convention, or have exchanged columns or reversed signs.
+
+    Args:
+        document: the robot as `prepare_robot` returned it.
     """
     model = document.model
     if not isinstance(model, DhModel):
         return
     convention: Literal["standard", "modified"] = "modified" if model.convention == "standard" else "standard"
-    other = document.model_copy(update={"model": model.model_copy(update={"convention": convention})})
-    remedy = f"set `convention` of the Denavit-Hartenberg table to `{convention}`, and post the robot again"
-    yield KnownRobot(f"{document.name} in the convention {convention}", build_robot(other), remedy=remedy)
+    other = model.model_copy(update={"convention": convention})
+    remedy = f"set `convention` of the Denavit-Hartenberg table to `{convention}`, and give the robot again"
+    yield from _name_misreading(document, other, f"in the convention {convention}", remedy)
+    for read_as, signs, words in _MISREAD_COLUMNS:
+        rows = [
+            row.model_copy(update={name: sign * getattr(row, read_as[name]) for name, sign in signs.items()})
+            for row in model.rows
+        ]
+        remedy = f"correct the Denavit-Hartenberg table, {words}, and give the robot again"
+        yield from _name_misreading(document, model.model_copy(update={"rows": rows}), words, remedy)
+    for rows, words in _list_other_rows(model.rows):
+        remedy = f"correct the Denavit-Hartenberg table, {words}, and give the robot again"
+        yield from _name_misreading(document, model.model_copy(update={"rows": rows}), words, remedy)
+
+
+def _list_other_rows(rows: list[DhRow]) -> Iterator[tuple[list[DhRow], str]]:
+    """Yield other rows that a table may mean, each with the correction in words."""
+    yield rows[::-1], "with the rows in reverse order"
+    for i, j in combinations(range(len(rows)), 2):
+        exchanged = [*rows]
+        exchanged[i], exchanged[j] = rows[j], rows[i]
+        yield exchanged, f"with the rows {i + 1} and {j + 1} exchanged"
+    for name in ("alpha", "theta"):
+        for factor, unit in ((degrees(1.0), "rad"), (radians(1.0), "deg")):
+            in_unit = [row.model_copy(update={name: factor * getattr(row, name)}) for row in rows]
+            yield in_unit, f"with {name} in {unit}"
+
+
+_MISREAD_COLUMNS: Final = (
+    ({"a": "d", "d": "a"}, {"a": 1.0, "d": 1.0}, "with the columns a and d exchanged"),
+    (
+        {"alpha": "theta", "theta": "alpha"},
+        {"alpha": 1.0, "theta": 1.0},
+        "with the columns alpha and theta exchanged",
+    ),
+    ({"alpha": "alpha"}, {"alpha": -1.0}, "with the opposite signs of alpha"),
+    ({"a": "a"}, {"a": -1.0}, "with the opposite signs of a"),
+    ({"d": "d"}, {"d": -1.0}, "with the opposite signs of d"),
+    ({"theta": "theta"}, {"theta": -1.0}, "with the opposite signs of theta"),
+)
+"""Columns of a mistaken table: where each column was written, with which sign, and the words for it."""
+
+
+def _name_misreading(
+    document: RobotDocument, model: DhModel, words: str, remedy: str
+) -> Iterator[KnownRobot]:
+    """Yield the robot of a corrected table, named by the correction; nothing if no arm has such a table."""
+    other = document.model_copy(update={"model": model})
+    with suppress(RobotError):
+        yield KnownRobot(f"{document.name} {words}", _build_stated_robot(other), remedy=remedy)
 
 
 def check_set(
@@ -506,7 +565,7 @@ def prepare_set(
         robot.robot,
         resolve_stated_frame(document),
         [],
-        chain(list_other_conventions(robot.document), others),
+        others,
         robot_id=robot_id,
         robot_hash=robot.content_hash,
     )

@@ -267,11 +267,11 @@ def merge_options(
         merged = _merge_numbers(message, merged, fields, joint_kinds)
     else:  # without numbers, so that a `Client` imports no numerics
         merged |= {name: value for name, value in fields.items() if name != "units"}
-    if isinstance(merged.get("goal"), str):
+    if isinstance(merged.get("goal"), str | int | float):
         from jointstiff.service.conversion.units import parse_goal_text
 
         with as_campaign_error(""):
-            merged["goal"] = parse_goal_text(merged["goal"])
+            merged["goal"] = parse_goal_text(str(merged["goal"]))
     return merged
 
 

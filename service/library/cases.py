@@ -115,9 +115,13 @@ def _cases_from_arrays(
     q = to_number_array(posture_rows.values, "postures")
     q = q.reshape(1, -1) if q.ndim == 1 else q
     if force_rows is None:
-        remedy = "give (N, 3) or (3,): predict(run, q, forces=(0, 0, -500), at=(0, 0, 120))"
+        remedy = (
+            "give `forces`, not `force`, (N, 3) or (3,): predict(run, q, forces=(0, 0, -500), at=(0, 0, 120))"
+        )
         raise RequestError(
-            "`forces` are missing: without a load, the arm does not deflect", where="forces", remedy=remedy
+            "`forces` are missing: without a load, the arm does not deflect",
+            where="forces",
+            remedy=remedy,
         )
     _refuse_large_angles(q, joints, units)
     columns = {"joints": q.tolist(), "force": to_vectors(force_rows.values, len(q), "forces").tolist()}

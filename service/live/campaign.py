@@ -38,7 +38,7 @@ from jointstiff.service.kinds.plan.work import CampaignSoFar, to_design_request
 from jointstiff.service.problems import LabelTakenError
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.live.ahead import CandidateReadings, UncertaintyShare
-from jointstiff.solver.live.innovation import HeldOut, Innovation
+from jointstiff.solver.live.innovation import HeldOut, Innovation, compare_declared_places
 from jointstiff.solver.live.priors import Standing
 from jointstiff.solver.live.progress import Progress, ReadingsSoFar
 from jointstiff.solver.mechanics.robot import Robot
@@ -272,9 +272,14 @@ class LiveCampaign:
             )
         earlier_observations = self.observations
         prepared = self.declaration.check_observations([*earlier_observations, observation])
+        misplaced = compare_declared_places(
+            self.declaration.robot, prepared.measurements, self.declaration.options.targets
+        )
         if not earlier_observations:
-            return Entry("observation", observation.label, observation)
+            return Entry("observation", observation.label, observation, misplaced)
         innovation, held_out = self.progress.compare_reading(prepared.measurements)
+        if misplaced is not None and (innovation is None or innovation.p_value is None):
+            innovation = misplaced
         return Entry("observation", observation.label, observation, innovation, held_out)
 
     @cached_property

@@ -48,7 +48,7 @@ def read_goal(goal: str | Goal | Mapping[str, Any], force: Vector3 | None = None
     """
     if isinstance(goal, Message):
         return goal
-    document = dict(goal) if isinstance(goal, Mapping) else parse_goal_text(goal)
+    document = dict(goal) if isinstance(goal, Mapping) else parse_goal_text(str(goal))
     if force is not None and document.get("kind") != "joints":
         document.setdefault("force", force)
     return LiveOptions.model_validate({"goal": document}).goal

@@ -29,6 +29,7 @@ from jointstiff.service.problems import ServiceError
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.fit.constraints import Bounds, Constraints
+from jointstiff.solver.live.innovation import LARGEST_PLACE_ERROR
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
@@ -45,7 +46,7 @@ PATIENCE: Final = 30.0
 """Time after which a source that sends nothing counts as stopped [s]."""
 _FARTHEST: Final = 100.0
 """Greatest plausible coordinate of a position [m]."""
-_LARGEST_POSITION_ERROR: Final = 0.1
+_LARGEST_POSITION_ERROR: Final = LARGEST_PLACE_ERROR
 """Greatest plausible distance of an unloaded target from the position that the kinematics predict [m]."""
 _LARGEST_DISTANCE_ERROR: Final = 0.01
 """Greatest plausible difference between the measured distance of two targets and their distance on the flange

@@ -18,7 +18,14 @@ from pydantic import BaseModel, ConfigDict
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
-from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, USE_ARRAYS, MalformedError, parse
+from jointstiff.service.conversion.parsing import (
+    MAX_SET_BYTES,
+    NOT_JSON,
+    USE_ARRAYS,
+    MalformedError,
+    explain_broken_text,
+    parse,
+)
 from jointstiff.service.problems import (
     CampaignError,
     as_campaign_error,
@@ -224,10 +231,13 @@ def _explain_text(content: bytes, error: MalformedError, name: str) -> Problem:
     """
     if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
         return http_problem(422, f"{name} is a text in UTF-16, not a JSON document", "save the file as UTF-8")
+    message = str(error.faults[0]["msg"])
+    if broken := explain_broken_text(content, message):
+        return http_problem(422, f"{name} {broken.cause}", broken.remedy)
     first = content.lstrip()[:1]
     if first in (b"{", b"["):
         remedy = f"correct the JSON at this place; {_IMPORT_HINT}"
-        return http_problem(422, f"{name}: {error.faults[0]['msg']}", remedy)
+        return http_problem(422, f"{name}: {message}", remedy)
     if first == b"<" and b"<robot" in content:
         file = shlex.quote(name)
         remedy = (
@@ -235,11 +245,24 @@ def _explain_text(content: bytes, error: MalformedError, name: str) -> Problem:
             f"`jointstiff import FILE --robot {file}` reads them"
         )
         return http_problem(422, f"{name} is a URDF, not a campaign", remedy)
-    from jointstiff.service.importing.grid import file_type  # imported only for such a file
+    # Imported only for such a file.
+    from jointstiff.service.importing.grid import file_type
+    from robotprograms import is_program
 
+    if any(sign.encode() in content for sign in _SIGNS_OF_TABLES):
+        return http_problem(422, f"{name} is a table that jointstiff printed, not a document", _GIVE_CAMPAIGN)
+    if is_program(name):
+        remedy = f"to correct the program use `jointstiff compensate CAMPAIGN {shlex.quote(name)}`"
+        return http_problem(422, f"{name} is a robot program, not a JSON document", remedy)
     type_of_file = file_type(content) or "a text"
     return http_problem(422, f"{name} is {type_of_file}, not a JSON document", _IMPORT_HINT)
 
+
+_GIVE_CAMPAIGN: Final = (
+    "give the campaign; `jointstiff identify FILE --save RUN` writes a run with its campaign"
+)
+_SIGNS_OF_TABLES: Final = ("│", "┃", "━━")
+"""Signs of tables that commands print at the terminal."""
 
 _OTHER_DOCUMENTS: Final = (
     ({"motion"}, "logs of a motion", "use `jointstiff gearbox FILE`"),
@@ -253,7 +276,7 @@ _OTHER_DOCUMENTS: Final = (
     (
         {"kind", "result", "provenance"},
         "a result without a campaign",
-        "give the campaign; `jointstiff identify FILE --save RUN` writes a run with its campaign",
+        _GIVE_CAMPAIGN,
     ),
     ({"sweeps"}, "a set of sweeps", "use `jointstiff geometry FILE`"),
     ({"robot", "measurement_set"}, "a campaign", "use `jointstiff identify FILE`"),

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import lru_cache, partial
-from itertools import chain
 from typing import Any, Final, Generic, NamedTuple, TypeVar
 from uuid import uuid4
 
@@ -33,7 +32,6 @@ from jointstiff.service.conversion.prepared import (
     check_set,
     frame_fields,
     leave_out_observations,
-    list_other_conventions,
     prepare_robot,
     read_stated_transform,
     to_base_targets,
@@ -180,14 +178,6 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         if document is not None:
             return prepare_robot(self._describe_robot(document).document).robot
         return self.load(robot_id or "")[0]
-
-    def list_other_conventions(self, robot_id: str) -> Iterator[KnownRobot]:
-        """Yield a stored robot with its Denavit-Hartenberg table in the other convention, if it has a table.
-
-        Raises:
-            NotFoundError: no robot has this id.
-        """
-        return list_other_conventions(robot_from_record(self._store.robots.get(robot_id)))
 
     def list_confusable_robots(self) -> Iterator[KnownRobot]:
         """Yield robots that may have been measured by mistake: the newest stored robots, then catalogue arms.
@@ -459,9 +449,7 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
             return earlier_record
         robot = self._load_robot(request.robot_id)
         resolved, drift = resolve_frame(self._store, request)
-        others = chain(
-            self._robots.list_other_conventions(request.robot_id), self._robots.list_confusable_robots()
-        )
+        others = self._robots.list_confusable_robots()
         checked = check_set(request, robot, resolved, drift, others)
         message = messages.StoredMeasurementSet(
             **request.model_dump(exclude={"observations", "open"}),

@@ -6,7 +6,7 @@ the payload at the reach, and therefore the ratio of stiffness to this torque di
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -55,6 +55,15 @@ _SIX: Final = 6
 """Number of joints; joint 1 is not compared, because it often sees no torque."""
 _TYPED_UNITS: Final[tuple[ConfusedForceUnit, ...]] = ("N", "kgf", "lbf")
 """Units of force that people type; kN is so far from N that the forces themselves show it."""
+
+
+_UNITS_OF_PAYLOADS: Final = {"N": 1.0 / FORCE_UNITS["kgf"], "g": 1e-3, "t": 1e3}
+"""Unit that a payload may be in by mistake → its size [kg]."""
+_PAYLOAD_BY_REACH: Final = (0.1, 50.0)
+"""Payloads that arms carry, divided by the third power of their reach [kg/m³]: 0.3 for arms that paint, 24
+for the smallest arm of the catalogue, 44 for the strongest arms of data sheets."""
+_ROUND: Final = 1e-3
+"""Relative difference from a number of two digits up to which a number is round."""
 
 
 def payload_torque(payload: float, reach: float) -> float:
@@ -208,6 +217,25 @@ class _Comparison:
         likeliest_first = sorted(ratios, key=lambda unit: abs(np.log(ratios[unit] / usual)))
         return {unit: ratios[unit] for unit in likeliest_first}
 
+    def find_mistaken_payload(self) -> str | None:
+        """Return a statement that the payload is in another unit than kg; None if it seems to be in kg.
+
+        A payload in another unit explains the ratio as well as forces in another unit do. It is named if no
+        arm of this reach carries the payload as stated, or if the payload is a round number only in that
+        unit, because data sheets state round numbers.
+        """
+        for unit, size in _UNITS_OF_PAYLOADS.items():
+            payload = size * self.payload
+            is_carried = self._is_carried(payload) and self.is_plausible(1.0 / size)
+            if is_carried and (not self._is_carried(self.payload) or _is_round(payload, self.payload)):
+                return f"the payload of {figure(self.payload)} kg is in {unit} ({figure(payload, '.3g')} kg)"
+        return None
+
+    def _is_carried(self, payload: float) -> bool:
+        """Return whether arms of this reach carry a payload [kg]."""
+        least, greatest = _PAYLOAD_BY_REACH
+        return least <= payload / self.reach**3 <= greatest
+
     @property
     def plausible_range(self) -> str:
         """The plausible ratios in words."""
@@ -234,6 +262,9 @@ def _report_implausible_ratio(comparison: _Comparison) -> Iterator[Finding]:
     Only the first finding repeats the whole comparison.
     """
     units = comparison.find_plausible_units()
+    if mistaken_payload := comparison.find_mistaken_payload():
+        yield _report_mistaken_payload(comparison, mistaken_payload, units)
+        return
     if not units:
         yield Finding(
             code="stiffness_against_payload",
@@ -250,6 +281,37 @@ def _report_implausible_ratio(comparison: _Comparison) -> Iterator[Finding]:
         if number == 0:
             message = f"{comparison.describe()}; {effect}"
         yield _report_confused_unit(unit, message)
+
+
+def _report_mistaken_payload(
+    comparison: _Comparison, mistaken_payload: str, units: Iterable[ConfusedForceUnit]
+) -> Finding:
+    """Return the finding that the payload, or instead the forces, are in another unit; without an action.
+
+    Args:
+        comparison: stiffness compared with payload and reach.
+        mistaken_payload: statement about the unit of the payload.
+        units: units of force that explain the ratio as well.
+    """
+    declared, words = comparison.declared, " or ".join(units)
+    cause, remedy = mistaken_payload, "state `payload` in kg, as the maker's data sheet states it"
+    if words:
+        cause = f"either {mistaken_payload}, or the forces are in {words}, not in {declared} as declared"
+        remedy += f"; or, if the payload is right, set `units.force` to {words}"
+    return Finding(
+        code="stiffness_against_payload",
+        weight="use_with_care",
+        message=f"{cause}: {comparison.describe()}",
+        remedy=f"{remedy}; {PAST_CARE}",
+    )
+
+
+def _is_round(number: float, other: float) -> bool:
+    """Return whether a number is within 0.1 % of one of two digits, and another number is not."""
+    return all(
+        (abs(float(f"{each:.2g}") / each - 1.0) < _ROUND) is is_wanted
+        for each, is_wanted in ((number, True), (other, False))
+    )
 
 
 def _report_confused_unit(unit: ConfusedForceUnit, message: str) -> Finding:

@@ -879,6 +879,8 @@ SMALLEST_RESIDUAL: Final = 5e-6
 _LEAST_SHIFTED: Final = 3
 """Least number of successive rows that a shift must explain: one row may match its neighbour by chance, and
 two rows may be exchanged."""
+_MOST_SHIFTED: Final = 3
+"""Greatest shift of the loads against the readings that is searched, in rows."""
 _ROWS_PER_JOINT: Final = 3
 _ROUNDS: Final = 8
 _NULL: Final = 1e-9
@@ -1059,8 +1061,11 @@ def _find_mistake_of_the_set(
         exchanged := _find_exchanged_by_springs(view, block, springs)
     ):
         return exchanged
-    if springs.unexplained > WORTH_A_SEARCH and (turned := _find_turned_forces(view, block, springs)):
-        return turned
+    if springs.unexplained > WORTH_A_SEARCH and (
+        mistaken := _find_forces_of_other_rows(view, block, springs)
+        or _find_turned_forces(view, block, springs)
+    ):
+        return mistaken
     if springs.unexplained > UNEXPLAINED:
         typical_deflection = median(np.linalg.norm(measurements.deflection, axis=2)[measurements.present])
         return view.build_finding(
@@ -1114,6 +1119,51 @@ def _find_exchanged_by_springs(view: View, block: RegressorBlock, springs: Sprin
         f"joint compliances leave {100.0 * springs.unexplained:.3g} % of the deflections unexplained, and "
         f"after the exchange {100.0 * best.unexplained:.3g} %",
     )
+
+
+def _find_forces_of_other_rows(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
+    """Return the finding about loads that are shifted against the readings, or in reverse order.
+
+    All rows of loads are shifted alike, as if a row was missing at the beginning or at the end. None is
+    returned if no order of the loads leaves a small share unexplained.
+    """
+    measurements, rows = block.measurements, np.arange(len(block.measurements))
+    loads = np.hstack([measurements.force, measurements.moment])
+    if len(rows) < LEAST_OBSERVATIONS_OF_TURN or np.allclose(loads, loads[0]):
+        return None
+    most = min(_MOST_SHIFTED, (len(rows) - 1) // 2)
+    orders = {shift: np.roll(rows, -shift) for shift in sorted(range(-most, most + 1), key=abs) if shift} | {
+        0: rows[::-1]
+    }
+    fits = {
+        shift: Springs.fit(get_whole_block(view.robot, _reorder_loads(measurements, order)))
+        for shift, order in orders.items()
+    }
+    best = min(fits, key=lambda shift: fits[shift].unexplained)
+    unexplained = fits[best].unexplained
+    others = [fit.unexplained for shift, fit in fits.items() if shift != best]
+    is_better = unexplained < BETTER * min([springs.unexplained, *others]) and fits[best].work > 0.0
+    if not is_better or unexplained > UNEXPLAINED:
+        return None
+    if best == 0:
+        cause, remedy = "the forces are in reverse order", "reverse the order of the forces"
+    else:
+        count = "one row" if abs(best) == 1 else f"{abs(best)} rows"
+        side = "after" if best > 0 else "before"
+        cause = f"the forces are shifted by {count} against the readings"
+        remedy = f"shift the forces by {count}: the force of each observation is {count} {side} its own row"
+    return view.build_finding(
+        "observations_out_of_order",
+        f"{cause}: joint compliances leave {100.0 * springs.unexplained:.3g} % of the deflections "
+        f"unexplained, and with the forces in that order {100.0 * unexplained:.3g} %",
+        f"{remedy}; {PAST_DO_NOT_USE}",
+        "do_not_use",
+    )
+
+
+def _reorder_loads(measurements: Measurements, order: IndexArray) -> Measurements:
+    """Return the measurements whose row i has the force and the moment of row `order[i]`."""
+    return replace(measurements, force=measurements.force[order], moment=measurements.moment[order])
 
 
 def _find_turned_forces(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:

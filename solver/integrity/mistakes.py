@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import chain, combinations
 from typing import Final
 
 import numpy as np
@@ -443,7 +443,7 @@ def inspect_other_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[F
     sample, is_compared, fits = view.measurements[rows], is_compared[rows], []
     chosen_distances = _see_from_flange(view.robot, sample, is_compared).distances
     explained_by_chosen = int((chosen_distances <= LARGEST_MODEL_ERROR).sum())
-    for known in others:
+    for known in chain(view.robot.list_misreadings(), others):
         if known.robot.joint_kinds != view.robot.joint_kinds:
             continue
         seen = _see_from_flange(known.robot, sample, is_compared)

@@ -9,7 +9,7 @@ reading best are named.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Final
@@ -45,6 +45,8 @@ class Innovation:
 
 _NOT_COMPARABLE: Final = Innovation(message="too few other readings to compare this reading with")
 
+LARGEST_PLACE_ERROR: Final = 0.1
+"""Greatest plausible distance of an unloaded target from its declared place by the model [m]."""
 DOUBTFUL: Final = (1e-5, 1e-4)
 """p-values below which a reading is doubtful: of its distance from the prediction, and of the part of the
 distance that another size of the force explains."""
@@ -300,6 +302,39 @@ def compare_last_reading(robot: Robot, measurements: Measurements, compliance: F
         doubtful=True,
         causes=causes,
         message=f"{place_text}: {cause_text} Read the posture again before the load is taken off.",
+    )
+
+
+def compare_declared_places(
+    robot: Robot, measurements: Measurements, places: Mapping[str, Sequence[float]]
+) -> Innovation | None:
+    """Compare the last reading with the declared places of its targets; None if a target is at its place.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        places: target → declared place in the flange frame [m].
+    """
+    seen = View(robot, measurements[-1:]).places[0]
+    distances = [
+        float(np.linalg.norm(seen[t] - places[name]))
+        for t, name in enumerate(measurements.targets)
+        if name in places and np.isfinite(seen[t]).all()
+    ]
+    if not distances or min(distances) <= LARGEST_PLACE_ERROR:
+        return None
+    causes = [
+        "the arm was in another posture than stated",
+        "the positions are in another frame or unit",
+        "the targets were declared at other places",
+    ]
+    return Innovation(
+        distance=max(distances),
+        doubtful=True,
+        causes=causes,
+        message=f"all unloaded targets are over {length_text(LARGEST_PLACE_ERROR)} from their places by the "
+        f"model, up to {length_text(max(distances))}: {' or '.join(causes)}? Withdraw the reading, and read "
+        "again in the stated posture; or keep the reading if it is right.",
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -168,6 +168,8 @@ class Robot:
     speeds: (
         FloatArray  #: (n,) greatest speeds of the model's joints by the maker [rad/s or m/s]; NaN if unknown
     )
+    #: lists the robots that the description means if it was mistaken; empty without such a list
+    list_misreadings: Callable[[], Iterable[KnownRobot]] = tuple
 
     def __init__(
         self,
@@ -212,7 +214,8 @@ class Robot:
         if self.joint_map.n != n:
             raise RobotError(
                 f"the joint map has {self.joint_map.n} joints, but the robot has {n}",
-                remedy=f"give a {n} × {n} matrix and {n} offsets",
+                remedy=f"give a {n} × {n} matrix and {n} offsets; or, if the arm has "
+                f"{self.joint_map.n} joints, " + describe_other_count(self.joint_map.n, n),
                 where="joint_map.matrix",
             )
         numbers = range(1, n + 1)  # of the joints in Pinocchio's model
@@ -326,6 +329,16 @@ class Robot:
         """Return joint positions (N, n) [rad or m] rounded to whole degrees, or to whole mm if prismatic."""
         degrees: FloatArray = np.radians(np.round(np.degrees(joints)))
         return np.where(self.prismatic, np.round(joints * 1e3) / 1e3, degrees)
+
+
+def describe_other_count(arm: int, model: int) -> str:
+    """Return what to change in a model of `model` joints that describes an arm of `arm` joints."""
+    if model > arm:
+        return (
+            "remove the row or joint of the model that is no joint of the arm: a tool is not a joint, and "
+            "its length belongs to the load point and to the places of targets"
+        )
+    return "add the missing row or joint to the model: a DH table has one row for each joint of the arm"
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,10 @@ PROGRAM = options("krl")
 SOURCE = ("a.src", TEXT.encode("latin-1"))
 TABLE = ("a.csv", CAMPAIGN.encode())
 WRITTEN = "send multipart/form-data as browsers, curl -F and HTTP libraries do"
-NOT_A_FORM = "send a form, with the header Content-Type: multipart/form-data"
+NOT_A_FORM = (
+    "send a form of the fields `files` and `options`, as curl -F does, with the header Content-Type: "
+    "multipart/form-data"
+)
 FILE_NAME = "a file has no name, or a name that cannot be displayed"
 ONCE = "send each file once"
 FEWER = "send less data in one request"

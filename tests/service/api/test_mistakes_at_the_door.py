@@ -64,6 +64,12 @@ def predicted(angle: str) -> dict[str, Any]:
 
 WELL = post_campaign()
 MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
+    "one run twice": (
+        request("POST", "/v1/comparisons", json={"run_ids": ["{run}", "{run}"]}),
+        422,
+        "must not contain duplicates.*give each entry only once",
+        request("POST", "/v1/comparisons", json={"run_ids": ["{run}", "{other}"]}),
+    ),
     # Addresses
     "singular": (
         get("/v1/robot"),
@@ -237,7 +243,7 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
     "JSON in place of a form": (
         imported(json={}),
         415,
-        "send a form, with the header Content-Type: multipart/form-data$",
+        "send a form of the fields `files` and `options`, .*header Content-Type: multipart/form-data$",
         imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
     ),
     "UTF-16": (post_campaign(content=TEXT.encode("utf-16")), 422, "send the JSON document in UTF-8$", WELL),
@@ -254,7 +260,12 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
         WELL,
     ),
     "empty": (post_campaign(content=b""), 422, "the body is empty.*send a JSON document", WELL),
-    "cut off": (post_campaign(content=TEXT[:-9]), 422, "Invalid JSON: EOF.*send valid JSON", WELL),
+    "cut off": (
+        post_campaign(content=TEXT[:-9]),
+        422,
+        "ends in the middle of the JSON document: a part is missing \\| copy or write the document again$",
+        WELL,
+    ),
     "too large": (post_campaign(content=TEXT + " " * 2**23), 413, "the body exceeds 8192 KiB", WELL),
     "list of campaigns": (request("POST", "/v1/campaigns", json=[CAMPAIGN]), 422, "must be an object", WELL),
     "postures in degrees": (
@@ -262,6 +273,52 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
         422,
         "the angle of joint_5 is 45 rad, beyond two turns.*state the unit of the angles, deg or rad",
         predicted("deg"),
+    ),
+    "name of a file without @": (
+        post_campaign(content="campaign.json"),
+        422,
+        "the body is only the name 'campaign.json' of a file.*`--data-binary @campaign.json`$",
+        WELL,
+    ),
+    "encoded twice": (
+        request("POST", "/v1/campaigns", json=TEXT),
+        422,
+        "a JSON document in quotes: it was encoded twice",
+        WELL,
+    ),
+    "pairs of a form": (
+        post_campaign(content="name=cell&robot=7"),
+        422,
+        "a list of `name=value` pairs",
+        WELL,
+    ),
+    "file under another name": (
+        imported(files={"file": TABLE}, data={"options": '{"show_faults": true}'}),
+        422,
+        "unknown field 'file'.*send the file as `files`, not as `file`$",
+        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+    ),
+    "options under another name": (
+        imported(files={"files": TABLE}, data={"request": '{"show_faults": true}'}),
+        422,
+        "unknown field 'request'.*send the JSON object as `options`, not as `request`$",
+        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+    ),
+    "target that was not read": (
+        post_first(readings=[{"target": "P", "unloaded": [1, 2, None], "loaded": [1, 2, 3]}]),
+        422,
+        "give a number, without quotes; leave out the reading of a target that was not read",
+        WELL,
+    ),
+    "goal as a number": (
+        request("POST", "/v1/plans", json={"robot_id": "{robot}", "goal": 0.15}),
+        422,
+        'give an object in braces, such as .*"kind": "joints", "relative": ….',
+        request(
+            "POST",
+            "/v1/plans",
+            json={"measurement_set_id": "{set}", "goal": {"kind": "joints", "relative": 0.15}},
+        ),
     ),
     "option as a field of a form": (
         imported(files={"files": TABLE}, data={"show_faults": "true"}),
@@ -399,7 +456,8 @@ def test_a_mistake_is_answered_with_a_remedy_that_works(send, ids, name):
     assert (refused.status_code, bool(problem["remedy"])) == (status, True), words
     assert re.search(re.sub(r"\{(\w+)\}", r"\\{\1\\}", answer), words), words
     assert "openapi" not in words
-    assert send(correction).status_code in {200, 201, 202}
+    corrected = send(correction)
+    assert corrected.status_code in {200, 201, 202}, corrected.text
 
 
 def test_a_remedy_names_only_fields_that_exist_at_its_place(send):

@@ -7,6 +7,7 @@ import pytest
 from fastapi.testclient import TestClient
 from support.live import declared, exchanged, measured
 
+from jointstiff.schemas.live import LiveState
 from jointstiff.service.app import create_app
 from jointstiff.service.store.store import Store
 
@@ -190,3 +191,31 @@ def test_the_next_label_is_one_that_nobody_has_sent(client):
     measured(client, address, 1)
     state = measured(client, address, 1, lambda reading: reading | {"label": "m03"})
     assert state["next"]["label"] == "m04"
+
+
+def test_a_first_reading_of_another_posture_is_doubtful_until_it_is_withdrawn(client):
+    """No other reading shows the mistake: the declared places of the targets do."""
+    address = declared(client)
+
+    def turned(reading):
+        return reading | {"joints": [reading["joints"][0] + 0.2, *reading["joints"][1:]]}
+
+    (reading,) = measured(client, address, 1, turned)["readings"]
+    assert (reading["state"], reading["causes"][0]) == (
+        "doubtful",
+        "the arm was in another posture than stated",
+    )
+    assert reading["message"].startswith(
+        "all unloaded targets are over 100 mm from their places by the model"
+    )
+    patch(client, address, {"withdrawn": {"m01": "another posture"}})
+    assert [each["state"] for each in measured(client, address, 1)["readings"]] == ["withdrawn", "counts"]
+
+
+def test_the_text_of_a_state_is_its_message_with_the_last_reading_and_the_remedies(client):
+    address = declared(client)
+    measured(client, address, 2)
+    state = LiveState.model_validate(state_of(client, address))
+    lines = str(state).splitlines()
+    assert lines[:2] == [state.message, f"m02 (counts): {state.readings[-1].message}"]
+    assert (repr(state), len(str(state)) < 1500) == (str(state), True)
