@@ -85,6 +85,20 @@ class NumberTable:
             rows.append(replace(row, cells=tuple(cells)))
         return replace(self, rows=tuple(rows), table=replace(self.table, numbers=numbers))
 
+    def find_force_columns(self) -> dict[int, int]:
+        """Return axis of R0 → column of the force along this axis, of the columns that headers name."""
+        return {
+            meaning.axis: column
+            for column, meaning in enumerate(self.meanings)
+            if meaning is not None and meaning.kind == "force" and meaning.axis is not None
+        }
+
+    @property
+    def force_is_along_one_axis(self) -> bool:
+        """Whether headers name the force along one axis only: then the force has no other part."""
+        has_mass = any(meaning is not None and meaning.kind == "mass" for meaning in self.meanings)
+        return len(self.find_force_columns()) == 1 and not has_mass
+
     def scale(self, columns: Collection[int], factor: float, unit: str) -> NumberTable:
         """Return the table with the numbers of some columns multiplied by a factor, and in another unit."""
         meanings = [

@@ -655,6 +655,76 @@ def a_header_of_two_rows_with_numbers(c: Campaign) -> Files:
     return {"a.csv": header + table([], wide(c, places(c, 0, 1), places(c)))}
 
 
+# ---- words of loads
+
+
+def in_turn_below(c: Campaign, header: str, words: Any) -> Files:
+    rows = in_turn(c, words, both(c))
+    return {"loads.csv": table(["Pose", *JOINTS, header, *"XYZ"], rows)}
+
+
+@form()
+def answers_below_a_load(c: Campaign) -> Files:
+    return in_turn_below(c, "Load", ("no", "yes"))
+
+
+@form()
+def digits_below_a_load(c: Campaign) -> Files:
+    return in_turn_below(c, "Last", (0, 1))
+
+
+@form()
+def a_force_or_none(c: Campaign) -> Files:
+    return in_turn_below(c, "load", ("none", "981N"))
+
+
+@form()
+def a_force_of_numbers(c: Campaign) -> Files:
+    return in_turn_below(c, "Charge [N]", (0, 981))
+
+
+@form()
+def italian_words(c: Campaign) -> Files:
+    return in_turn_below(c, "stato", ("vuoto", "carico"))
+
+
+@form()
+def repeats_with_a_number(c: Campaign) -> Files:
+    states = np.repeat(("leer", "beladen"), 3)
+    positions = [places(c, 0, int(number >= 3)) for number in range(6)]
+    rows = [
+        [*row[:8], str(number % 3 + 1), *row[8:]] for number, row in enumerate(in_turn(c, states, positions))
+    ]
+    return {"a.csv": table(["Stellung", *JOINTS, "Zustand", "Wiederholung", *"XYZ"], rows)}
+
+
+@form()
+def short_words_in_names_of_points(c: Campaign) -> Files:
+    rows = [
+        [f"{name}_T1_{('unl', 'load')[state]}", *row[1:]]
+        for state in (0, 1)
+        for name, row in zip(names(c), points(c, state), strict=True)
+    ]
+    return {"joints.csv": joints(c), "points.csv": table(["Name", *"XYZ"], rows)}
+
+
+@form(states_force=False)
+def a_force_along_z_alone(c: Campaign) -> Files:
+    rows = [[*row[:7], "-981", *row[7:]] for row in wide(c, places(c), deflection(c))]
+    return {"a.csv": table(["Nr", *JOINTS, "Fz [N]", *"XYZ", "dX", "dY", "dZ"], rows)}
+
+
+@form()
+def names_with_and_without_zeros(c: Campaign) -> Files:
+    rows = [
+        [f"{number:02}-A-{('unbelastet', 'belastet')[state]}", *row[1:]]
+        for state in (0, 1)
+        for number, row in enumerate(points(c, state), 1)
+    ]
+    angles = [[str(number), *row[1:]] for number, row in enumerate(joint_rows(c), 1)]
+    return {"joints.csv": table(["Pose", *JOINTS], angles), "points.csv": table(["ID", *"XYZ"], rows)}
+
+
 # ---- the judgement
 
 
