@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.imports import DecimalMark, ImportOptions
+from jointstiff.service.importing.blocks import write_postures
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grammar import Meaning, Quantity, Vocabulary, is_planned, is_statistic
 from jointstiff.service.importing.grid import (
@@ -134,7 +135,7 @@ def read_number_tables(
         ImportFileError: a file is no table, or its numbers are ambiguous.
     """
     tables, masses, without = list[NumberTable](), list[SourceFile](), list[str]()
-    for file in files:
+    for file in _join_postures(files):
         words = Vocabulary(options, joints)
         grids = [turn_table(grid, words) for grid in read_grids(file, options, every_length=True)]
         with_numbers = [grid for grid in grids if not is_mass_table(grid) and any(map(_is_data, grid.rows))]
@@ -147,6 +148,12 @@ def read_number_tables(
         elif not with_numbers:
             without.append(file.name)
     return NumberFiles(tuple(tables), tuple(masses), tuple(without))
+
+
+def _join_postures(files: Sequence[SourceFile]) -> Sequence[SourceFile]:
+    """Return the files; files of one posture each are one file with a block for each posture."""
+    joined = write_postures([(file.name, file.content) for file in files])
+    return files if joined is None else [SourceFile(*joined)]
 
 
 def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[str]) -> NumberTable:
