@@ -100,6 +100,14 @@ class NumberTable:
         has_mass = any(meaning is not None and meaning.kind == "mass" for meaning in self.meanings)
         return len(self.find_force_columns()) == 1 and not has_mass
 
+    def name_forces(self, columns: Sequence[int]) -> NumberTable:
+        """Return the table in which three columns without a header are the force along x, y and z."""
+        meanings = list(self.meanings)
+        for axis, column in enumerate(columns):
+            meanings[column] = Meaning(Quantity("force"), axis)
+        others = self.table.others | set(columns)
+        return replace(self, meanings=tuple(meanings), table=replace(self.table, others=others))
+
     def scale(self, columns: Collection[int], factor: float, unit: str) -> NumberTable:
         """Return the table with the numbers of some columns multiplied by a factor, and in another unit."""
         meanings = [

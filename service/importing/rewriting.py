@@ -171,7 +171,7 @@ def _keep_columns(
 
 def _head(header: str, meaning: Meaning) -> str:
     """Return the header of a column that is kept, as the import understands it."""
-    return f"{meaning} [{meaning.unit}]" if meaning.unit else header
+    return f"{meaning} [{meaning.unit}]" if meaning.unit else header or str(meaning)
 
 
 def _is_used(proposal: Proposal, table: NumberTable, column: int) -> bool:

@@ -21,6 +21,7 @@ from jointstiff.service.importing.numbers import NumberTable, read_number_tables
 from jointstiff.service.importing.reading import SourceFile, understand_files
 from jointstiff.service.importing.rewriting import has_column_of, list_masses, write_readings
 from jointstiff.service.resources.columns_left import (
+    find_constant_force,
     find_contradiction,
     leave_positions,
     list_columns_left,
@@ -59,6 +60,8 @@ OPTIONS_OF_FILES: Final = (
 
 _LARGEST_WORSENING: Final = 3.0
 """Largest ratio of the residuals of files and of those of their template."""
+_LEAST_ALONG: Final = 0.75
+"""Least fraction of the postures in which targets move along a force whose columns have no headers."""
 _CLEARLY_FARTHER: Final = 2.0
 """Ratio of the distances to positions without and under load from which a reading is one under load."""
 _LARGEST_REMAINDER: Final = 0.25
@@ -176,10 +179,11 @@ def _propose_importable(
     named = name_readings(proposal, tables, request)
     _refuse_contradiction(proposal, named, tables)
     _refuse_loaded_after_unloading(named)
+    tables, force_notes = _name_constant_force(proposal, tables, request)
     _refuse_states_against_force(proposal, named, tables, request)
     left = list_columns_left(proposal, tables)
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    notes = [*numbers.notes, *_note_force(joints), *name_columns_left(left, tables)]
+    notes = [*numbers.notes, *force_notes, *_note_force(joints), *name_columns_left(left, tables)]
     try:
         refuse_single_rows(proposal, tables)
         refuse_columns_left(left, proposal, named, tables)
@@ -454,6 +458,7 @@ def import_or_propose(
         if request.accept_proposal and lack_meaning(files, request, robot.robot):
             return _import_by_proposal(files, request, robot)
         raise
+    proposed: ProposedImport | NoProposal | None
     if is_in_another_frame(answer):
         proposed = propose_frame(files, request, robot, answer)
     elif answer.faults and lack_meaning(files, request, robot.robot):
@@ -625,6 +630,30 @@ def _order_by_forces(proposal: Proposal, tables: Sequence[NumberTable]) -> Propo
     groups = proposal.joints.groups
     forces = groups.split(stated)[:, 0]
     return order_states(proposal, [table.table for table in tables], np.nan_to_num(forces))
+
+
+def _name_constant_force(
+    proposal: Proposal, tables: Sequence[NumberTable], request: ImportRequest
+) -> tuple[Sequence[NumberTable], list[str]]:
+    """Return the tables, with the columns of a force of constant size if nothing else states a force.
+
+    The columns have no headers, so that the targets have to move along the force.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
+    left = next(each for each in list_columns_left(proposal, tables) if each.table is joints)
+    columns = None if has_load or request.force is not None else find_constant_force(left)
+    if columns is None:
+        return tables, []
+    forces = proposal.joints.groups.split(joints.table.numbers[:, list(columns)])[:, 0]
+    solver_tables = [table.table for table in tables]
+    is_posture = np.eye(len(forces))[..., None]
+    along = [order_states(proposal, solver_tables, forces * own) is proposal for own in is_posture]
+    if np.mean(along) < _LEAST_ALONG:
+        return tables, []
+    named = joints.name_forces(columns)
+    note = f"columns {columns[0] + 1}–{columns[2] + 1} as the force: its size is constant"
+    return [named if table is joints else table for table in tables], [note]
 
 
 def _refuse_states_against_force(

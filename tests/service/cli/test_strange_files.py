@@ -287,6 +287,21 @@ def test_two_words_that_nobody_knows_are_one_question(monkeypatch):
     assert judge(campaign, read_set()) == []
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_force_of_constant_size_needs_no_header(sign):
+    campaign = simulate(ARMS[1], seed=14, postures=14)
+    shifts = deflection(campaign)
+    forces = sign * 500.0 * shifts / np.linalg.norm(shifts, axis=1)[:, None]
+    rows = [row[1:] for row in wide(campaign, forces, places(campaign), places(campaign, 0, 1))]
+    text = line({"a.txt": table([], rows, " ")}, ARMS[1], "--units force=N")
+    if sign < 0:  # a force against which the targets move is no force on the robot
+        assert_said(refused(text), "information is missing: the force")
+        return
+    assert_said(typed(text), "columns 7–9 as the force: its size is constant", "wrote c.json")
+    read = [each["force"] for each in read_set()["observations"]]
+    assert np.abs(np.array(read) - forces).max() < 1e-3
+
+
 def test_states_that_only_their_order_gives_must_agree_with_the_force():
     campaign = simulate(ARMS[1], seed=10, postures=14)
     rows = [row[1:] for row in wide(campaign, places(campaign, 0, 1), places(campaign))]
