@@ -487,7 +487,7 @@ class _StatedReadings:
 
     @property
     def has_proposal(self) -> bool:
-        """Whether a person accepted or refused a proposal."""
+        """Answer of a person to a proposal: whether there is one."""
         return self.statements is not None or self.is_refused
 
     def add_options(self, options: Options) -> _StatedReadings:
@@ -528,7 +528,7 @@ def _complete_readings(readings: _StatedReadings, *, may_ask: bool, yes: bool) -
 
 @dataclass(frozen=True)
 class _Dialogue:
-    """What a person may answer, and what was asked and written before."""
+    """Dialogue with a person: what may be asked, and what was asked and written before."""
 
     may_ask: bool
     yes: bool  # whether the option `--yes` accepts a proposal

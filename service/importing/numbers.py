@@ -96,7 +96,7 @@ class NumberTable:
 
     @property
     def force_is_along_one_axis(self) -> bool:
-        """Whether headers name the force along one axis only: then the force has no other part."""
+        """Force along one axis only, by the headers: then it has no other part."""
         has_mass = any(meaning is not None and meaning.kind == "mass" for meaning in self.meanings)
         return len(self.find_force_columns()) == 1 and not has_mass
 
