@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 import typer
 
 from jointstiff.schemas.fields import Message, Terminal
-from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
+from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportFault, ImportRequest
 from jointstiff.schemas.measurement import Grounds, MeasurementSetDocument, Noise, SetMetadata
 from jointstiff.service.cli import options as cli
 from jointstiff.service.cli.failures import print_problem
@@ -284,7 +284,7 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
     may_ask = is_terminal_input() and not values["as_json"]
     robot = None if values["robot"] is None else read_robot(values["robot"], "--robot")
     stated = _StatedReadings(_read_sources(files), options, robot, meaning)
-    readings = _find_meaning(stated, may_ask=may_ask, yes=values["yes"])
+    readings = _complete_readings(stated, may_ask=may_ask, yes=values["yes"])
     imported = _read_with_robot(readings, may_ask=may_ask).show_files(readings.previews)
     imported = imported.add_payload(values["payload"])
     imported = imported.add_notes(notes, grounds, may_ask=may_ask)
@@ -331,21 +331,20 @@ class _Imported:
 
 
 def _read_with_robot(readings: _StatedReadings, *, may_ask: bool) -> _Imported:
-    """Read the files; with `may_ask`, ask a person for what is missing, and for the robot.
+    """Read the files; with `may_ask`, ask a person for the robot.
 
     With a robot the readings are checked again, because only then the preview has the findings of the
     inspection.
     """
     from jointstiff.service.resources.documents import read_robot
 
-    answer, options = _read_and_ask(readings.sources, readings.options, readings.robot, may_ask=may_ask)
+    answer = _read_files(readings)
     asks_for_robot = may_ask and readings.robot is None and answer.measurement_set is not None
     robot_name = ask_for_robot() if asks_for_robot else None
     if not robot_name:
         return _Imported(answer, readings.robot)
     robot = read_robot(robot_name, "--robot")
-    answer, _ = _read_and_ask(readings.sources, options, robot, may_ask=False)
-    return _Imported(answer, robot)
+    return _Imported(_read_files(replace(readings, robot=robot)), robot)
 
 
 def _write_files(imported: _Imported, readings: _StatedReadings, values: Mapping[str, Any]) -> None:
@@ -484,6 +483,17 @@ class _StatedReadings:
     meaning: TableMeaning | None = None  # of columns that names do not explain
     previews: Sequence[FilePreview] = ()  # of files that a proposal explains, as they are written
     statements: Options | None = None  # about columns of these files, for a template
+    is_refused: bool = False  # whether a person does not accept the robot's proposal
+
+    @property
+    def has_proposal(self) -> bool:
+        """Answer of a person to a proposal: whether there is one."""
+        return self.statements is not None or self.is_refused
+
+    def add_options(self, options: Options) -> _StatedReadings:
+        """Return the readings with the answers of a person, whose lengths are in mm."""
+        typed = _convert_to_template_unit(options, self.options)
+        return replace(self, options=_merge_options(self.options, typed))
 
     def replace_by_proposal(self, proposed: ProposedImport) -> _StatedReadings:
         """Return the table that a proposal makes of the files, with the robot whose kinematics explains it.
@@ -499,51 +509,125 @@ class _StatedReadings:
         return _StatedReadings(proposed.files, kept, robot, proposed.meaning, proposed.previews, statements)
 
 
-def _find_meaning(readings: _StatedReadings, *, may_ask: bool, yes: bool) -> _StatedReadings:
+def _complete_readings(readings: _StatedReadings, *, may_ask: bool, yes: bool) -> _StatedReadings:
+    """Return readings whose columns are understood, with the answers of a person to what is missing.
+
+    An answer can lead to a proposal of the robot, so the meaning is looked for again after each round.
+    """
+    asked_before, reasons = set[str](), set[str]()
+    while True:
+        if not readings.has_proposal:
+            readings = _find_meaning(readings, _Dialogue(may_ask, yes, asked_before, reasons))
+        if not may_ask:
+            return readings
+        new_options = ask_for_missing(_read_for_questions(readings), asked_before)
+        if not new_options:
+            return readings
+        readings = readings.add_options(new_options)
+
+
+@dataclass(frozen=True)
+class _Dialogue:
+    """Dialogue with a person: what may be asked, and what was asked and written before."""
+
+    may_ask: bool
+    yes: bool  # whether the option `--yes` accepts a proposal
+    asked_before: set[str]  # names of options that are not asked again
+    reasons: set[str]  # why there was no proposal
+
+
+def _find_meaning(readings: _StatedReadings, dialogue: _Dialogue) -> _StatedReadings:
     """Return readings whose columns are understood: by names, by a template, or by the robot's proposal.
 
-    Readings without an accepted proposal are returned unchanged: then the usual questions follow.
+    Readings without an accepted proposal are returned with the answers of a person: then the usual questions
+    follow.
 
     Raises:
-        typer.Exit: the files do not have the meaning of the template, or `yes` meets a doubt.
+        typer.Exit: the files do not have the meaning of the template, or `--yes` meets a doubt.
     """
-    from jointstiff.service.resources.documents import parse_document
+    from jointstiff.service.resources.proposals import NoProposal  # imports numpy
 
-    has_meaning = readings.meaning is not None
-    is_wanted = may_ask or yes or has_meaning or readings.robot is not None
+    is_wanted = dialogue.may_ask or dialogue.yes or readings.meaning is not None or readings.robot is not None
     if not is_wanted:
         return readings
-    options = _split_typed_header(readings.options, readings.sources) | {"show_faults": True}
-    request = parse_document(options, ImportRequest)
-    robots = _list_robots(readings.robot)
-    stated = None if readings.robot is None else robots[0].robot
-    if not has_meaning and not _lacks_meaning(readings.sources, request, stated):
-        return readings
-    from jointstiff.service.resources.proposals import NoProposal, propose_import  # imports numpy
-
-    proposed = propose_import(readings.sources, request, robots, readings.meaning)
-    if isinstance(proposed, NoProposal):
-        _report_no_proposal(proposed, readings, yes=yes)
-        return readings
-    if has_meaning or _is_accepted(proposed, may_ask=may_ask, yes=yes):
+    while True:
+        proposed = _propose(readings)
+        if proposed is None:
+            return readings
+        if not isinstance(proposed, NoProposal):
+            break
+        answered = _answer_fault(proposed, readings, dialogue)
+        if answered is None:
+            _report_no_proposal(proposed, readings, dialogue)
+            return readings
+        readings = answered
+    if readings.meaning is not None or _is_accepted(proposed, may_ask=dialogue.may_ask, yes=dialogue.yes):
         return readings.replace_by_proposal(proposed)
-    return readings
+    return replace(readings, is_refused=True)
 
 
-def _lacks_meaning(sources: Sequence[SourceFile], request: ImportRequest, robot: Robot | None) -> bool:
-    """Return whether the files have faults, and names do not explain all columns.
+def _propose(readings: _StatedReadings) -> ProposedImport | NoProposal | None:
+    """Return the robot's proposal for readings; None if names explain them, or if there is no reason for one.
 
     Raises:
         CampaignError: the files cannot be read; the texts name command-line options in place of fields.
     """
+    from jointstiff.service.resources.documents import parse_document
     from jointstiff.service.resources.imports import import_files, lack_meaning
 
-    with _name_options_in_errors():
-        has_faults = bool(import_files(sources, request, robot).faults)
-    return has_faults and lack_meaning(sources, request, robot)
+    options = _split_typed_header(readings.options, readings.sources) | {"show_faults": True}
+    request = parse_document(options, ImportRequest)
+    robots = _list_robots(readings.robot)
+    stated = None if readings.robot is None else robots[0].robot
+    if readings.meaning is None:
+        with _name_options_in_errors():
+            answer = import_files(readings.sources, request, stated)
+        if not answer.faults:
+            return _propose_frame(readings, request, robots, answer)
+        if not lack_meaning(readings.sources, request, stated):
+            return None
+    from jointstiff.service.resources.proposals import propose_import  # imports numpy
+
+    return propose_import(readings.sources, request, robots, readings.meaning)
 
 
-def _report_no_proposal(lacking: NoProposal, readings: _StatedReadings, *, yes: bool) -> None:
+def _propose_frame(
+    readings: _StatedReadings, request: ImportRequest, robots: Sequence[KnownRobot], answer: ImportAnswer
+) -> ProposedImport | None:
+    """Return the proposal for files that names explain, if positions are in another frame; else None."""
+    if readings.robot is None or not answer.findings:
+        return None
+    from jointstiff.service.resources.proposals import is_in_another_frame, propose_frame  # imports numpy
+
+    if not is_in_another_frame(answer):
+        return None
+    return propose_frame(readings.sources, request, robots[0], answer)
+
+
+def _answer_fault(
+    lacking: NoProposal, readings: _StatedReadings, dialogue: _Dialogue
+) -> _StatedReadings | None:
+    """Ask a person for the option without which there is no proposal; None without such a question."""
+    fault = lacking.fault
+    if not dialogue.may_ask or fault is None or fault.option is None or readings.meaning is not None:
+        return None
+    answer = _read_for_questions(readings)
+    message = ImportFault(
+        **fault.place._asdict(),
+        reason=fault.reason,
+        remedy=fault.remedy,
+        option=fault.option,
+        words=list(fault.words),
+    )
+    about_fault = answer.model_copy(update={"faults": [message], "missing_fields": []})
+    is_new = any(name not in dialogue.asked_before for name, _ in _find_questions(fault.option, about_fault))
+    if not is_new:
+        return None
+    typer.echo(f"{_name_options(fault.reason)}.", err=True)
+    return readings.add_options(ask_for_missing(about_fault, dialogue.asked_before))
+
+
+def _report_no_proposal(lacking: NoProposal, readings: _StatedReadings, dialogue: _Dialogue) -> None:
     """Print why the robot's kinematics explains no columns, if a person has reason to expect a proposal.
 
     Raises:
@@ -555,9 +639,11 @@ def _report_no_proposal(lacking: NoProposal, readings: _StatedReadings, *, yes: 
             f"the files do not fit the template: {_name_options(lacking.reason)}",
             "import files of the same form, or leave out --template",
         )
-    if lacking.remedy and (yes or readings.robot is not None):
+    is_expected = dialogue.yes or readings.robot is not None
+    if lacking.remedy and is_expected:
         raise cli.print_failure(_name_options(lacking.reason), _name_options(lacking.remedy))
-    if yes or readings.robot is not None:
+    if is_expected and lacking.reason not in dialogue.reasons:
+        dialogue.reasons.add(lacking.reason)
         typer.echo(f"no proposal: {_name_options(lacking.reason)}", err=True)
 
 
@@ -604,31 +690,16 @@ def _read_arm(name: str) -> RobotDocument:
     return nominal_robot(find_arm(name, "--robot"))
 
 
-def _read_and_ask(
-    sources: Sequence[SourceFile], options: Options, robot: RobotDocument | None, *, may_ask: bool
-) -> tuple[ImportAnswer, Options]:
-    """Read the files; with `may_ask`, ask a person for missing options until no question is left.
-
-    Args:
-        sources: files to read.
-        options: options that were stated.
-        robot: robot to check the readings against; None if unknown.
-        may_ask: whether a person can answer at the terminal.
-
-    Returns:
-        The result of the import, whose texts name command-line options in place of fields; and all options,
-        including those that the person stated.
-    """
+def _read_files(readings: _StatedReadings) -> ImportAnswer:
+    """Read the files; the texts of the result name command-line options in place of fields."""
     from jointstiff.service.resources.documents import parse_document
     from jointstiff.service.resources.imports import import_files
 
     with _name_options_in_errors():
-        checked_robot = None if robot is None else _prepare_checked_robot(robot)
-        if may_ask:
-            options = _ask_until_complete(sources, options, checked_robot)
-        request = parse_document(_split_typed_header(options, sources), ImportRequest)
-        answer = import_files(sources, request, checked_robot)
-    return _name_options_in_answer(answer), options
+        robot = None if readings.robot is None else _prepare_checked_robot(readings.robot)
+        request = parse_document(_split_typed_header(readings.options, readings.sources), ImportRequest)
+        answer = import_files(readings.sources, request, robot)
+    return _name_options_in_answer(answer)
 
 
 def _prepare_checked_robot(robot: RobotDocument) -> Robot:
@@ -639,22 +710,15 @@ def _prepare_checked_robot(robot: RobotDocument) -> Robot:
     return prepare_robot(robot).robot
 
 
-def _ask_until_complete(sources: Sequence[SourceFile], options: Options, robot: Robot | None) -> Options:
-    """Ask a person for missing options until no question is left; return all options.
-
-    Each answer can lead to a new question, so the files are read again after each round.
-    """
+def _read_for_questions(readings: _StatedReadings) -> ImportAnswer:
+    """Read the files with the options that are stated so far; the answer has all faults."""
     from jointstiff.service.resources.documents import parse_document
     from jointstiff.service.resources.imports import import_files
 
-    asked_before = set[str]()
-    while True:
-        fields = _split_typed_header(options, sources) | {"show_faults": True}
-        answer = import_files(sources, parse_document(fields, ImportRequest), robot)
-        new_options = ask_for_missing(answer, asked_before)
-        if not new_options:
-            return options
-        options = _merge_options(options, _convert_to_template_unit(new_options, options))
+    with _name_options_in_errors():
+        robot = None if readings.robot is None else _prepare_checked_robot(readings.robot)
+        fields = _split_typed_header(readings.options, readings.sources) | {"show_faults": True}
+        return import_files(readings.sources, parse_document(fields, ImportRequest), robot)
 
 
 def _name_options_in_answer(answer: ImportAnswer) -> ImportAnswer:
@@ -939,6 +1003,10 @@ def _find_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Ca
     """Yield the questions about a missing option, as (name of a field, function that asks for its value)."""
     if option in _QUESTIONS:
         yield option, _QUESTIONS[option]
+    elif option == "sheet":
+        words = next((fault.words for fault in answer.faults if fault.option == option), ())
+        text = "Sheet or group, or several separated by ;"
+        yield option, partial(typer.prompt, text, default=";".join(words) or None, err=True)
     elif option in {"load_point", "flange_targets"}:
         yield from _find_place_questions(option, answer)
     elif option == "state_words":
@@ -1029,7 +1097,6 @@ _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
     "joint_tolerance": partial(
         typer.prompt, "Greatest difference of a joint between files, deg or mm", type=float, err=True
     ),
-    "sheet": partial(typer.prompt, "Sheet or group, or several separated by ;", err=True),
     "point_name": partial(
         typer.prompt, "Template of point names, such as {label}_{target}_{state}", err=True
     ),

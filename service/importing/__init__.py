@@ -5,10 +5,11 @@ reading      files to readings: the way through; rows of all files put together 
 ├── layout   a table that is understood: its header, titles and remarks, the rows of data
 │   └── header > grammar   where the header is, and what its columns mean, by their words
 └── grid     rows of cells, of delimited text
-    ├── joint_positions   of a robot program
+    ├── joint_positions, joint_states   of a robot program, and of messages of ROS
     ├── point_reports, key_values   of points, and of numbers behind their names
     ├── json_rows   of objects
     ├── axis_rows   of points whose axes have a row each, joined
+    ├── cell_units   without units in cells
     ├── blocks, transposed   of several blocks, or of columns of postures, for the robot's proposal
     ├── excel    of workbooks
     └── arrays > libraries   of MATLAB, HDF5 and Parquet, in a process of its own (child)

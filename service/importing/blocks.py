@@ -32,6 +32,8 @@ _LEAST_ROWS: Final = 3
 _MOST_NOT_ALIKE: Final = 0.34
 """Largest fraction of the blocks that may differ from the others, as incomplete postures do."""
 _COORDINATES: Final = 3
+_SIGN: Final = re.compile(r"(?<![\w.])([^\W\d]\w{0,15})[=:](?=[ \t]{0,3}[-+]?\d)")
+"""A name with its sign before a number."""
 _NUMBER: Final = re.compile(r"[-+]?\d+(?:[.,]\d+)?")
 
 
@@ -80,7 +82,7 @@ def read_blocks(file: str, content: bytes, delimiter: Delimiter | None) -> list[
         return []
     for split in (_split_blocks, _split_at_titles):
         try:
-            delimiter = delimiter or find_delimiter(file, filled)
+            delimiter = delimiter or find_delimiter(file, _choose_lines_of_numbers(filled) or filled)
             blocks = [_read_block(file, block, delimiter) for block in split(lines)]
         except ImportFileError:
             return []
@@ -90,6 +92,41 @@ def read_blocks(file: str, content: bytes, delimiter: Delimiter | None) -> list[
         if grids:
             return grids
     return []
+
+
+def _choose_lines_of_numbers(lines: Sequence[NumberedLine]) -> list[NumberedLine]:
+    """Return the lines with more digits than letters: commas in titles are no delimiters."""
+    return [
+        (number, line)
+        for number, line in lines
+        if sum(map(str.isdigit, line)) > sum(map(str.isalpha, line))
+        and len(_NUMBER.findall(line)) >= _LEAST_NUMBERS
+    ]
+
+
+def write_postures(files: Sequence[tuple[str, bytes]]) -> tuple[str, bytes] | None:
+    """Return one text of the texts of postures, a block for each; None unless they are alike.
+
+    Args:
+        files: name and content of each file, one for each posture; their names have different numbers.
+    """
+    forms = {_NUMBER.sub("0", name) for name, _ in files}
+    if len(files) < _LEAST_BLOCKS or len(forms) != 1:
+        return None
+    texts = list[str]()
+    for name, content in sorted(files, key=lambda file: [int(n) for n in re.findall(r"\d+", file[0])]):
+        try:
+            text, _ = decode(name, content)
+        except ImportFileError:
+            return None
+        lines = [line for line in re.split(r"\r\n|\n|\r", text) if line.strip()]
+        kept = [line for line in lines if not line.lstrip().startswith(COMMENT_MARKS)]
+        texts.append("\n".join([name.rpartition(".")[0] or name, *kept]))
+    name = next(iter(forms)).replace("0", "…", 1)
+    joined = "\n\n".join(texts).encode()
+    grids = read_blocks(name, joined, None)
+    are_postures = len(grids) == 1 and len(grids[0].rows) == len(files) + 1
+    return (name, joined) if are_postures else None
 
 
 def _split_blocks(lines: Sequence[NumberedLine]) -> Iterator[list[NumberedLine]]:
@@ -134,7 +171,7 @@ def _read_block(file: str, lines: Sequence[NumberedLine], delimiter: Delimiter) 
         if line.lstrip().startswith(COMMENT_MARKS):
             titles.append(Row(number, (strip_comment_mark(line.strip()),)))
             continue
-        row = split_line(file, number, line, delimiter)
+        row = split_line(file, number, _write_blanks(line), delimiter)
         if count_numbers(row) >= _LEAST_NUMBERS:
             rows.append((row, above))
             above = None
@@ -143,6 +180,11 @@ def _read_block(file: str, lines: Sequence[NumberedLine], delimiter: Delimiter) 
         if not rows:
             titles.append(row)
     return _Block(tuple(titles), tuple(rows))
+
+
+def _write_blanks(line: str) -> str:
+    """Return a line with blanks for the signs between names and numbers: `J1=24.3` gives `J1 24.3`."""
+    return _SIGN.sub(r"\1 ", line) if len(_SIGN.findall(line)) >= _LEAST_NUMBERS else line
 
 
 def _add_lone_titles(blocks: Sequence[_Block]) -> list[_Block]:
@@ -232,8 +274,13 @@ def _name_columns(rows: Sequence[tuple[Row, Row | None]]) -> list[str]:
         for column, cell in enumerate(first.cells)
         if cell and not looks_like_a_number(cell) and all(_has_cell(row, column, cell) for row, _ in rows)
     ]
-    words = " ".join(common)
     columns = [column for column, cell in enumerate(first.cells) if looks_like_a_number(cell)]
+    own_names = [first.cells[column - 1] for column in columns if column]
+    are_named = len(set(own_names)) == len(columns) and set(own_names) <= set(common)
+    if are_named:
+        before = " ".join(cell for cell in common if cell not in own_names)
+        return [f"{before.rstrip(':')} {name}".strip() for name in own_names]
+    words = " ".join(common)
     if is_headed and above is not None:
         return [f"{words} {above.cells[column]}".strip() for column in columns]
     if len(columns) == _COORDINATES and words:

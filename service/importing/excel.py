@@ -79,6 +79,8 @@ _ROW_NUMBER: Final = re.compile(r"[1-9][0-9]{0,6}")
 _DATES: Final = frozenset((*range(14, 23), *range(27, 37), *range(45, 48), *range(50, 59)))
 _PERCENTAGES: Final = frozenset((9, 10))
 _LITERAL_TEXT: Final = re.compile(r'"[^"]*"|\\.|_.|\*.|\[[^\]]*\]')
+_LEAST_HEADERS: Final = 4
+"""Fewest cells of a row that begins with the cell `#` and is no comment."""
 
 
 def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
@@ -117,7 +119,8 @@ def _build_grid(file: str, name: str, sheet: _Sheet) -> Grid:
     comments: list[Remark] = []
     for row in sheet.rows():
         filled = [cell for cell in row.cells if cell]
-        if filled[0].startswith(grid.COMMENT_MARKS):
+        is_header = filled[0] == "#" and len(filled) >= _LEAST_HEADERS  # the header of a column of numbers
+        if filled[0].startswith(grid.COMMENT_MARKS) and not is_header:
             comments.append(Remark(row.line, grid.strip_comment_mark("\t".join(filled))))
         else:
             rows.append(row)

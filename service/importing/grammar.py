@@ -53,6 +53,15 @@ MARKS: Final[Mapping[str, bool]] = MappingProxyType(
 _MISSING_MARKS: Final = frozenset(("", *_WORDS["missing"]["marks"]))
 STATE_OF_DIGIT: Final[Mapping[str, State]] = MappingProxyType({"0": "unloaded", "1": "loaded"})
 """States where nothing else can be meant; elsewhere a digit is part of a name."""
+_LOAD_HEADERS: Final = frozenset(_WORDS["answers"]["load"])
+_REPEAT_HEADERS: Final = frozenset(_WORDS["answers"]["repeat"])
+_STATE_OF_ANSWER: Final[Mapping[str, State]] = MappingProxyType(
+    {
+        **dict.fromkeys(_WORDS["answers"]["no"], "unloaded"),
+        **dict.fromkeys(_WORDS["answers"]["yes"], "loaded"),
+    }
+)
+"""States of the words below a header such as `load`."""
 _ADDED: Final = "plus"
 """With x, y or z: a deviation, to be added to that coordinate of the same target and state."""
 _ALONG: Final = "along"
@@ -228,6 +237,21 @@ def find_state(word: str, extra: Mapping[str, State]) -> State | None:
         if fold_word(key) == text:
             return state
     return _STATE_OF.get(text)
+
+
+def is_load_header(header: str) -> bool:
+    """Return whether a header says that the cells of its column tell whether a load hangs."""
+    return fold_word(split_unit(header)[0]) in _LOAD_HEADERS
+
+
+def find_answer(word: str) -> State | None:
+    """Return the state that a word means below a header such as `load`: `no` or `yes`; None for others."""
+    return _STATE_OF_ANSWER.get(fold_word(word.strip()))
+
+
+def is_repeat_header(header: str) -> bool:
+    """Return whether a header says that its column counts the repeated readings of a point."""
+    return fold_word(header) in _REPEAT_HEADERS
 
 
 def _join_phrases(phrase: re.Pattern[str], text: str) -> str:

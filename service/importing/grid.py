@@ -20,6 +20,7 @@ from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import lacks_number
 from jointstiff.service.importing.joint_positions import JointPosition, read_joint_positions
+from jointstiff.service.importing.joint_states import read_joint_states
 from jointstiff.service.importing.key_values import KeyedRecords, read_key_values
 from jointstiff.service.importing.point_reports import PointReport, read_point_report
 
@@ -265,6 +266,8 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     text, encoding = decode(file, content)
     if positions := read_joint_positions(text):
         return _build_grid_of_positions(file, encoding, positions)
+    if states := read_joint_states(text):
+        return _build_grid_of_records(file, encoding, states)
     if report := read_point_report(file, text):
         return _build_grid_of_points(file, encoding, text, report)
     if records := read_key_values(text):

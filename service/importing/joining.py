@@ -13,7 +13,7 @@ from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.lengths import find_size, guess_unit
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.row_key import RowName
-from jointstiff.service.importing.row_names import name_rows
+from jointstiff.service.importing.row_names import find_unknown_states, has_repeats, name_rows, omit_zeros
 from jointstiff.solver.meaning.table import METRES
 
 _MOST_REPEAT = 1e-4
@@ -38,6 +38,7 @@ class _NamedTable:
 
     table: NumberTable
     names: tuple[RowName, ...]
+    was_averaged: bool = False  # whether rows with the same names became one row
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
@@ -61,21 +62,43 @@ def join_tables(tables: Sequence[NumberTable], options: ImportOptions) -> Joined
     first = _choose_first(tables, options)
     labels = () if first is None else _name(first, options).labels
     named = [_name(table, options, () if table is first else labels) for table in tables]
+    named = [_spell_as(each, labels) for each in named]
     joined = [each for each in named if labels and set(each.labels) & set(labels)]
     kept = _choose_labels(joined, labels, options)
     arranged = []
     for each in named:
         own_labels = kept if each in joined else each.labels
-        arranged.append(_arrange(each, own_labels))
-    return JoinedTables(tuple(arranged), tuple(_describe(joined, labels, kept)))
+        arranged.append(_arrange(each, own_labels, options))
+    notes = _describe(joined, labels, kept)
+    if any(each.was_averaged for each in named):
+        notes.append("the mean of repeated readings")
+    return JoinedTables(tuple(arranged), tuple(notes))
 
 
 def _name(table: NumberTable, options: ImportOptions, labels: Sequence[str] = ()) -> _NamedTable:
     """Return a table with the names of its rows."""
     named = _NamedTable(table, _name_after_unloading(name_rows(table, options, labels)))
-    if options.mean_of_repeats and len(named.keys) > 1:
+    if (options.mean_of_repeats or has_repeats(table)) and len(named.keys) > 1:
         named = _average_repeats(named)
     return _equal_joints(named, options.joint_tolerance)
+
+
+def _spell_as(named: _NamedTable, labels: Sequence[str]) -> _NamedTable:
+    """Return a table with its labels spelt as in the table of joints, if only leading zeros differ.
+
+    Labels stay as they are if two of a table differ by leading zeros only.
+    """
+    spelling = {omit_zeros(label): label for label in labels}
+    own = {omit_zeros(label): label for label in named.labels}
+    is_clear = len(spelling) == len(labels) and len(own) == len(named.labels)
+    has_others = not set(named.labels) <= set(labels)
+    if not is_clear or not has_others:
+        return named
+    names = tuple(
+        name if name.label is None else name._replace(label=spelling.get(omit_zeros(name.label), name.label))
+        for name in named.names
+    )
+    return replace(named, names=names)
 
 
 def _choose_first(tables: Sequence[NumberTable], options: ImportOptions) -> NumberTable | None:
@@ -134,12 +157,14 @@ def _describe(joined: Sequence[_NamedTable], labels: Sequence[str], kept: Sequen
     return notes
 
 
-def _arrange(named: _NamedTable, labels: Sequence[str]) -> NumberTable:
+def _arrange(named: _NamedTable, labels: Sequence[str], options: ImportOptions) -> NumberTable:
     """Return a table with the rows of a posture in turn, in the order of the labels.
 
     Raises:
         ImportFileError: an observation lacks a row that others have, or a row occurs twice.
     """
+    if labels and len(set(named.names)) < len(named.names):
+        _refuse_unknown_states(named, options)
     order = _order_by_labels(named, labels) if labels else _order_by_keys(named)
     if order is None:
         return named.table
@@ -193,7 +218,7 @@ def _average_repeats(named: _NamedTable) -> _NamedTable:
         and not np.array_equal(means[:, column], table.table.numbers[[group[0] for group in groups], column])
     ]
     averaged = first_rows.replace_numbers({column: means[:, column] for column in moved})
-    return _NamedTable(averaged, tuple(rows_of_name))
+    return _NamedTable(averaged, tuple(rows_of_name), was_averaged=True)
 
 
 def _refuse_far_repeats(table: NumberTable, rows: Sequence[int]) -> None:
@@ -293,6 +318,21 @@ def _order_by_keys(named: _NamedTable) -> list[int] | None:
     if len(rows_of_key) < 2 or len(counts) != 1:
         return None
     return [row for rows in zip(*rows_of_key.values(), strict=True) for row in rows]
+
+
+def _refuse_unknown_states(named: _NamedTable, options: ImportOptions) -> None:
+    """Raise an `ImportFileError` if two words of a column may be the states of rows with the same names."""
+    words = find_unknown_states(named.table, options)
+    if not words:
+        return
+    first, second = map(quote, words)
+    raise ImportFileError(
+        Place(named.table.grid.file),
+        f"{first} and {second} may be words for states",
+        f"state both words by `state_words`, such as {first} as `unloaded` and {second} as `loaded`",
+        "state_words",
+        words,
+    )
 
 
 def _build_repeat_error(named: _NamedTable, row: int, name: RowName) -> ImportFileError:

@@ -1,7 +1,7 @@
 """Joint positions in the text of a robot program, read as a table with a row for each position.
 
-These are RAPID (`jointtarget`, `MoveAbsJ`), KRL (`E6AXIS`, `AXIS`) and FANUC's LS (`J1= … deg`). The angles
-are in degrees, as the makers define them. Axes beyond the sixth are left out.
+These are RAPID (`jointtarget`, `MoveAbsJ`, also in a log), KRL (`E6AXIS`, `AXIS`) and FANUC's LS
+(`J1= … deg`). The angles are in degrees, as the makers define them. Axes beyond the sixth are left out.
 """
 
 from __future__ import annotations
@@ -17,6 +17,10 @@ _NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _RAPID: Final = re.compile(
     r"(?:\bjointtarget\s+\w{1,64}\s*:=|\bMoveAbsJ)\s*\[\s*\[([^\]]{1,400})\]", re.IGNORECASE
 )
+_LOGGED: Final = re.compile(
+    r"\[\s*\[([^\[\]]{1,400})\]\s*,\s*\[(?:\s*9E\+?0?9\s*,?){6}\]\s*\]", re.IGNORECASE
+)
+"""A `jointtarget` without its name: six angles, and six external axes that are not used."""
 _KRL: Final = re.compile(r"\{(?:\s*E6AXIS\s*:)?\s*(A1\s[^{}]{1,400})\}", re.IGNORECASE)
 _LS: Final = re.compile(r"^[ \t]*P\[[^\]]{1,80}\]\s{0,9}\{([^{}]{1,2000})\}", re.MULTILINE)
 _KRL_AXIS: Final = re.compile(rf"\bA([1-6])\s+({_NUMBER})", re.IGNORECASE)
@@ -33,7 +37,7 @@ class JointPosition:
 
 def read_joint_positions(text: str) -> list[JointPosition]:
     """Return the joint positions of a robot program in their order; none of a text that is no program."""
-    for read in (_read_rapid, _read_krl, _read_ls):
+    for read in (_read_rapid, _read_krl, _read_ls, _read_logged):
         positions = list(read(text))
         if len(positions) >= _LEAST_POSITIONS:
             return positions
@@ -42,7 +46,17 @@ def read_joint_positions(text: str) -> list[JointPosition]:
 
 def _read_rapid(text: str) -> Iterator[JointPosition]:
     """Yield the positions of `jointtarget` and of `MoveAbsJ` with numbers."""
-    for line, numbers in _find_blocks(text, _RAPID):
+    return _read_brackets(text, _RAPID)
+
+
+def _read_logged(text: str) -> Iterator[JointPosition]:
+    """Yield the positions that a program of RAPID wrote into a log, behind a time or a name."""
+    return _read_brackets(text, _LOGGED)
+
+
+def _read_brackets(text: str, block: re.Pattern[str]) -> Iterator[JointPosition]:
+    """Yield the positions in blocks of six numbers with commas between them."""
+    for line, numbers in _find_blocks(text, block):
         angles = tuple(each.strip() for each in numbers.split(","))
         if len(angles) == _AXES and all(re.fullmatch(_NUMBER, each) for each in angles):
             yield JointPosition(line, angles)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -22,6 +22,13 @@ _BEFORE_NAME: Final = re.compile(r"[,;|]\s*(?=[^\W\d][\w \[\]()°/.-]{0,40}\s{0,
 """A separator before a name."""
 _PAIR: Final = re.compile(r"(?<![\w.])([^\W\d][\w\[\]()°/.-]{0,40})\s{0,20}[=:]\s{0,20}([^\s=:]{1,80})")
 """A name, and the text behind `=` or `:`."""
+_BARE_PAIR: Final = re.compile(
+    r"(?<![\w.])([^\W\d]\w{0,15})[ \t]{1,8}([-+]?\d{1,9}(?:[.,]\d{1,12})?)(?![\w.])"
+)
+"""A name, and a number behind blanks."""
+_FIRST_NAME: Final = re.compile(r"^\s*(\w{1,40})\s?:")
+_LEAST_BARE: Final = 6
+"""Fewest names with numbers behind blanks."""
 _NUMBER: Final = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?")
 
 
@@ -50,6 +57,7 @@ def read_key_values(text: str) -> KeyedRecords | None:
         for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1)
         if line.strip() and not line.lstrip().startswith(_COMMENT_MARKS)
     ]
+    lines = _write_signs(lines)
     sign_counts = [line.count("=") + line.count(":") for _, line in lines]
     keyed_count = sum(count > 0 for count in sign_counts)
     if keyed_count < max(_LEAST_PART * len(lines), 1) or max(sign_counts) > limits.MAX_COLUMNS:
@@ -74,6 +82,19 @@ def read_key_values(text: str) -> KeyedRecords | None:
     rows = tuple((record[0].line, tuple(pair.value for pair in record)) for record in records)
     remarks = tuple((number, line.strip()) for number, line in lines if number not in used_lines)
     return KeyedRecords(headers, rows, remarks)
+
+
+def _write_signs(lines: Sequence[tuple[int, str]]) -> list[tuple[int, str]]:
+    """Return lines such as `P1: J1 1.5 J2 2.5` with `=` between names and numbers; other lines unchanged.
+
+    Lines are changed only if all have the same names, as many as a robot has axes.
+    """
+    found = [tuple(name for name, _ in _BARE_PAIR.findall(line)) for _, line in lines]
+    names = found[0] if found else ()
+    is_list = len(set(names)) == len(names) >= _LEAST_BARE and all(own == names for own in found)
+    if not is_list or any("=" in line for _, line in lines):
+        return list(lines)
+    return [(n, _BARE_PAIR.sub(r"\1=\2", _FIRST_NAME.sub(r"\1 ", line))) for n, line in lines]
 
 
 def _read_line(number: int, line: str) -> Iterator[_Pair]:

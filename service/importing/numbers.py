@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.imports import DecimalMark, ImportOptions
+from jointstiff.service.importing.blocks import write_postures
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grammar import Meaning, Quantity, Vocabulary, is_planned, is_statistic
 from jointstiff.service.importing.grid import (
@@ -85,6 +86,28 @@ class NumberTable:
             rows.append(replace(row, cells=tuple(cells)))
         return replace(self, rows=tuple(rows), table=replace(self.table, numbers=numbers))
 
+    def find_force_columns(self) -> dict[int, int]:
+        """Return axis of R0 → column of the force along this axis, of the columns that headers name."""
+        return {
+            meaning.axis: column
+            for column, meaning in enumerate(self.meanings)
+            if meaning is not None and meaning.kind == "force" and meaning.axis is not None
+        }
+
+    @property
+    def force_is_along_one_axis(self) -> bool:
+        """Force along one axis only, by the headers: then it has no other part."""
+        has_mass = any(meaning is not None and meaning.kind == "mass" for meaning in self.meanings)
+        return len(self.find_force_columns()) == 1 and not has_mass
+
+    def name_forces(self, columns: Sequence[int]) -> NumberTable:
+        """Return the table in which three columns without a header are the force along x, y and z."""
+        meanings = list(self.meanings)
+        for axis, column in enumerate(columns):
+            meanings[column] = Meaning(Quantity("force"), axis)
+        others = self.table.others | set(columns)
+        return replace(self, meanings=tuple(meanings), table=replace(self.table, others=others))
+
     def scale(self, columns: Collection[int], factor: float, unit: str) -> NumberTable:
         """Return the table with the numbers of some columns multiplied by a factor, and in another unit."""
         meanings = [
@@ -120,7 +143,7 @@ def read_number_tables(
         ImportFileError: a file is no table, or its numbers are ambiguous.
     """
     tables, masses, without = list[NumberTable](), list[SourceFile](), list[str]()
-    for file in files:
+    for file in _join_postures(files):
         words = Vocabulary(options, joints)
         grids = [turn_table(grid, words) for grid in read_grids(file, options, every_length=True)]
         with_numbers = [grid for grid in grids if not is_mass_table(grid) and any(map(_is_data, grid.rows))]
@@ -133,6 +156,12 @@ def read_number_tables(
         elif not with_numbers:
             without.append(file.name)
     return NumberFiles(tuple(tables), tuple(masses), tuple(without))
+
+
+def _join_postures(files: Sequence[SourceFile]) -> Sequence[SourceFile]:
+    """Return the files; files of one posture each are one file with a block for each posture."""
+    joined = write_postures([(file.name, file.content) for file in files])
+    return files if joined is None else [SourceFile(*joined)]
 
 
 def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[str]) -> NumberTable:

@@ -30,6 +30,7 @@ from jointstiff.service.importing import grid
 from jointstiff.service.importing.arrays import build_grids_of_matrices, read_arrays
 from jointstiff.service.importing.axis_rows import join_axis_rows
 from jointstiff.service.importing.blocks import read_blocks
+from jointstiff.service.importing.cell_units import separate_units
 from jointstiff.service.importing.certificates import read_certificate
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.excel import read_workbook, split_sheets
@@ -473,8 +474,8 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
 
     There is a table for each sheet.
 
-    With `every_length`, the arrays of each number of rows in a file of arrays make a table; so do matrices
-    in a text.
+    With `every_length`, for a proposal, the arrays of each number of rows in a file of arrays make a table;
+    so do matrices in a text. Units are taken out of cells.
 
     Raises:
         ImportFileError: the file is empty, of another type, or cannot be read.
@@ -492,7 +493,8 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
         grids = [read_workbook(file.name, file.content, sheet) for sheet in sheets]
     else:
         grids = _read_text_grids(file, kind, options, every_length=every_length)
-    return [join_axis_rows(each) for each in grids]
+    joined = [join_axis_rows(each) for each in grids]
+    return list(map(separate_units, joined)) if every_length else joined
 
 
 def _read_text_grids(

@@ -161,11 +161,17 @@ def _keep_columns(
         is_kept = meaning is not None and meaning.kind in KEPT_KINDS - ({"mass"} if with_masses else set())
         if meaning is not None and is_kept and not _is_used(proposal, table, column):
             yield [_head(table.headers[column], meaning), *(table.rows[row].cells[column] for row in rows)]
+    if table.force_is_along_one_axis:
+        ((axis, column),) = table.find_force_columns().items()
+        unit = "" if (meaning := table.meanings[column]) is None else meaning.unit
+        for other in {0, 1, 2} - {axis}:
+            header = f"force {'xyz'[other]} [{unit}]" if unit else f"force {'xyz'[other]}"
+            yield [header, *("0" for _ in rows)]
 
 
 def _head(header: str, meaning: Meaning) -> str:
     """Return the header of a column that is kept, as the import understands it."""
-    return f"{meaning} [{meaning.unit}]" if meaning.unit else header
+    return f"{meaning} [{meaning.unit}]" if meaning.unit else header or str(meaning)
 
 
 def _is_used(proposal: Proposal, table: NumberTable, column: int) -> bool:

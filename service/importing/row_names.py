@@ -11,8 +11,11 @@ from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grammar import (
     STATE_OF_DIGIT,
+    find_answer,
     find_state,
     find_state_in_name,
+    is_load_header,
+    is_repeat_header,
     split_unit,
 )
 from jointstiff.service.importing.grid import looks_like_a_number
@@ -27,7 +30,12 @@ _LEAST_LABELS: Final = 3
 """Fewest different names of observations; fewer are names of something else, such as a robot."""
 _MOST_CODES: Final = 16
 """Most different names of targets or states in a column."""
+_LEADING_ZEROS: Final = re.compile(r"(?<![\d.,])0+(?=\d)")
 _COUNTED: Final = re.compile(r"\d{1,5}")
+_FORCE: Final = re.compile(r"[-+]?(\d{1,6}(?:[.,]\d{1,3})?)\s?(?:k?N|kgf|kp|lbf|kg|lbs?)?")
+"""A force or a mass, with or without its unit."""
+_MOST_DIFFERENT: Final = 2
+"""States of a column of words that nobody knows."""
 
 
 def name_rows(
@@ -51,7 +59,7 @@ def name_rows(
         names = _split_names(texts, options, known_labels)
     states = {}
     if state_column is not None:
-        states = _list_state_words(_list_texts(table, state_column), options.state_words)
+        states = _list_states(table, state_column, options.state_words)
     named = []
     for number, (row, name) in enumerate(zip(table.rows, names, strict=True)):
         if target_column is not None:
@@ -105,6 +113,10 @@ def _find_state_column(table: NumberTable, options: ImportOptions, label_column:
     named = table.find_column("state")
     if named is not None:
         return named
+    for column in range(len(table.headers)):
+        is_free = column != label_column and column not in table.ignored
+        if is_free and _find_answers(table, column, options.state_words):
+            return column
     for column, meaning in enumerate(table.meanings):
         if meaning is not None or column == label_column or column in table.ignored:
             continue
@@ -118,6 +130,63 @@ def _find_state_column(table: NumberTable, options: ImportOptions, label_column:
         if are_states or (has_load and len(_list_state_words(texts, options.state_words)) == 2):
             return column
     return None
+
+
+def _list_states(table: NumberTable, column: int, words: Mapping[str, State]) -> dict[str, RowName]:
+    """Return word → state and mass, of the words of a column of states; without words that are not known."""
+    known = _list_state_words(_list_texts(table, column), words)
+    return known or _find_answers(table, column, words)
+
+
+def _find_answers(table: NumberTable, column: int, words: Mapping[str, State]) -> dict[str, RowName]:
+    """Return word → state of a column below a header such as `load`: no and yes, or no force and a force.
+
+    A column of other words, or of more than two, has no answers, as one of several forces.
+    """
+    meaning = table.meanings[column]
+    is_free = meaning is None or meaning.kind == "state"
+    if not is_free or not is_load_header(table.headers[column]):
+        return {}
+    different = list(dict.fromkeys(_list_texts(table, column)))
+    if len(different) != _MOST_DIFFERENT:
+        return {}
+    states = {word: _read_answer(word, words) for word in different}
+    if set(states.values()) != {"unloaded", "loaded"}:
+        return {}
+    return {word: RowName(state=state) for word, state in states.items()}
+
+
+def _read_answer(word: str, words: Mapping[str, State]) -> State | None:
+    """Return the state that a cell below a header such as `load` means; None for other cells.
+
+    A mass in kg is read with its number elsewhere.
+    """
+    state = find_state(word, words) or find_answer(word)
+    if state is not None or find_load(word) is not None:
+        return state
+    force = _FORCE.fullmatch(word)
+    if force is None:
+        return None
+    return "loaded" if float(force[1].replace(",", ".")) > 0.0 else "unloaded"
+
+
+def find_unknown_states(table: NumberTable, options: ImportOptions) -> tuple[str, ...]:
+    """Return the two words of a column that may be states; none unless one column has two words."""
+    label_column = None if options.by_order else _find_label_column(table)
+    if _find_state_column(table, options, label_column) is not None:
+        return ()
+    found = []
+    for column, meaning in enumerate(table.meanings):
+        words = tuple(dict.fromkeys(_list_texts(table, column)))
+        is_free = meaning is None and column != label_column and column not in table.ignored
+        if is_free and len(words) == _MOST_DIFFERENT and _are_texts(words):
+            found.append(words)
+    return found[0] if len(found) == 1 else ()
+
+
+def has_repeats(table: NumberTable) -> bool:
+    """Return whether a header says that a column counts the repeated readings of a point."""
+    return any(map(is_repeat_header, table.headers))
 
 
 def _list_state_words(texts: Sequence[str], words: Mapping[str, State]) -> dict[str, RowName]:
@@ -210,7 +279,7 @@ def _split_names(
     """
     if options.point_name:
         return _split_by_template(texts, options.point_name, options.state_words)
-    if known_labels and set(texts) <= set(known_labels):
+    if known_labels and set(map(omit_zeros, texts)) <= set(map(omit_zeros, known_labels)):
         return [RowName(text) for text in texts]
     parts = [[part for part in _SEPARATORS.split(text) if part] for text in texts]
     if len({len(each) for each in parts}) != 1 or len(parts[0]) == 1:
@@ -249,6 +318,11 @@ def _split_by_template(
     return named
 
 
+def omit_zeros(label: str) -> str:
+    """Return a label whose numbers have no leading zeros, in lower case: `P01` gives `p1`."""
+    return _LEADING_ZEROS.sub("", label.casefold())
+
+
 def _find_state_part(columns: Sequence[Sequence[str]], words: Mapping[str, State]) -> int | None:
     """Return the part of names that is a word for a state or a load in every name; None unless it is one."""
     found = []
@@ -266,7 +340,8 @@ def _find_label_part(
     """Return the part of names that is the observation: a known label, else the only part of many values."""
     others = [number for number in range(len(columns)) if number != state_part]
     if known_labels:
-        known = [number for number in others if set(columns[number]) <= set(known_labels)]
+        spelt = {omit_zeros(label) for label in known_labels}
+        known = [number for number in others if set(map(omit_zeros, columns[number])) <= spelt]
         return max(known, key=lambda number: len(set(columns[number])), default=None)
     counts = sorted((len(set(columns[number])), number) for number in others)
     most, number = counts[-1]

@@ -31,6 +31,8 @@ from jointstiff.service.resources.proposals import (
     OPTIONS_OF_COLUMNS,
     NoProposal,
     ProposedImport,
+    is_in_another_frame,
+    propose_frame,
     propose_import,
 )
 from jointstiff.solver.errors import RequestError
@@ -127,8 +129,8 @@ def read(
         options: statements about the readings, as in `import_files`.
 
     Returns:
-        The readings, if names explain all columns. Otherwise a proposal: `print` shows the proposal in words,
-        `.accept()` returns the readings, `.campaign` their campaign.
+        The readings, if names explain all columns, in R0. Otherwise a proposal: `print` shows the proposal in
+        words, `.accept()` returns the readings, `.campaign` their campaign.
 
     Raises:
         CampaignError: neither names nor a robot explain the columns, or an option is not valid.
@@ -151,6 +153,10 @@ def read(
             raise CampaignError(problem.model_copy(update={"detail": detail})) from error
         found = document or nominal_robot(find_arm(proposed.known.name, "robot"))
         return ProposedReadings(proposed, found, options)
+    if document is not None and is_in_another_frame(answer):
+        turned = propose_frame(sources, request, robots[0], answer)
+        if turned is not None:
+            return ProposedReadings(turned, document, options)
     readings = ImportedReadings.model_validate(dict(answer))
     return readings if document is None else readings.with_robot(document)
 

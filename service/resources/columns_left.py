@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import Meaning, collapse_blanks, fits_header
@@ -20,6 +22,10 @@ _NAMES: Final = frozenset(("name", "collection", "group", "target", "state", "ti
 _MOST_NAMED: Final = 8
 """Most columns that a sentence names."""
 _COORDINATES: Final = 3
+_SAME_SIZE: Final = 0.01
+"""Largest difference of the sizes of forces, as a part of their mean."""
+_LEAST_FORCE: Final = 2.0
+"""Least size of a force; a direction has the size 1."""
 """Coordinates of a position."""
 
 
@@ -114,6 +120,24 @@ def refuse_columns_left(
             reason = f"{listed} of {quote(each.table.name)} are not read, and all positions are {state}"
             remedy = "correct these columns or name them in `header`, or leave them out with `ignore`"
             raise ImportFileError(Place(each.table.grid.file), reason, remedy)
+
+
+def find_constant_force(left: ColumnsLeft) -> tuple[int, int, int] | None:
+    """Return three columns without headers whose numbers are a force of constant size; None without them.
+
+    A direction has the size 1, and is no force.
+    """
+    table = left.table
+    if len(left.columns) != _COORDINATES or any(table.headers[column] for column in left.columns):
+        return None
+    first, second, third = left.columns
+    numbers = table.table.numbers[:, list(left.columns)]
+    sizes = np.linalg.norm(numbers, axis=1)
+    is_constant = bool(np.isfinite(sizes).all()) and np.ptp(sizes) <= _SAME_SIZE * sizes.mean()
+    is_moving = any(find_moving_columns(numbers))
+    if third - first != _COORDINATES - 1 or not is_constant or not is_moving:
+        return None
+    return (first, second, third) if sizes.mean() > _LEAST_FORCE else None
 
 
 def refuse_single_rows(proposal: Proposal, tables: Sequence[NumberTable]) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
 from jointstiff.schemas.meaning import JointsMeaning, PointsMeaning, TableMeaning
+from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
 from jointstiff.service.importing.deflections import add_deflections
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError
 from jointstiff.service.importing.grammar import Vocabulary
@@ -20,6 +21,7 @@ from jointstiff.service.importing.numbers import NumberTable, read_number_tables
 from jointstiff.service.importing.reading import SourceFile, understand_files
 from jointstiff.service.importing.rewriting import has_column_of, list_masses, write_readings
 from jointstiff.service.resources.columns_left import (
+    find_constant_force,
     find_contradiction,
     leave_positions,
     list_columns_left,
@@ -31,9 +33,10 @@ from jointstiff.service.resources.columns_left import (
 )
 from jointstiff.service.resources.imports import ImportRefusedError, import_files, lack_meaning
 from jointstiff.service.resources.previews import preview_tables
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal, propose
 from jointstiff.solver.meaning.states import order_states
-from jointstiff.solver.meaning.table import JointColumns
+from jointstiff.solver.meaning.table import METRES, JointColumns
 from jointstiff.solver.meaning.words import describe, remark
 from jointstiff.solver.mechanics.robot import KnownRobot
 
@@ -57,6 +60,8 @@ OPTIONS_OF_FILES: Final = (
 
 _LARGEST_WORSENING: Final = 3.0
 """Largest ratio of the residuals of files and of those of their template."""
+_LEAST_ALONG: Final = 0.75
+"""Least fraction of the postures in which targets move along a force whose columns have no headers."""
 _CLEARLY_FARTHER: Final = 2.0
 """Ratio of the distances to positions without and under load from which a reading is one under load."""
 _LARGEST_REMAINDER: Final = 0.25
@@ -120,6 +125,7 @@ class NoProposal:
 
     reason: str
     remedy: str = ""  # what to do, if the robot explains some columns and the others must be stated
+    fault: ImportFileError | None = None  # that an option of the import removes, so that a person can answer
 
 
 def propose_import(
@@ -146,16 +152,17 @@ def propose_import(
             proposed = _propose_as_template(numbers.tables, request, known, template)
         return replace(proposed, masses=numbers.masses)
     except _NoProposalError as error:
-        return NoProposal(error.reason, error.remedy)
+        return NoProposal(error.reason, error.remedy, error.fault)
 
 
 class _NoProposalError(Exception):
     """Error that no robot has a proposal for the meaning of files; `propose_import` answers its reason."""
 
-    def __init__(self, reason: str, remedy: str = "") -> None:
+    def __init__(self, reason: str, remedy: str = "", fault: ImportFileError | None = None) -> None:
         super().__init__(reason)
         self.reason = reason  # why there is no proposal, in words
         self.remedy = remedy  # what to do, if columns must be stated
+        self.fault = fault if fault is not None and fault.option is not None else None
 
 
 def _propose_importable(
@@ -172,21 +179,23 @@ def _propose_importable(
     named = name_readings(proposal, tables, request)
     _refuse_contradiction(proposal, named, tables)
     _refuse_loaded_after_unloading(named)
+    tables, force_notes = _name_constant_force(proposal, tables, request)
     _refuse_states_against_force(proposal, named, tables, request)
     left = list_columns_left(proposal, tables)
-    notes = [*numbers.notes, *name_columns_left(left, tables)]
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    notes = [*numbers.notes, *force_notes, *_note_force(joints), *name_columns_left(left, tables)]
     try:
         refuse_single_rows(proposal, tables)
         refuse_columns_left(left, proposal, named, tables)
         proposed = _build_import(proposal, named, tables, request, notes)
     except ImportFileError as error:
         found = describe(proposal, [each.words for each in named])
-        raise _NoProposalError(f"{found}, but {error.reason}", error.remedy) from error
+        raise _NoProposalError(f"{found}, but {error.reason}", error.remedy, error) from error
     fault = proposed.find_fault()
     if fault is not None:
         remedy = fault.remedy if fault.option == "allow_missing" and _have_same_states(named) else ""
         reason = f"{proposed.sentence}, but the import of these columns is refused: {fault.reason}"
-        raise _NoProposalError(reason, remedy)
+        raise _NoProposalError(reason, remedy, fault)
     return proposed
 
 
@@ -399,7 +408,7 @@ def _read_numbers(files: Sequence[SourceFile], request: ImportRequest, joints: S
     except ImportFileError as fault:
         is_settled_by_option = fault.option is not None
         if is_settled_by_option:
-            raise _NoProposalError(str(fault)) from fault
+            raise _NoProposalError(str(fault), fault=fault) from fault
         raise _describe_fault(fault) from fault
     if not found.tables:
         raise _NoProposalError("the files have no rows of numbers")
@@ -419,7 +428,7 @@ def _read_numbers(files: Sequence[SourceFile], request: ImportRequest, joints: S
 def _describe_fault(fault: ImportFileError) -> _NoProposalError:
     """Return the error that a fault of files, at its place, forbids a proposal."""
     place = "" if fault.place == NOWHERE else f"{fault.place}: "
-    return _NoProposalError(f"{place}{fault.reason}", fault.remedy)
+    return _NoProposalError(f"{place}{fault.reason}", fault.remedy, fault)
 
 
 def import_or_propose(
@@ -449,14 +458,67 @@ def import_or_propose(
         if request.accept_proposal and lack_meaning(files, request, robot.robot):
             return _import_by_proposal(files, request, robot)
         raise
-    if not answer.faults or not lack_meaning(files, request, robot.robot):
+    proposed: ProposedImport | NoProposal | None
+    if is_in_another_frame(answer):
+        proposed = propose_frame(files, request, robot, answer)
+    elif answer.faults and lack_meaning(files, request, robot.robot):
+        proposed = propose_import(files, request, [robot])
+    else:
         return answer
-    proposed = propose_import(files, request, [robot])
-    if isinstance(proposed, NoProposal):
+    if proposed is None or isinstance(proposed, NoProposal):
         return answer.model_copy(update={"proposal": None})
     if request.accept_proposal:
         return _accept_proposal(proposed)
     return answer.model_copy(update={"proposal": proposed.text})
+
+
+def is_in_another_frame(answer: ImportAnswer) -> bool:
+    """Return whether names explain files whose positions are in another frame than R0."""
+    return any(finding.code == "frame_mistaken" for finding in answer.findings or ())
+
+
+def propose_frame(
+    files: Sequence[SourceFile], request: ImportRequest, robot: KnownRobot, answer: ImportAnswer
+) -> ProposedImport | None:
+    """Propose the frame of positions that names explain; None unless nothing but the frame changes.
+
+    Args:
+        files: files of readings.
+        request: options of the import.
+        robot: robot that was measured.
+        answer: import of the files by the names of their columns, with a measurement set.
+    """
+    proposed = propose_import(files, request, [robot])
+    if isinstance(proposed, NoProposal) or proposed.proposal.doubt or answer.measurement_set is None:
+        return None
+    turned = proposed.accept().measurement_set
+    if turned is None or not _have_same_readings(turned, answer.measurement_set):
+        return None
+    return proposed
+
+
+def _have_same_readings(turned: MeasurementSetDocument, by_names: MeasurementSetDocument) -> bool:
+    """Return whether two sets have the same joints, forces and shifts under load, in different frames."""
+    observations = list(zip(turned.observations, by_names.observations, strict=False))
+    if len(turned.observations) != len(by_names.observations):
+        return False
+    length = METRES[turned.units.length] / METRES[by_names.units.length]
+    for own, named in observations:
+        own_shifts, named_shifts = _measure_shifts(own), _measure_shifts(named)
+        if own.force != named.force or len(own_shifts) != len(named_shifts):
+            return False
+        if not np.allclose(own.joints, named.joints, atol=1e-6):
+            return False
+        if not np.allclose(length * own_shifts, named_shifts, rtol=1e-3, atol=1e-6):
+            return False
+    return True
+
+
+def _measure_shifts(observation: Observation) -> FloatArray:
+    """Return the distances (N,) between the positions with and without load, in the order of readings."""
+    positions = [(each.unloaded, each.loaded) for each in observation.readings]
+    known = [(first, second) for first, second in positions if first is not None and second is not None]
+    return np.array([np.linalg.norm(np.subtract(second, first)) for first, second in known])
 
 
 def _import_by_proposal(
@@ -562,12 +624,36 @@ def _state_units(request: ImportRequest) -> dict[str, object]:
 def _order_by_forces(proposal: Proposal, tables: Sequence[NumberTable]) -> Proposal:
     """Return the proposal with the state first that has no load, if columns of forces show which one."""
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    columns = _find_force_columns(joints)
-    if columns is None:
+    stated = _read_forces(joints)
+    if stated is None:
         return proposal
     groups = proposal.joints.groups
-    forces = groups.split(joints.table.numbers[:, columns])[:, 0]
+    forces = groups.split(stated)[:, 0]
     return order_states(proposal, [table.table for table in tables], np.nan_to_num(forces))
+
+
+def _name_constant_force(
+    proposal: Proposal, tables: Sequence[NumberTable], request: ImportRequest
+) -> tuple[Sequence[NumberTable], list[str]]:
+    """Return the tables, with the columns of a force of constant size if nothing else states a force.
+
+    The columns have no headers, so that the targets have to move along the force.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
+    left = next(each for each in list_columns_left(proposal, tables) if each.table is joints)
+    columns = None if has_load or request.force is not None else find_constant_force(left)
+    if columns is None:
+        return tables, []
+    forces = proposal.joints.groups.split(joints.table.numbers[:, list(columns)])[:, 0]
+    solver_tables = [table.table for table in tables]
+    is_posture = np.eye(len(forces))[..., None]
+    along = [order_states(proposal, solver_tables, forces * own) is proposal for own in is_posture]
+    if np.mean(along) < _LEAST_ALONG:
+        return tables, []
+    named = joints.name_forces(columns)
+    note = f"columns {columns[0] + 1}–{columns[2] + 1} as the force: its size is constant"
+    return [named if table is joints else table for table in tables], [note]
 
 
 def _refuse_states_against_force(
@@ -580,7 +666,7 @@ def _refuse_states_against_force(
     """
     joints = next(table for table in tables if table.name == proposal.joints.table)
     are_by_order = any(each.is_by_order for each in named)
-    if request.force is None or not are_by_order or _find_force_columns(joints) is not None:
+    if request.force is None or not are_by_order or _read_forces(joints) is not None:
         return
     postures = len(joints.rows) // proposal.joints.groups.count
     forces = np.tile(np.array(request.force), (postures, 1))
@@ -594,15 +680,27 @@ def _refuse_states_against_force(
         )
 
 
-def _find_force_columns(table: NumberTable) -> list[int] | None:
-    """Return the columns of Fx, Fy and Fz of a table, by their headers; None unless there are all three."""
-    column_of_axis = {}
-    for column, meaning in enumerate(table.meanings):
-        if meaning is not None and meaning.kind == "force" and meaning.axis is not None:
-            column_of_axis[meaning.axis] = column
-    if sorted(column_of_axis) != [0, 1, 2]:
+def _read_forces(table: NumberTable) -> FloatArray | None:
+    """Return the forces (N, 3) of a table by its headers; a force along one axis only has no other part.
+
+    None unless headers name one axis, or all three.
+    """
+    column_of_axis = table.find_force_columns()
+    if len(column_of_axis) != len("xyz") and not table.force_is_along_one_axis:
         return None
-    return [column_of_axis[axis] for axis in (0, 1, 2)]
+    forces = np.zeros((len(table.rows), 3))
+    for axis, column in column_of_axis.items():
+        forces[:, axis] = table.table.numbers[:, column]
+    return forces
+
+
+def _note_force(table: NumberTable) -> list[str]:
+    """Return the note that forces along two axes are 0, if headers name the force along one axis only."""
+    if not table.force_is_along_one_axis:
+        return []
+    (named,) = table.find_force_columns()
+    first, second = ("xyz"[axis] for axis in range(3) if axis != named)
+    return [f"only the force along {'xyz'[named]} has a column: along {first} and {second} it is 0"]
 
 
 def _build_meaning(

@@ -655,6 +655,147 @@ def a_header_of_two_rows_with_numbers(c: Campaign) -> Files:
     return {"a.csv": header + table([], wide(c, places(c, 0, 1), places(c)))}
 
 
+# ---- words of loads
+
+
+def in_turn_below(c: Campaign, header: str, words: Any) -> Files:
+    rows = in_turn(c, words, both(c))
+    return {"loads.csv": table(["Pose", *JOINTS, header, *"XYZ"], rows)}
+
+
+@form()
+def answers_below_a_load(c: Campaign) -> Files:
+    return in_turn_below(c, "Load", ("no", "yes"))
+
+
+@form()
+def digits_below_a_load(c: Campaign) -> Files:
+    return in_turn_below(c, "Last", (0, 1))
+
+
+@form()
+def a_force_or_none(c: Campaign) -> Files:
+    return in_turn_below(c, "load", ("none", "981N"))
+
+
+@form()
+def a_force_of_numbers(c: Campaign) -> Files:
+    return in_turn_below(c, "Charge [N]", (0, 981))
+
+
+@form()
+def italian_words(c: Campaign) -> Files:
+    return in_turn_below(c, "stato", ("vuoto", "carico"))
+
+
+@form()
+def repeats_with_a_number(c: Campaign) -> Files:
+    states = np.repeat(("leer", "beladen"), 3)
+    positions = [places(c, 0, int(number >= 3)) for number in range(6)]
+    rows = [
+        [*row[:8], str(number % 3 + 1), *row[8:]] for number, row in enumerate(in_turn(c, states, positions))
+    ]
+    return {"a.csv": table(["Stellung", *JOINTS, "Zustand", "Wiederholung", *"XYZ"], rows)}
+
+
+@form()
+def short_words_in_names_of_points(c: Campaign) -> Files:
+    rows = [
+        [f"{name}_T1_{('unl', 'load')[state]}", *row[1:]]
+        for state in (0, 1)
+        for name, row in zip(names(c), points(c, state), strict=True)
+    ]
+    return {"joints.csv": joints(c), "points.csv": table(["Name", *"XYZ"], rows)}
+
+
+@form(states_force=False)
+def a_force_along_z_alone(c: Campaign) -> Files:
+    rows = [[*row[:7], "-981", *row[7:]] for row in wide(c, places(c), deflection(c))]
+    return {"a.csv": table(["Nr", *JOINTS, "Fz [N]", *"XYZ", "dX", "dY", "dZ"], rows)}
+
+
+@form()
+def names_with_and_without_zeros(c: Campaign) -> Files:
+    rows = [
+        [f"{number:02}-A-{('unbelastet', 'belastet')[state]}", *row[1:]]
+        for state in (0, 1)
+        for number, row in enumerate(points(c, state), 1)
+    ]
+    angles = [[str(number), *row[1:]] for number, row in enumerate(joint_rows(c), 1)]
+    return {"joints.csv": table(["Pose", *JOINTS], angles), "points.csv": table(["ID", *"XYZ"], rows)}
+
+
+# ---- logs and notes
+
+
+def by_state(c: Campaign) -> dict[str, str]:
+    """Return a file of points for each state, with the same names."""
+    return {f"{word}.csv": table(["Name", *"XYZ"], points(c, state)) for state, word in enumerate(STATES)}
+
+
+@form()
+def degrees_in_cells(c: Campaign) -> Files:
+    angles = [[name, *(f"{angle}°" for angle in row)] for name, *row in joint_rows(c)]
+    places_in_mm = {
+        f"{word}.csv": table(
+            ["Name", *"XYZ"], [[name, *(f"{x} mm" for x in row)] for name, *row in points(c, state)]
+        )
+        for state, word in enumerate(STATES)
+    }
+    return {"joints.csv": table(["Pose", *JOINTS], angles)} | places_in_mm
+
+
+@form()
+def a_log_of_joint_targets(c: Campaign) -> Files:
+    external = ",".join(["9E+09"] * 6)
+    lines = [f"10:{n:02}:00 [[{','.join(digits(q))}],[{external}]]\n" for n, q in enumerate(c.joints)]
+    return {"joints.log": "".join(lines)} | by_state(c)
+
+
+@form()
+def names_before_numbers_of_a_pendant(c: Campaign) -> Files:
+    lines = [
+        f"{name}: " + "  ".join(f"J{n} {angle}" for n, angle in enumerate(row, 1)) + "\n"
+        for name, *row in joint_rows(c)
+    ]
+    return {"pendant.txt": "".join(lines)} | by_state(c)
+
+
+@form()
+def a_notebook_with_titles_and_signs(c: Campaign) -> Files:
+    text = "Stiffness test, cell B, 12 May\nTracker, 2 nests (A, B), 100 kg plate on flange\n\n"
+    for number, q in enumerate(c.joints):
+        text += f"Posture {number + 1}\n  " + " ".join(f"J{n}={x}" for n, x in enumerate(digits(q), 1)) + "\n"
+        for k, state in product((0, 1), (0, 1)):
+            x, y, z = digits(places(c, k, state)[number])
+            text += f"  {'AB'[k]} {STATES[state]}: X {x}  Y {y}  Z {z}\n"
+        text += "\n"
+    return {"notebook.txt": text}
+
+
+@form()
+def a_file_for_each_posture(c: Campaign) -> Files:
+    files = {}
+    for number, q in enumerate(c.joints):
+        text = f"joints [deg]: {' '.join(digits(q))}\n"
+        for k, state in product((0, 1), (0, 1)):
+            text += f"T{k + 1} {STATES[state]} {' '.join(digits(places(c, k, state)[number]))}\n"
+        files[f"pose_{number + 1}.txt"] = text
+    return files
+
+
+@form()
+def messages_of_ros_in_yaml(c: Campaign) -> Files:
+    text = ""
+    for number, q in enumerate(np.radians(c.joints)):
+        text += f"header:\n  stamp:\n    sec: {number}\n  frame_id: base\nname:\n"
+        text += "".join(f"- axis_{n}\n" for n in range(1, 7)) + "position:\n"
+        text += "".join(f"- {x}\n" for x in digits(q, 7)) + "velocity: []\n---\n"
+    rows = in_turn(c, ("free", "loaded"), both(c))
+    points_in_turn = [[row[0], *row[7:]] for row in rows]
+    return {"states.yaml": text, "points.csv": table(["pose", "state", *"xyz"], points_in_turn)}
+
+
 # ---- the judgement
 
 

@@ -2,9 +2,10 @@
 
 import json
 
+import numpy as np
 import pytest
 from support.api import post
-from support.measured_arms import measure
+from support.measured_arms import TRACKER, measure, wide
 
 from jointstiff.service.resources.known_robots import catalogue_robots
 
@@ -54,3 +55,20 @@ def test_a_template_of_an_accepted_proposal_reads_files_without_names(local, fil
 def test_without_acceptance_or_a_robot_the_files_are_refused_as_before(local, files, robot_id):
     assert imported(local, files, robot_id=robot_id, **STATED).status_code == 422
     assert imported(local, files, accept_proposal=True, **STATED).status_code == 422
+
+
+def test_names_that_say_everything_leave_the_frame_to_the_robot(local, robot_id):
+    joints, points = measure(next(each for each in catalogue_robots() if each.name == ARM))
+    seen = points[:, 0] @ TRACKER + [300.0, -200.0, 800.0]
+    states = [f"P10 {state} {axis} [mm]" for state in ("unloaded", "loaded") for axis in "xyz"]
+    header = " ".join(f'"{each}"' for each in ["label", *(f"J{n} [deg]" for n in range(1, 7)), *states])
+    rows = wide(np.arange(16)[:, None], joints, seen, seen - [0.0, 0.0, 0.4] @ TRACKER)
+    files = [("files", ("named.txt", header.encode() + b"\n" + text_of(rows)))]
+    shown = imported(local, files, robot_id=robot_id, **STATED).json()
+    assert "as P10 loaded [mm] in a frame of the instrument fit" in shown["proposal"]
+    assert "frame_mistaken" in {each["code"] for each in shown["findings"]}
+    taken = imported(local, files, robot_id=robot_id, accept_proposal=True, **STATED).json()
+    assert "frame_mistaken" not in {each["code"] for each in taken["findings"]}
+    (reading,) = taken["measurement_set"]["observations"][0]["readings"]
+    assert reading["target"] == "P10"
+    assert np.subtract(reading["loaded"], reading["unloaded"]) == pytest.approx([0, 0, -0.4], abs=0.01)

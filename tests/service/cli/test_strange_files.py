@@ -6,11 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.command_lines import assert_said, refused, typed
+from support.measured_arms import TRACKER
 from support.strange_files import (
     FORMS,
     JOINTS,
+    both,
     deflection,
     digits,
+    in_turn,
     joints,
     judge,
     places,
@@ -19,6 +22,8 @@ from support.strange_files import (
     table,
     wide,
 )
+
+from jointstiff.service.cli import imports
 
 ARMS = ("KUKA KR 210 R2700 extra", "Universal Robots UR10e", "Yaskawa GP25", "FANUC M-20iD/25")
 STATED = "--encoders motor --load-point 0,0,120"
@@ -63,6 +68,8 @@ def test_one_proposal_gives_the_measured_campaign(name):
             "dX, dY, dZ in µm added to the positions without load",
         ),
         ("a_file_in_metres_and_one_in_millimetres", "the other positions of loaded.txt converted from mm"),
+        ("a_force_along_z_alone", "only the force along z has a column: along x and y it is 0"),
+        ("repeats_with_a_number", "the mean of repeated readings"),
         ("loads_in_headers", "each load is an observation, with the same readings without load"),
     ],
 )
@@ -234,6 +241,65 @@ def test_names_of_all_joints_of_a_maker_need_no_proposal():
     shown = typed(line(files, ARMS[2]))
     assert " fit the " not in shown
     assert judge(campaign, read_set()) == []
+
+
+# ---- one question, then the proposal
+
+
+def answer(monkeypatch, text, answers):
+    monkeypatch.setattr(imports, "is_terminal_input", lambda: True)
+    return typed(text.replace(" --yes", ""), input="".join(f"{each}\n" for each in answers))
+
+
+NAMES_OF_ALL = ["Pose", *(f"{joint} [deg]" for joint in JOINTS)]
+NAMES_OF_ALL += [f"P10 {state} {axis} [mm]" for state in ("unloaded", "loaded") for axis in "xyz"]
+
+
+@pytest.mark.parametrize("forces", [["Fx [N]", "Fy [N]", "Fz [N]"], ["Fx", "Fy", "Fz"]])
+def test_names_that_say_everything_leave_the_frame_to_the_robot(monkeypatch, forces):
+    campaign = simulate(ARMS[0], seed=12, postures=14)
+    turned = [each @ TRACKER + [300.0, -200.0, 800.0] for each in both(campaign)]
+    rows = [[*row[:7], "0", "0", "-981", *row[7:]] for row in wide(campaign, *turned)]
+    files = {"named.csv": table([*NAMES_OF_ALL[:7], *forces, *NAMES_OF_ALL[7:]], rows)}
+    has_unit = "[" in forces[0]
+    shown = answer(monkeypatch, line(files, ARMS[0], ""), ["", "", "", "", ""][has_unit:])
+    asked = "Unit of forces (N, kN, kgf, lbf) [N]:"
+    assert_said(shown, *([] if has_unit else [asked]), "in a frame of the instrument fit", "Take it? [Y/n]")
+    assert_said(shown, "wrote c.json, a campaign")
+    document = read_set()
+    read = [each["readings"][0] for each in document["observations"]]
+    shifts = [np.subtract(each["loaded"], each["unloaded"]) for each in read]
+    assert {each["target"] for each in read} == {"P10"}
+    assert np.abs(np.array(shifts) - deflection(campaign)).max() < 0.005
+    assert [each["force"] for each in document["observations"]] == [[0.0, 0.0, -981.0]] * 14
+
+
+def test_two_words_that_nobody_knows_are_one_question(monkeypatch):
+    campaign = simulate(ARMS[1], seed=13, postures=14)
+    files = {
+        "a.csv": table(
+            ["Pose", *JOINTS, "Gewichtsstein", *"XYZ"], in_turn(campaign, ("weg", "dran"), both(campaign))
+        )
+    }
+    assert_said(refused(line(files, ARMS[1])), "may be words for states", "`--state-word`")
+    shown = answer(monkeypatch, line(files, ARMS[1]), ["", "", "", "", ""])
+    assert_said(shown, "'weg' and 'dran' may be words for states", "(weg, dran) [weg]:", "Take it? [Y/n]")
+    assert judge(campaign, read_set()) == []
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_force_of_constant_size_needs_no_header(sign):
+    campaign = simulate(ARMS[1], seed=14, postures=14)
+    shifts = deflection(campaign)
+    forces = sign * 500.0 * shifts / np.linalg.norm(shifts, axis=1)[:, None]
+    rows = [row[1:] for row in wide(campaign, forces, places(campaign), places(campaign, 0, 1))]
+    text = line({"a.txt": table([], rows, " ")}, ARMS[1], "--units force=N")
+    if sign < 0:  # a force against which the targets move is no force on the robot
+        assert_said(refused(text), "information is missing: the force")
+        return
+    assert_said(typed(text), "columns 7–9 as the force: its size is constant", "wrote c.json")
+    read = [each["force"] for each in read_set()["observations"]]
+    assert np.abs(np.array(read) - forces).max() < 1e-3
 
 
 def test_states_that_only_their_order_gives_must_agree_with_the_force():

@@ -299,7 +299,7 @@ def test_an_unknown_ground_is_refused_with_the_known_ones():
 @pytest.mark.parametrize(
     ("old", "new", "answer", "remedy"),
     [
-        ("P10 unloaded ", "P10 leer ", "'P10 leer z [mm]'", "--state-word leer=unloaded"),
+        ("P10 unloaded ", "P10 roh ", "'P10 roh z [mm]'", "--state-word roh=unloaded"),
         ("Fz [N]", "Kraft [kg]", "kg is the unit of a mass", "--column 'Kraft [kg]=mass [kg]'"),
     ],
 )

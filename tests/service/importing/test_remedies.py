@@ -258,9 +258,9 @@ COLUMNS = {
         CAMPAIGN,
     ),
     "state of an unknown word": option(
-        "other columns do not: 'P10 leer x \\[mm\\]', 'P10 leer y \\[mm\\]', 'P10 leer z \\[mm\\]'$",
-        CAMPAIGN.replace("P10 unloaded ", "P10 leer "),
-        state_words={"leer": "unloaded"},
+        "other columns do not: 'P10 roh x \\[mm\\]', 'P10 roh y \\[mm\\]', 'P10 roh z \\[mm\\]'$",
+        CAMPAIGN.replace("P10 unloaded ", "P10 roh "),
+        state_words={"roh": "unloaded"},
     ),
     "state in headers and in a column": table(
         "there is a column `state`", with_column("state", "loaded", "loaded", "loaded"), CAMPAIGN

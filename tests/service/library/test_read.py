@@ -51,6 +51,22 @@ def test_a_proposal_says_columns_residual_and_next_best(three_files):
     assert proposal.next_residual > 4 * proposal.residual
 
 
+def test_names_that_say_everything_leave_the_frame_to_the_robot(known, tmp_path):
+    joints, points = measure(known)
+    seen = (points[:, 0] - [900.0, 2000.0, 0.0]) @ TRACKER.T
+    numbers = wide(np.arange(16)[:, None], joints, seen, seen + LOADED @ TRACKER.T)
+    header = ["label", *(f"J{n} [deg]" for n in range(1, 7))]
+    header += [f"P10 {state} {axis} [mm]" for state in ("unloaded", "loaded") for axis in "xyz"]
+    file = tmp_path / "named.csv"
+    np.savetxt(file, numbers, fmt="%.4f", delimiter=";", header=";".join(header), comments="")
+    force = {"force": (0, 0, -900), "units": {"force": "N"}}
+    proposal = jointstiff.read(file, robot=ARM, **force, **STATED)
+    assert "in a frame of the instrument fit the KUKA KR 210" in str(proposal)
+    reading = proposal.campaign.measurement_set.observations[0].readings[0]
+    assert reading.target == "P10"
+    assert np.subtract(reading.loaded, reading.unloaded) == pytest.approx(LOADED, abs=0.01)
+
+
 def test_without_a_robot_the_catalogue_is_searched(three_files):
     assert jointstiff.read(*three_files).robot.name == f"{ARM} (nominal)"
 
