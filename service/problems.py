@@ -678,6 +678,7 @@ def _find_remedy(error: Mapping[str, Any], parameters: Sequence[str]) -> str | N
         return remedy
     return (
         _find_remedy_of_unread(error)
+        or _find_remedy_of_limits(error)
         or _find_remedy_of_numbers(error)
         or _find_remedy_of_objects(error)
         or _REMEDIES.get(str(error["type"]))
@@ -687,12 +688,11 @@ def _find_remedy(error: Mapping[str, Any], parameters: Sequence[str]) -> str | N
 def _find_remedy_of_numbers(error: Mapping[str, Any]) -> str | None:
     """Return the remedy for wrong numbers or entries of a list; None for other faults."""
     message = str(error["msg"])
+    if _is_missing_entry(error):
+        return "add this entry; a place, a vector or a grid has three numbers, along x, y and z"
     if error["type"] in {"too_long", "too_short"} and message.startswith("Tuple"):
         # A vector with decimal commas, such as 1,5,2,5,3,5, has too many numbers.
         return "give one number per component, with decimal points, not commas"
-    is_outside_limit = error["type"] in {"greater_than_equal", "less_than_equal"}
-    if is_outside_limit and {"priors", "stiffness_bounds"}.intersection(error["loc"]):
-        return "give stiffnesses in N·m/rad (prismatic: N/m); 3.1 · 10⁶ N·m/rad in a table is 3.1e6"
     if error["type"] == "string_type" and "leave_out" in error["loc"]:
         return "give labels of observations as texts, in quotes, not their numbers"
     if error["type"] == "list_type" and "leave_out" in error["loc"]:
@@ -702,6 +702,47 @@ def _find_remedy_of_numbers(error: Mapping[str, Any]) -> str | None:
     if message.endswith("must not contain duplicates"):
         return "give each entry only once"
     return None
+
+
+_REMEDIES_OF_GOALS: Final = MappingProxyType(
+    {
+        "relative": 'give an uncertainty from 0.1 % to 100 %, such as "15 %"; as a number, 0.15',
+        "uncertainty": 'give an uncertainty from 0.001 µm to 1 m, such as "6 um"; as a number, 6e-6 in m',
+        "limit": 'give a limit from 0.001 µm to 1 m, such as "below 0.5 mm"; as a number, 5e-4 in m',
+        "mistake": 'give a length from 0.001 µm to 1 m, such as "load point 10 mm"; as a number, 0.01 in m',
+    }
+)
+"""Field of a goal → remedy for a number outside the limits of `jointstiff.schemas.plan`."""
+
+
+def _is_missing_entry(error: Mapping[str, Any]) -> bool:
+    """Return whether the fault is an entry that a list of a fixed length lacks."""
+    return error["type"] == "missing" and isinstance(error["loc"][-1], int)
+
+
+def _find_remedy_of_limits(error: Mapping[str, Any]) -> str | None:
+    """Return the remedy for a number outside the limits of its field; None without a remedy of the field."""
+    if error["type"] not in {"greater_than_equal", "less_than_equal"}:
+        return None
+    place = error["loc"]
+    if {"priors", "stiffness_bounds"}.intersection(place):
+        return "give stiffnesses in N·m/rad (prismatic: N/m); 3.1 · 10⁶ N·m/rad in a table is 3.1e6"
+    if place[-1:] == ("confidence",):
+        return "give a fraction, such as 0.95 for 95 %"
+    return _REMEDIES_OF_GOALS.get(str(place[-1])) if "goal" in place else None
+
+
+_LIMIT: Final = re.compile(r"must be (?:greater|less) than or equal to ([\d.]+)")
+"""Reason for a number outside a limit, with the limit."""
+
+
+def _reword_limit_of_goal(error: Mapping[str, Any], message: str) -> str:
+    """Return the reason for a relative goal outside a limit, with the limit in percent, too."""
+    limit = _LIMIT.fullmatch(message)
+    is_goal = "goal" in error["loc"] and error["loc"][-1] == "relative"
+    if limit is None or not is_goal:
+        return message
+    return f"{message}, that is {100 * float(limit[1]):g} %"
 
 
 def _find_remedy_of_objects(error: Mapping[str, Any]) -> str | None:
@@ -788,6 +829,9 @@ def reword_fault(error: Mapping[str, Any], parameters: Sequence[str] = ()) -> st
         if match := pattern.fullmatch(message):
             message = match.expand(wording)
             break
+    if _is_missing_entry(error):
+        message = f"entry {error['loc'][-1] + 1} of the list is missing"
+    message = _reword_limit_of_goal(error, message)
     meant = _find_meant_name(error, parameters)
     return message if meant is None else f"{message}; did you mean `{meant}`?"
 

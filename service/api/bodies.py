@@ -6,7 +6,7 @@ import gc
 import hashlib
 from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Iterator, Mapping, Set
 from contextlib import contextmanager, suppress
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, ClassVar, Final
 
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
@@ -55,6 +55,9 @@ class BodyRoute(AccessRoute):
     FastAPI would parse on the event loop, list faults without limit, and accept any media type.
     """
 
+    takes_files: ClassVar[bool] = False
+    """Whether the address of this route for JSON takes a file in a form, too."""
+
     def get_route_handler(self) -> Handler:
         """Return a handler that parses the body and then calls FastAPI's handler."""
         handle = super().get_route_handler()
@@ -63,7 +66,10 @@ class BodyRoute(AccessRoute):
             return handle
         is_form = isinstance(field.field_info, params.Form)
         # Media type, and its name in an error message
-        media_type_and_words = ("multipart/form-data", _A_FORM) if is_form else ("application/json", "JSON")
+        json_words = _COLUMNS_OR_FORM if self.takes_files else "JSON"
+        media_type_and_words = (
+            ("multipart/form-data", _A_FORM) if is_form else ("application/json", json_words)
+        )
         message: type[BaseModel] = field.field_info.annotation  # type: ignore[assignment]
 
         async def handle_parsed(request: Request) -> Response:
@@ -85,6 +91,11 @@ class BodyRoute(AccessRoute):
 
 
 _A_FORM: Final = "a form of the fields `files` and `options`, as curl -F does"
+_COLUMNS_OR_FORM: Final = f"a file in {_A_FORM} (multipart/form-data); or send columns as JSON"
+
+
+_TABLES: Final = frozenset({"text/csv", "text/tab-separated-values", "application/vnd.ms-excel"})
+"""Media types of tables."""
 
 
 async def read_json(request: Request, message: type[BaseModel]) -> BaseModel:
@@ -155,6 +166,8 @@ def require_media_type(request: Request, media_type: str, words: str) -> None:
         reason = (
             f"the body has the Content-Type {stated[:40]!r}" if stated else "the body has no Content-Type"
         )
+        if stated in _TABLES and words == "JSON":
+            words = f"a table to POST /v1/imports, in {_A_FORM}; or send JSON"
         raise HTTPException(415, f"{reason}; send {words}, with the header Content-Type: {media_type}")
 
 

@@ -33,7 +33,14 @@ from jointstiff.service.store.tables import JobRecord
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.robot import Robot
 
-router = APIRouter(tags=["corrections"], route_class=JobRoute)
+
+class _ColumnsRoute(JobRoute):
+    """Route of columns in JSON, whose address takes a file in a form, too."""
+
+    takes_files = True
+
+
+router = APIRouter(tags=["corrections"], route_class=_ColumnsRoute)
 
 _ADDRESS: Final = f"/v1/{CORRECTION.collection}"
 _Table = Annotated[list[UploadFile], File(min_length=1, max_length=1)]

@@ -17,7 +17,13 @@ from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RobotError
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.mechanics.urdf import XmlElement, check_root, parse_xml, write_urdf
+from jointstiff.solver.mechanics.urdf import (
+    XmlElement,
+    check_root,
+    parse_xml,
+    refuse_unknown_link,
+    write_urdf,
+)
 from jointstiff.solver.text import length_text
 
 FAR_POSITION: Final = 100.0
@@ -613,9 +619,30 @@ def read_numbers(value: Any, name: str, remedy: str) -> FloatArray:  # noqa: ANN
             return np.stack([_to_numbers(column, name) for column in value], axis=1)
         return _to_numbers(value, name)
     except (TypeError, ValueError) as error:
+        _refuse_decimal_comma(str(error), name)
         raise MeasurementError(
             f"`{name}` is not an array of numbers: {error}", where=name, remedy=remedy
         ) from None
+
+
+_DECIMAL_COMMA: Final = re.compile(
+    r"could not convert string to float: '\s*([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)\s*'"
+)
+"""Message of numpy about a text that is a number with a decimal comma."""
+
+
+def _refuse_decimal_comma(fault: str, name: str) -> None:
+    """Raise a `MeasurementError` if the text that numpy could not convert has a decimal comma."""
+    found = _DECIMAL_COMMA.fullmatch(fault)
+    if found is None:
+        return
+    whole, decimals = found.groups()
+    raise MeasurementError(
+        f"`{name}` has texts with a decimal comma, such as '{whole},{decimals}'",
+        where=name,
+        remedy=f"write {whole or '0'}.{decimals}: replace the comma of each text, text.replace(',', '.'), or "
+        "read the table with pandas.read_csv(…, decimal=',')",
+    )
 
 
 def _to_numbers(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
@@ -745,11 +772,15 @@ def convert_urdf(text: str, base: str | None, flange: str | None) -> dict[str, A
     Without `base`, the root link is the base; without `flange`, the only tip link is the flange.
 
     Raises:
-        RobotError: the text is not a URDF, or several links may be the base or the flange.
+        RobotError: the text is not a URDF, a link does not exist, or several may be the base or the flange.
     """
     document = parse_xml(text)
     check_root(document)
     roots = _list_links_outside_joints(document, "child")
+    for link, role in ((base, "base"), (flange, "flange")):
+        if link is not None:
+            names = [each.attributes.get("name", "") for each in document.find_children("link")]
+            refuse_unknown_link(names, link, role)
     root = _get_only_link(roots, "base") if base is None else base
     tips = _list_links_outside_joints(document, "parent")
     tip = _get_only_link(tips, "flange") if flange is None else flange

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
 from math import degrees, radians
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
 
 import numpy as np
@@ -413,6 +414,11 @@ def _list_misreadings(document: RobotDocument) -> Iterator[KnownRobot]:
     other = model.model_copy(update={"convention": convention})
     remedy = f"set `convention` of the Denavit-Hartenberg table to `{convention}`, and give the robot again"
     yield from _name_misreading(document, other, f"in the convention {convention}", remedy)
+    for unit, factor in _OTHER_ANGLES.items():
+        rows = [_scale_row(row, 1.0, factor) for row in model.rows]
+        remedy = f"set `angle_unit` of the Denavit-Hartenberg table to `{unit}`, and give the robot again"
+        in_unit = model.model_copy(update={"rows": rows})
+        yield from _name_misreading(document, in_unit, f"with all angles in {unit}", remedy)
     for read_as, signs, words in _MISREAD_COLUMNS:
         rows = [
             row.model_copy(update={name: sign * getattr(row, read_as[name]) for name, sign in signs.items()})
@@ -432,12 +438,16 @@ def _list_other_rows(rows: list[DhRow]) -> Iterator[tuple[list[DhRow], str]]:
         exchanged = [*rows]
         exchanged[i], exchanged[j] = rows[j], rows[i]
         yield exchanged, f"with the rows {i + 1} and {j + 1} exchanged"
-    for name in ("alpha", "theta"):
-        for factor, unit in ((degrees(1.0), "rad"), (radians(1.0), "deg")):
+    for name, other in (("alpha", "theta"), ("theta", "alpha")):
+        if not any(getattr(row, other) for row in rows):
+            continue  # then `name` has all angles of the table
+        for unit, factor in _OTHER_ANGLES.items():
             in_unit = [row.model_copy(update={name: factor * getattr(row, name)}) for row in rows]
             yield in_unit, f"with {name} in {unit}"
 
 
+_OTHER_ANGLES: Final = MappingProxyType({"rad": degrees(1.0), "deg": radians(1.0)})
+"""True unit of a table's angles, and factor that corrects them if the other unit was stated."""
 _MISREAD_COLUMNS: Final = (
     ({"a": "d", "d": "a"}, {"a": 1.0, "d": 1.0}, "with the columns a and d exchanged"),
     (

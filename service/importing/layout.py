@@ -345,6 +345,14 @@ def _report_row_length(grid: Grid, heading: Heading, row: Row, faults: Faults) -
     count, width = len(row.cells), len(heading.texts)
     line = heading.lines[-1] if heading.lines else grid.rows[0].line
     header_has = f"line {line} has" if heading.lines or heading.columns_are_assumed else "the header"
+    others_fit = all(len(each.cells) == width for each in grid.rows[heading.start : -1])
+    is_last = row is grid.rows[-1] and not grid.has_final_line_break
+    if is_last and count < width and others_fit:
+        words = f"the row has {count} cells, but {header_has} {width}"
+        reason = f"the file ends in the middle of line {row.line}: {words}"
+        remedy = "export or copy the file again, or remove this line"
+        faults.report(grid.place(row, count - 1), reason, remedy)
+        return
     delimiter_words = f" (delimiter: {grid.preview.delimiter})" if grid.preview.delimiter else ""
     reason = f"the row has {count} cells, but {header_has} {width}{delimiter_words}"
     remedy = (

@@ -116,7 +116,8 @@ def _cases_from_arrays(
     q = q.reshape(1, -1) if q.ndim == 1 else q
     if force_rows is None:
         remedy = (
-            "give `forces`, not `force`, (N, 3) or (3,): predict(run, q, forces=(0, 0, -500), at=(0, 0, 120))"
+            "give joints and forces as two arrays, `forces` (N, 3) or (3,): predict(run, q, "
+            "forces=(0, 0, -500), at=(0, 0, 120))"
         )
         raise RequestError(
             "`forces` are missing: without a load, the arm does not deflect",

@@ -287,7 +287,9 @@ def _read_urdf_fields(text: str, base: str | None, flange: str | None) -> dict[s
             return {"name": "robot", "model": convert_urdf(text, base, flange)}
     except CampaignError as error:
         link = (error.problem.where or "").removeprefix("robot.")
-        if link not in ("base", "flange"):
+        if {"base": base, "flange": flange}.get(
+            link, ""
+        ) is not None:  # another fault, or a link that is stated
             raise
         remedy = f"name the link: jointstiff.robot(urdf, {link}='LINK')"
         raise CampaignError(error.problem.model_copy(update={"remedy": remedy})) from error

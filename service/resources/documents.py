@@ -57,10 +57,17 @@ def read_campaign(campaign: AnyCampaign) -> Campaign:
     if not isinstance(campaign, str | PathLike):
         reason = f"a campaign is a file, a document, a `Campaign` or a run, not `{type(campaign).__name__}`"
         remedy = "make a campaign of arrays by `jointstiff.Campaign.from_arrays`"
+        if isinstance(campaign, list | tuple) and campaign and not any(map(_is_numeric, campaign)):
+            remedy = "give each campaign as an argument of its own, such as compare(first, second)"
         if isinstance(campaign, BaseModel):  # a result of another function
             remedy = "give the campaign itself, or the run that `identify` makes of it"
         raise CampaignError(http_problem(422, reason, remedy))
     return read_document(Path(campaign), Campaign, section="campaign")
+
+
+def _is_numeric(value: object) -> bool:
+    """Return whether a value is a number, a list or an array."""
+    return isinstance(value, int | float | list | tuple) or hasattr(value, "__array__")
 
 
 def read_document(path: Path, message_class: type[Document], section: str | None = None) -> Document:

@@ -438,9 +438,7 @@ def _find_path_down(
     """
     above = _map_joints_above(links, joints)
     for link, role in ((base, "base"), (flange, "flange")):
-        if link not in links:
-            reason = f"there is no link {link[:60]!a} for the {role} frame"
-            raise RobotError(reason, remedy=f"use one of the links {_list_names(links)}", where=role)
+        refuse_unknown_link(links, link, role)
     if base == flange:
         raise RobotError(
             f"base and flange are the same link, '{base}'",
@@ -498,6 +496,17 @@ def _map_joints_above(links: Collection[str], joints: Iterable[UrdfJoint]) -> di
             where=f"link '{cycle[0]}'",
         )
     return above
+
+
+def refuse_unknown_link(links: Collection[str], link: str, role: str) -> None:
+    """Refuse a link that is not among all links of a URDF; its `role` is base or flange.
+
+    Raises:
+        RobotError: there is no such link.
+    """
+    if link not in links:
+        reason = f"there is no link {link[:60]!a} for the {role} frame"
+        raise RobotError(reason, remedy=f"use one of the links {_list_names(links)}", where=role)
 
 
 def _list_names(names: Collection[str]) -> str:

@@ -129,8 +129,8 @@ def _count_decimals(size: float, most: int) -> int:
 class FrameProposal:
     """Tool, base and units with which poses and joints agree."""
 
-    #: what is probably wrong: `joints` or `lengths` for their unit, or the frames
-    cause: Literal["joints", "lengths", "base", "tool", "base_and_tool"]
+    #: what is probably wrong: `joints`, `lengths` or both, `units`, for their unit, or the frames
+    cause: Literal["joints", "lengths", "units", "base", "tool", "base_and_tool"]
     tool: FloatArray  #: (4, 4) tool in the flange frame [m]
     base: FloatArray  #: (4, 4) base in R0 [m]
     unit: str = ""  #: words for the units, such as `mm where m are stated`, if a unit is wrong
@@ -154,6 +154,8 @@ class FrameProposal:
             return f"correct the unit of the joints: the numbers are {self.unit}"
         if self.cause == "lengths":
             return f"correct the unit of the lengths: the numbers are {self.unit}"
+        if self.cause == "units":
+            return f"correct the units of lengths and joints: the numbers are {self.unit}"
         stated = []
         if self.cause != "tool":
             stated.append(f"`base` {describe_pose(self.decimals.round_pose(self.base))}")
@@ -207,7 +209,11 @@ def propose_frames(
         return None
     comparison = _Comparison(robot, poses[rows], joints[rows], tool, base)
     for least_agreement in (1.0, _LEAST_AGREEMENT):
-        proposal = comparison.try_units(least_agreement) or comparison.try_frames(least_agreement)
+        proposal = (
+            comparison.try_units(least_agreement)
+            or comparison.try_both_units(least_agreement)
+            or comparison.try_frames(least_agreement)
+        )
         if proposal is not None:
             others = tuple(1 + int(rows[k]) for k in proposal.others)
             return replace(proposal, compared=len(rows), others=others)
@@ -241,6 +247,24 @@ class _Comparison:
                 gaps = _measure_gaps(self.robot, self.joints, poses, own_tool, own_base)
                 if gaps.agree.mean() >= least_agreement:
                     return FrameProposal("lengths", own_tool, own_base, words, others=_list_others(gaps))
+        return None
+
+    def try_both_units(self, least_agreement: float) -> FrameProposal | None:
+        """Return the units of lengths and angles with which a fraction of the rows agree, or None.
+
+        Results of Python are in m and rad, which is easily forgotten for both. `others` are indices of rows.
+        """
+        for angle_words, angle_factor in _ANGLES.items():
+            joints = np.where(self.robot.prismatic, self.joints, angle_factor * self.joints)
+            for words, factor in _LENGTHS.items():
+                unit = words.partition(" ")[0]
+                poses, tool, base = (_scale(each, factor) for each in (self.poses, self.tool, self.base))
+                both = f"{words}, and {angle_words}"
+                in_frames = f"{both}; state `tool` and `base` in {unit}, too"
+                for note, own_tool, own_base in ((both, tool, base), (in_frames, self.tool, self.base)):
+                    gaps = _measure_gaps(self.robot, joints, poses, own_tool, own_base)
+                    if gaps.agree.mean() >= least_agreement:
+                        return FrameProposal("units", own_tool, own_base, note, others=_list_others(gaps))
         return None
 
     def try_far_units(self) -> FrameProposal | None:

@@ -234,6 +234,12 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
         "'text/plain'.*application/json$",
         WELL,
     ),
+    "table in place of JSON": (
+        post_campaign(headers={"Content-Type": "text/csv"}),
+        415,
+        "'text/csv'.*send a table to POST /v1/imports, in a form of the fields `files` and `options`",
+        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+    ),
     "form in place of JSON": (
         request("POST", "/v1/campaigns", data={"name": "x"}),
         415,

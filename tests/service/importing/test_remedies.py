@@ -321,6 +321,9 @@ ROWS = {
         CAMPAIGN,
     ),
     "rows of other lengths": mistake("the row has 12 cells", "c02;-15;", "c02;"),
+    "cut off in its last line": table(
+        "the file ends in the middle of line", CAMPAIGN[: CAMPAIGN.rindex(";", 0, -40)], CAMPAIGN
+    ),
     "cut off": table("the file is cut off", CAMPAIGN[:-4], CAMPAIGN),
     "cut off, complete": table("the file is cut off", CAMPAIGN[:-4], CAMPAIGN[:-4] + "\n"),
     "deleted or not": mistake(

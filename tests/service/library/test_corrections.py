@@ -38,6 +38,19 @@ def test_the_arrays_of_a_run_bring_the_loaded_tool_to_its_poses():
     np.testing.assert_allclose(in_metres.joints, done.joints, atol=1e-12)
 
 
+def test_results_in_m_and_rad_given_back_name_both_units():
+    _, run = exact_run()
+    done = run.correct(IN_MM, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+    with pytest.raises(js.CampaignError) as answer:
+        run.correct(done.poses, done.joints, tool=TOOL_IN_MM, forces=FORCE)
+    assert str(answer.value).endswith(
+        "remedy: correct the units of lengths and joints: the numbers are m where mm are stated, and radians "
+        "where degrees are stated; state `tool` and `base` in m, too"
+    )
+    in_metres = run.correct(done.poses, done.joints, tool=[*TOOL, 0, 0, 0], forces=FORCE, units="m, rad, N")
+    assert in_metres.status == ["corrected"] * 20
+
+
 def test_forces_may_change_from_row_to_row_or_along_the_path():
     _, run = exact_run()
     rows = np.tile(FORCE, (20, 1))
@@ -372,6 +385,22 @@ class TestService:
         np.testing.assert_allclose(np.radians(joints), here.joints, atol=1e-9)
         assert answer["counts"] == {"corrected": 20}
         assert answer["columns"]["status"] == ["corrected"] * 20
+
+    def test_a_raw_table_is_sent_in_a_form(self, client, run):
+        body = self.body(run)
+        columns = body.pop("columns")
+        units = dict.fromkeys(("x", "y", "z"), "mm")
+        header = ",".join(f"{name} [{units.get(name, 'deg')}]" for name in columns)
+        rows = [",".join(map(repr, row)) for row in zip(*columns.values(), strict=True)]
+        table = "\n".join([header, *rows, ""]).encode()
+        raw = client.request("POST", "/v1/corrections", content=table, headers={"Content-Type": "text/csv"})
+        words = "send a file in a form of the fields `files` and `options`, as curl -F does"
+        assert raw.status_code == 415
+        assert words in raw.text
+        assert "or send columns as JSON" in raw.text
+        files = {"files": ("poses.csv", table)}
+        sent = client.request("POST", "/v1/corrections", files=files, data={"options": json.dumps(body)})
+        assert sent.status_code in {201, 202}, sent.text
 
     def test_columns_of_joints_may_have_their_own_names(self, client, run):
         body = self.body(run)

@@ -134,6 +134,10 @@ def described(rows=TABLE, convention="modified", **fields):
         (described(TABLE[::-1]), "with the rows in reverse order"),
         (described([*TABLE[:3], TABLE[4], TABLE[3], TABLE[5]]), "with the rows 4 and 5 exchanged"),
         (described([(a, np.radians(al), d, th) for a, al, d, th in TABLE]), "with alpha in rad"),
+        (
+            described([(a, np.radians(al), d, np.radians(th)) for a, al, d, th in TABLE]),
+            "with all angles in rad",
+        ),
         (described([(a, al, -d, th) for a, al, d, th in TABLE]), "with the opposite signs of d"),
     ],
 )
@@ -141,6 +145,14 @@ def test_a_mistaken_table_is_named(document, wrong, cause):
     """The simulated arm has this table: the readings fit the right table."""
     answer = js.identify(document | {"robot": wrong})
     assert cause in answer.result.assessment.reasons[0].message
+
+
+def test_a_table_in_another_unit_of_angles_is_read_again_in_the_unit_that_is_named(document):
+    in_radians = described([(a, np.radians(al), d, np.radians(th)) for a, al, d, th in TABLE])
+    (reason, *_) = js.identify(document | {"robot": in_radians}).result.assessment.reasons
+    assert reason.remedy.startswith("set `angle_unit` of the Denavit-Hartenberg table to `rad`")
+    in_radians["model"]["angle_unit"] = "rad"
+    assert js.identify(document | {"robot": in_radians}).result.assessment.verdict == "use"
 
 
 def test_a_tool_as_a_row_of_the_table_is_named(document):

@@ -360,7 +360,10 @@ MISTAKES = {
     # Readings
     "nan": (*first_observation({"force": [float("nan"), 0, 0]}, {}), r"force\[0\]: must be a finite number"),
     "text": (*first_observation({"force": ["a", 0, 0]}, {}), r"force\[0\]: must be a number"),
-    "two components": (*first_observation({"force": [1, 2]}, {}), r"force\[2\]: required field is missing"),
+    "two components": (
+        *first_observation({"force": [1, 2]}, {}),
+        r"force\[2\]: entry 3 of the list is missing",
+    ),
     "None": (*first_observation({"joints": None}, {}), r"observations\[0\].joints: must be a list"),
     "five angles": (
         *first_observation({"joints": [0] * 5}, {}),

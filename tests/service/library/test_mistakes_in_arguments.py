@@ -1,0 +1,90 @@
+"""Mistakes in arguments of verbs: the answer names the cause, and its remedy, carried out, works."""
+
+import re
+
+import numpy as np
+import pytest
+
+import jointstiff as js
+from jointstiff.simulator import default_arm, simulate_campaign
+
+
+@pytest.fixture(scope="module")
+def document():
+    return simulate_campaign(default_arm(), load="pull", configurations=8, seed=3)
+
+
+@pytest.fixture(scope="module")
+def run(document):
+    return js.identify(document)
+
+
+def refused(call, *arguments, **options):
+    with pytest.raises(js.CampaignError) as answer:
+        call(*arguments, **options)
+    return str(answer.value)
+
+
+def test_campaigns_in_a_list_are_given_one_by_one(document):
+    answer = refused(js.compare, [document, document])
+    assert "not `list`; remedy: give each campaign as an argument of its own, such as compare(first" in answer
+    assert js.compare(document, document)
+
+
+def test_texts_with_decimal_commas_are_named(document):
+    observations = document["measurement_set"]["observations"]
+    joints = [[f"{each:.6f}".replace(".", ",") for each in one["joints"]] for one in observations]
+    positions = np.array([[[r["unloaded"], r["loaded"]] for r in one["readings"]] for one in observations])
+    given = {
+        "forces": [one["force"] for one in observations],
+        "unloaded": positions[:, :, 0],
+        "loaded": positions[:, :, 1],
+        "load_point": document["measurement_set"]["load_point"],
+        "units": "m, rad, N",
+    }
+    answer = refused(js.Campaign.from_arrays, document["robot"], joints, **given)
+    assert f"`joints` has texts with a decimal comma, such as '{joints[0][0]}'" in answer
+    assert f"write {joints[0][0].replace(',', '.')}: " in answer
+    mended = [[text.replace(",", ".") for text in row] for row in joints]
+    assert js.Campaign.from_arrays(document["robot"], mended, **given)
+
+
+def test_the_least_goal_is_in_percent(document):
+    answer = refused(js.plan, document, goal="0.01 %")
+    assert (
+        "must be greater than or equal to 0.001, that is 0.1 %; remedy: give an uncertainty from 0.1 %"
+        in answer
+    )
+    assert 'such as "15 %"' in answer
+    answer = refused(js.plan, document, goal="below 5 m")
+    assert 'give a limit from 0.001 µm to 1 m, such as "below 0.5 mm"' in answer
+
+
+def test_a_short_grid_lacks_an_entry(run):
+    box = {"area": [[1400, -200, 600], [1800, 200, 600]], "place": [0, 0, 250], "force": [0, 300, -500]}
+    answer = refused(js.map, run, grid=[3, 3], **box)
+    assert "grid[2]: entry 3 of the list is missing; remedy: add this entry" in answer
+    assert js.map(run, grid=[3, 3, 1], **box)
+
+
+def test_a_confidence_in_percent_is_a_fraction(document):
+    assert refused(js.identify, document, confidence=95).endswith("give a fraction, such as 0.95 for 95 %")
+
+
+def test_a_matrix_of_joints_and_forces_is_two_arrays(run):
+    answer = refused(run.predict, np.zeros((2, 9)))
+    assert re.search("`forces` are missing.*give joints and forces as two arrays", answer)
+
+
+URDF = """<robot name="a"><link name="base_link"/><link name="l1"/><link name="l2"/>
+<joint name="j1" type="revolute"><parent link="base_link"/><child link="l1"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+<joint name="j2" type="revolute"><parent link="l1"/><child link="l2"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("stated", [{"flange": "tool0"}, {"base": "world", "flange": "l2"}])
+def test_a_stated_link_that_does_not_exist_is_refused_at_once(stated):
+    answer = refused(js.robot, URDF, **stated)
+    assert re.search(r"no link '(tool0|world)' for the (flange|base) frame; remedy: use one of", answer)
+    assert js.robot(URDF, base="base_link", flange="l2")
