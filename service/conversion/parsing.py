@@ -72,6 +72,8 @@ _PAIRS_OF_FORM: Final = re.compile(rb"[\w.\[\]-]+=[^\s{]*(&[\w.\[\]-]+=[^\s{]*)*
 """Text of `name=value` pairs, as a web form sends them."""
 _SECTION_OF_TOML: Final = re.compile(rb"\[+[A-Za-z][\w.-]*\]+[ \t]*\r?\n")
 """First line of a text in TOML."""
+_COMMENT_BEFORE_JSON: Final = re.compile(rb"(?:(?://|#)[^\n]*\n\s*|/\*(?s:.*?)\*/\s*)+[\[{]")
+"""Comments of a programming language before a document."""
 _QUOTED_BY_PYTHON: Final = re.compile(rb"[\[{]\s*'")
 """Beginning of a dictionary or list as `print` of Python writes it."""
 
@@ -92,7 +94,7 @@ _FORMS_OF_TEXTS: Final = (
         ),
     ),
     (
-        re.compile(rb"//|/\*|#"),
+        _COMMENT_BEFORE_JSON,
         BrokenText("begins with a comment, but JSON has no comments", "remove all comments"),
     ),
     (_SECTION_OF_TOML, BrokenText("is a text in TOML, not a JSON document", "give a JSON document")),
@@ -117,12 +119,13 @@ def explain_broken_text(content: bytes, message: str) -> BrokenText | None:
     text = content.removeprefix(codecs.BOM_UTF8).strip()
     if not text:
         return BrokenText("is empty", "give a JSON document")
+    place = message.partition(" at ")[2]
     if "EOF while parsing" in message:
         return BrokenText(
-            "ends in the middle of the JSON document: a part is missing", "copy or write the document again"
+            f"ends in the middle of the JSON document, at {place}: a part is missing",
+            "copy or write the document again",
         )
     if "trailing characters" in message and text[:1] == b"{":
-        place = message.partition(" at ")[2]
         return BrokenText(
             f"has further text after the end of the JSON document, at {place}",
             "remove this text; give several documents in files of their own",

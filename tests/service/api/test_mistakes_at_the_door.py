@@ -269,7 +269,8 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
     "cut off": (
         post_campaign(content=TEXT[:-9]),
         422,
-        "ends in the middle of the JSON document: a part is missing \\| copy or write the document again$",
+        r"ends in the middle of the JSON document, at line \d+ column \d+: a part is missing \| copy or "
+        r"write the document again$",
         WELL,
     ),
     "too large": (post_campaign(content=TEXT + " " * 2**23), 413, "the body exceeds 8192 KiB", WELL),

@@ -20,8 +20,8 @@ from jointstiff.service.kinds.rooms import ROOMS, import_kind
 from jointstiff.simulator import default_arm, simulate_campaign
 
 PACKAGE = Path(jointstiff.__file__).parent
-OF_OTHERS = {"--publish", "--file", "--format"}
-"""Options of Docker and of pg_restore that our texts name."""
+OF_OTHERS = {"--publish", "--file", "--format", "--data-binary"}
+"""Options of Docker, pg_restore and curl that our texts name."""
 NAMED = re.compile(r"(?<![\w-])--[a-z][a-z-]*[a-z](?![\w-])")
 
 

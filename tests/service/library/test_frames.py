@@ -273,7 +273,7 @@ def test_a_posture_that_was_read_needs_its_joints_and_its_force():
     for name in ("joints", "forces"):
         unknown = FRAMES[name].copy()
         unknown.iloc[4, 1] = np.nan
-        assert "some of its values are not numbers" in refusal(**{name: unknown})
+        assert f"`{name}` lacks numbers in observation 5" in refusal(**{name: unknown})
 
 
 MASKED = np.ma.MaskedArray(positions("loaded"), mask=np.zeros(positions("loaded").shape, bool))
