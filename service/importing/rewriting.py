@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -21,6 +22,8 @@ from jointstiff.solver.meaning.proposal import Proposal
 KEPT_KINDS: Final = frozenset(("force", "moment", "load point", "mass", "validation", "time"))
 """Kinds of columns of the table of joints that are kept."""
 _DIGITS: Final = 9
+_WITH_COMMA: Final = re.compile(r"[-+]?[0-9]*,[0-9]*(?:[eE][-+]?[0-9]+)?")
+"""Number with a decimal comma."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +163,8 @@ def _keep_columns(
     for column, meaning in enumerate(table.meanings):
         is_kept = meaning is not None and meaning.kind in KEPT_KINDS - ({"mass"} if with_masses else set())
         if meaning is not None and is_kept and not _is_used(proposal, table, column):
-            yield [_head(table.headers[column], meaning), *(table.rows[row].cells[column] for row in rows)]
+            cells = (table.rows[row].cells[column] for row in rows)
+            yield [_head(table.headers[column], meaning), *(_write_point(cell, table) for cell in cells)]
     if table.force_is_along_one_axis:
         ((axis, column),) = table.find_force_columns().items()
         unit = "" if (meaning := table.meanings[column]) is None else meaning.unit
@@ -218,7 +222,13 @@ def _find_known(positions: FloatArray) -> list[bool]:
 
 def _write_cell(table: NumberTable, row: int, column: int) -> str:
     """Return the digits of a cell as written, with a decimal point alone; empty without a number."""
-    text = remove_thousands_separators(table.rows[row].cells[column], table.mark)
     if np.isnan(table.table.numbers[row, column]):
         return ""
-    return text.replace(",", ".") if table.mark == "comma" else text
+    return _write_point(table.rows[row].cells[column], table)
+
+
+def _write_point(text: str, table: NumberTable) -> str:
+    """Return a number as written, with a decimal point alone; other texts unchanged."""
+    digits = remove_thousands_separators(text, table.mark)
+    is_number_with_comma = table.mark == "comma" and _WITH_COMMA.fullmatch(digits)
+    return digits.replace(",", ".") if is_number_with_comma else digits

@@ -503,6 +503,14 @@ def loads_in_columns_of_forces(c: Campaign) -> Files:
     return {"loads.csv": table(header, in_turn(c, words, loads(c)))}
 
 
+@form(states_force=False)
+def forces_with_decimal_commas(c: Campaign) -> Files:
+    weight = np.tile([0.0, 0.0, -981.0], (len(c.joints), 1))
+    header = ["Pose", *(f"{j} [°]" for j in JOINTS), "Fx [N]", "Fy [N]", "Fz [N]"]
+    header += [f"{axis} {state} [mm]" for state in GERMAN for axis in "XYZ"]
+    return {"Messung_01.csv": table(header, wide(c, weight, *both(c)), comma=True)}
+
+
 # ---- states, targets and observations in words
 
 
