@@ -176,17 +176,21 @@ def _arrange(named: _NamedTable, labels: Sequence[str], options: ImportOptions) 
 
 
 def _name_after_unloading(names: Sequence[RowName]) -> tuple[RowName, ...]:
-    """Return names in which a second row without load, below a row under load, is after unloading."""
-    is_loaded: dict[tuple[str | None, str | None], bool] = {}
-    named, seen = list[RowName](), set[RowName]()
+    """Return names in which a second row without load, with a row under load between both, is after unloading.
+
+    Rows under load that come first are followed by repeats of the row without load.
+    """
+    was_loaded_since: dict[tuple[str | None, str | None], bool] = {}  # since the first row without load
+    named = []
     for name in names:
         posture = name.label, name.target
-        if name.state == "loaded":
-            is_loaded[posture] = True
-        is_below_loaded = name.state == "unloaded" and is_loaded.get(posture, False)
-        is_after = name.label is not None and name in seen and is_below_loaded
+        if name.state == "loaded" and posture in was_loaded_since:
+            was_loaded_since[posture] = True
+        is_without_load = name.state == "unloaded" and name.label is not None
+        is_after = is_without_load and was_loaded_since.get(posture, False)
+        if is_without_load:
+            was_loaded_since.setdefault(posture, False)
         named.append(name._replace(state="unloaded_after") if is_after else name)
-        seen.add(name)
     return tuple(named)
 
 

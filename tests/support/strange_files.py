@@ -707,6 +707,16 @@ def repeats_with_a_number(c: Campaign) -> Files:
 
 
 @form()
+def repeats_with_the_loaded_ones_first(c: Campaign) -> Files:
+    states = np.repeat(("yes", "no"), 3)
+    positions = [places(c, 0, int(number < 3)) for number in range(6)]
+    rows = [
+        [*row[:8], str(number % 3 + 1), *row[8:]] for number, row in enumerate(in_turn(c, states, positions))
+    ]
+    return {"a.csv": table(["Pose", *JOINTS, "Load", "Rep", *"XYZ"], rows)}
+
+
+@form()
 def short_words_in_names_of_points(c: Campaign) -> Files:
     rows = [
         [f"{name}_T1_{('unl', 'load')[state]}", *row[1:]]

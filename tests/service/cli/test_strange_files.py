@@ -80,6 +80,14 @@ def test_a_proposal_says_what_it_did_with_rows_and_columns(name, said):
     assert_said(shown, said, "wrote c.json")
 
 
+def test_repeats_below_the_loaded_rows_are_not_read_after_unloading():
+    campaign = simulate(ARMS[1], seed=3, postures=14)
+    typed(line(FORMS["repeats_with_the_loaded_ones_first"].write(campaign), ARMS[1]))
+    readings = [each for one in read_set()["observations"] for each in one["readings"]]
+    assert len(readings) == 14
+    assert all(each.get("unloaded_after") is None for each in readings)
+
+
 def test_the_preview_shows_the_files_as_they_are_written():
     campaign = simulate(ARMS[0], seed=3, postures=14)
     shown = typed(line(FORMS["times_and_an_operator"].write(campaign), ARMS[0]))
