@@ -176,7 +176,7 @@ def _arrange(named: _NamedTable, labels: Sequence[str], options: ImportOptions) 
 
 
 def _name_after_unloading(names: Sequence[RowName]) -> tuple[RowName, ...]:
-    """Return names in which a second row without load, with a row under load between both, is after unloading.
+    """Return names in which a second row without load, with one under load between both, is after unloading.
 
     Rows under load that come first are followed by repeats of the row without load.
     """
