@@ -545,11 +545,11 @@ def _find_meaning(readings: _StatedReadings, dialogue: _Dialogue) -> _StatedRead
     Raises:
         typer.Exit: the files do not have the meaning of the template, or `--yes` meets a doubt.
     """
-    from jointstiff.service.resources.proposals import NoProposal  # imports numpy
-
     is_wanted = dialogue.may_ask or dialogue.yes or readings.meaning is not None or readings.robot is not None
     if not is_wanted:
         return readings
+    from jointstiff.service.resources.proposals import NoProposal  # imports numpy
+
     while True:
         proposed = _propose(readings)
         if proposed is None:

@@ -80,6 +80,45 @@ def test_a_proposal_says_what_it_did_with_rows_and_columns(name, said):
     assert_said(shown, said, "wrote c.json")
 
 
+def repeat_a_row(rows):
+    return [*rows[:1], rows[0], *rows[1:]]
+
+
+def remove_a_row(rows):
+    return [*rows[:5], *rows[6:]]
+
+
+def move_a_repeat(rows):
+    return [*rows[:1], [*rows[0][:-1], f"{float(rows[0][-1]) + 3.0}"], *rows[1:]]
+
+
+@pytest.mark.parametrize(
+    ("change", "more", "said"),
+    [
+        (repeat_a_row, "", "has this row twice"),
+        (remove_a_row, "", "has no row"),
+        (move_a_repeat, "--mean-of-repeats", "repeated readings are 1.5 mm from their mean"),
+    ],
+)
+def test_a_row_too_many_or_too_few_is_named_and_without_it_the_file_is_read(change, more, said):
+    campaign = simulate(ARMS[0], seed=5, postures=14)
+    header = ["Pose", *JOINTS, "Zustand", *"XYZ"]
+    rows = in_turn(campaign, ("unbelastet", "belastet"), both(campaign))
+    assert said in refused(line({"a.csv": table(header, change(rows))}, ARMS[0], f"{FORCE} {more}"))
+    typed(line({"a.csv": table(header, rows)}, ARMS[0]))
+    assert judge(campaign, read_set(), 1) == []
+
+
+def test_a_name_of_json_that_is_too_long_is_refused():
+    campaign = simulate(ARMS[0], seed=5, postures=14)
+    headers = [*JOINTS, *"XYZ", "n" * 300]
+    rows = [[*row[1:], "0"] for row in wide(campaign, places(campaign))]
+    lines = "".join(json.dumps(dict(zip(headers, row, strict=True))) + "\n" for row in rows)
+    said = refused(line({"a.jsonl": lines}, ARMS[0]))
+    assert "a name has more than 256 characters" in said
+    assert "shorten the name" in said
+
+
 def test_repeats_below_the_loaded_rows_are_not_read_after_unloading():
     campaign = simulate(ARMS[1], seed=3, postures=14)
     typed(line(FORMS["repeats_with_the_loaded_ones_first"].write(campaign), ARMS[1]))
