@@ -254,15 +254,14 @@ def _explain_text(content: bytes, error: MalformedError, name: str) -> Problem:
         return http_problem(422, f"{name} is a URDF, not a campaign", remedy)
     # Imported only for such a file.
     from jointstiff.service.importing.grid import file_type
-    from robotprograms import is_program
 
     if any(sign.encode() in content for sign in _SIGNS_OF_TABLES):
         return http_problem(422, f"{name} is a table that jointstiff printed, not a document", _GIVE_CAMPAIGN)
-    if is_program(name):
-        remedy = f"to correct the program use `jointstiff compensate CAMPAIGN {shlex.quote(name)}`"
-        return http_problem(422, f"{name} is a robot program, not a JSON document", remedy)
-    type_of_file = file_type(content) or "a text"
-    return http_problem(422, f"{name} is {type_of_file}, not a JSON document", _IMPORT_HINT)
+    if type_of_file := file_type(content):
+        return http_problem(422, f"{name} is {type_of_file}, not a JSON document", _IMPORT_HINT)
+    correction = f"to correct a robot program use `jointstiff compensate CAMPAIGN {shlex.quote(name)}`"
+    remedy = f"{_IMPORT_HINT}; {correction}"
+    return http_problem(422, f"{name} is a text, not a JSON document", remedy)
 
 
 _GIVE_CAMPAIGN: Final = (

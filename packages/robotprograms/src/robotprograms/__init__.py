@@ -21,7 +21,6 @@ from robotprograms.formats import (
     MAX_FILES,
     choose_frame_notation,
     insert_comment,
-    is_program,
     list_moves,
     read_program,
 )
@@ -64,7 +63,6 @@ __all__ = [
     "Targets",
     "choose_frame_notation",
     "insert_comment",
-    "is_program",
     "list_moves",
     "quote_text",
     "read_program",

@@ -197,11 +197,6 @@ def _refuse_unsupported_suffix(file: str) -> None:
         _refuse(file, None, "programs in the formats CNC, APT and CLS cannot be read", remedy)
 
 
-def is_program(file: str) -> bool:
-    """Return whether a file has the suffix of a controller's programs; tables are no programs."""
-    return _find_format_of_suffix(file) not in ("", "csv")
-
-
 def _find_format_of_suffix(file: str) -> str:
     """Return the name of the format whose files have the suffix of a file; empty if there is none."""
     suffix = PurePath(file.lower()).suffix
