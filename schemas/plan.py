@@ -169,6 +169,11 @@ class DeadWeight(Message):
         """Weight of the load [N], from its stated force or its stated mass."""
         return self.force if self.force is not None else 9.80665 * (self.mass or 0.0)
 
+    @property
+    def kilograms(self) -> float:
+        """Mass of the load [kg], from its stated mass or its stated force."""
+        return self.mass if self.mass is not None else (self.force or 0.0) / 9.80665
+
 
 class AnyDirection(Message):
     """A force of limited size in any direction."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.plan import (
     Cable,
+    DeadWeight,
     LoadPointGoal,
     Plan,
     PlannedJoint,
@@ -185,6 +186,8 @@ def _readings_table(job: Plan, result: PlanResult, *, has_tick_boxes: bool) -> T
         boxes = ["[   ]"] * len(readings)
         columns += [Column("unloaded", boxes, text=True), Column("loaded", boxes, text=True)]
     caption = _describe_readings(result, is_step=is_step)
+    if isinstance(job.request.load, DeadWeight):
+        caption += f". {_describe_weight(job.request.load)}"
     return Table(columns, title="Readings, in order", caption=caption, plain=True)
 
 
@@ -223,6 +226,11 @@ def _describe_readings(result: PlanResult, *, is_step: bool) -> str:
         )
     targets = ", ".join(result.targets)
     return f"Readings v1, v2, … validate the model, and are not fitted. Targets: {targets}. {load_point}"
+
+
+def _describe_weight(load: DeadWeight) -> str:
+    """Return a weight beside its mass, so that kilograms typed as newtons are seen."""
+    return f"A weight of {load.newtons:.4g} N is a mass of {load.kilograms:.3g} kg"
 
 
 def _prismatic_joints(result: PlanResult) -> list[int]:

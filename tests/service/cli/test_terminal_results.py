@@ -423,3 +423,10 @@ class TestUrdf:
             "arm.urdf is a URDF, not a campaign remedy:",
             "`jointstiff plan arm.urdf` plans them, and `jointstiff import FILE --robot arm.urdf` reads them",
         )
+
+
+def test_a_weight_is_stated_beside_its_mass_so_that_a_wrong_unit_is_seen():
+    assert_said(
+        typed("plan pull.json --readings 3 --candidates 200 --load dead_weight:150"),
+        "A weight of 150 N is a mass of 15.3 kg",
+    )
