@@ -123,8 +123,8 @@ def _fit_as_stated(rows: Rows, settings: Settings) -> JointsFit:
     """
     refuse_unsupported(rows, settings)
     unloaded_rows = rows.at(None)  # in the postures without the load
-    problem = _state_problem(unloaded_rows, settings)
-    fit = _fit_until_at_rest(problem, first=problem.fit_unbent_robot())
+    problem, compressed = _state_problem(unloaded_rows, settings)
+    fit = _fit_until_at_rest(problem, first=problem.fit_unbent_robot(compressed))
     _refuse_overflow(fit.compliance, fit.scale, covariance=None)
     return fit
 
@@ -148,19 +148,32 @@ def describe(fit: JointsFit) -> Estimate:
     )
 
 
-def _state_problem(rows: Rows, settings: Settings) -> _Problem:
+def _state_problem(rows: Rows, settings: Settings) -> tuple[_Problem, MethodRows | None]:
     """Return the data of a fit: method, observability, and the stated errors to fit with the joints.
 
     Stated errors are errors of the load and of places whose standard uncertainty the user stated.
 
+    Returns:
+        The data, and the rows of the first fit, compressed in the same pass over the observations. The rows
+        are None if the first fit needs something that must be found before.
+
     Raises:
         NotObservableError: the readings determine no joint.
     """
-    observability = _require_observable(Excitation.of(rows))
-    characteristic_length = _find_characteristic_length(rows, settings, observability)
-    method = Method(rows.robot, settings, characteristic_length)
+    length_must_be_found = (
+        settings.weighting == "characteristic_length" and settings.characteristic_length is None
+    )
+    compressed = None
+    if settings.loss == "squared" and not length_must_be_found:  # Huber's loss gives the rows weights
+        method = Method(rows.robot, settings, settings.characteristic_length)
+        excitation = Excitation(rows.robot.joint_kinds)
+        compressed = MethodRows.compress(method, rows, excitation=excitation)
+        observability = _require_observable(excitation)
+    else:
+        observability = _require_observable(Excitation.of(rows))
+        method = Method(rows.robot, settings, _find_characteristic_length(rows, settings, observability))
     stated_errors = _list_stated_errors_to_fit(rows.measurements, settings, method)
-    return _Problem(rows, settings, method, observability, stated_errors)
+    return _Problem(rows, settings, method, observability, stated_errors), compressed
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,7 +286,7 @@ def _describe_complementary_stiffness(fit: JointsFit, estimate: Estimate) -> Com
     """
     is_included = fit.settings.complementary_stiffness
     shift = _find_shift_by_complementary_stiffness(fit, estimate.sigma)
-    ratios = np.abs(estimate.compliance)[:, None] * _find_largest_stiffness(fit.problem.rows)  # |K_c,ij| c_i
+    ratios = np.abs(estimate.compliance)[:, None] * fit.observability.greatest_stiffness  # |K_c,ij| c_i
     ratios_of_estimates = ratios[np.ix_(estimate.estimated, estimate.estimated)]
     return ComplementaryStiffness(
         included=is_included,
@@ -309,18 +322,10 @@ def _find_characteristic_length(rows: Rows, settings: Settings, observability: O
 
     It is the length of the settings, or else that of the least condition number; None for other weightings.
     """
-    if settings.weighting != "characteristic_length":
-        return None
-    if settings.characteristic_length is not None:
+    if settings.weighting != "characteristic_length" or settings.characteristic_length is not None:
         return settings.characteristic_length
     with_unit_length = Method(rows.robot, settings, length=1.0)
     return find_length_of_least_condition(with_unit_length, rows, observability.null)
-
-
-def _find_largest_stiffness(rows: Rows) -> FloatArray:
-    """Return the greatest |K_c,ij| (n, n) over the observations, in the unloaded postures [N·m/rad]."""
-    largest = [np.abs(block.complementary_stiffness).max(axis=0) for block in rows.generate_blocks()]
-    return np.asarray(np.max(largest, axis=0))
 
 
 def _refuse_contradicted_statements(last: _SingleFit) -> None:
@@ -448,9 +453,15 @@ class _Problem:
     observability: Observability  # in the unloaded postures
     stated_errors: tuple[Term, ...]  # errors with stated uncertainties, fitted together with the joints
 
-    def fit_unbent_robot(self) -> _SingleFit:
-        """Fit all observations once, without a certificate; neglect K_c and stated errors."""
-        return self._fit_joints(self.rows, stated_errors=None, before=None)
+    def fit_unbent_robot(self, compressed: MethodRows | None) -> _SingleFit:
+        """Fit all observations once, without a certificate; neglect K_c and stated errors.
+
+        `compressed` are the rows of this fit; they are computed if None.
+        """
+        if compressed is None:
+            return self._fit_joints(self.rows, stated_errors=None, before=None)
+        solved, without_prior = self._solve_compressed_rows(compressed, None, witnessed=False)
+        return _SingleFit(self.rows, compressed, solved, without_prior, robust=None, targets=None)
 
     def fit_bent_robot(self, compliance: FloatArray, before: _SingleFit) -> _SingleFit:
         """Fit all observations once, without a certificate, to a robot that given compliances bend.

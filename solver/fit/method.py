@@ -402,13 +402,21 @@ class MethodRows:
     fitted: FloatArray  #: (m, n + K + 1) rows of the last stage, before the stated errors are projected out
 
     @classmethod
-    def compress(cls, method: Method, rows: Rows, statements: Statements | None = None) -> MethodRows:
+    def compress(
+        cls,
+        method: Method,
+        rows: Rows,
+        statements: Statements | None = None,
+        excitation: Excitation | None = None,
+    ) -> MethodRows:
         """Compress the rows of all observations to triangular factors R, with RᵀR = AᵀA for rows A.
 
         Args:
             method: the method with its stages, which are least-squares problems.
             rows: N observations.
             statements: errors of stated uncertainty, fitted with the joints; only for a method of one stage.
+            excitation: sums to which the observations are added in the same pass; None without any. The
+                kinematics of a large set are computed anew by each pass.
         """
         n = rows.robot.n
         statements = statements or Statements.none(n)
@@ -419,6 +427,8 @@ class MethodRows:
         sums = _MethodSums(method, n, K)
         for block_rows in chain([first], blocks):
             sums.add(block_rows)
+            if excitation is not None:
+                excitation.add(block_rows.block)
         # Each unknown of a cause that was fitted to the readings before uses up one degree of freedom.
         sums.readings.rows -= fitted_errors(rows.measurements).determined
         sigma = statements.sigma

@@ -198,6 +198,8 @@ class Observability:
     excitation: FloatArray
     #: (n,) greatest torque of the load about the joint over all observations [N·m]
     greatest_torque: FloatArray
+    #: (n, n) greatest entries |K_c,ij| of the complementary stiffness over all observations [N·m/rad]
+    greatest_stiffness: FloatArray
     kinds: tuple[JointKind, ...]  #: (n,) kinds of the joints
 
 
@@ -222,6 +224,7 @@ class Excitation:
         self._squared_largest_column = np.zeros(n)
         self._squared_deflection = 0.0  # sum over all readings
         self._greatest_torque = np.zeros(n)  # of all observations
+        self._greatest_stiffness = np.zeros((n, n))  # of all observations
 
     @classmethod
     def of(cls, rows: Rows) -> Excitation:
@@ -234,6 +237,8 @@ class Excitation:
     def add(self, block: RegressorBlock) -> None:
         """Add a block of observations of the targets."""
         self.add_with_points(block, block.jacobian, block.measurements.present)
+        greatest_of_block = np.abs(block.complementary_stiffness).max(axis=0)
+        self._greatest_stiffness = np.maximum(self._greatest_stiffness, greatest_of_block)
 
     def add_with_points(self, block: RegressorBlock, jacobian: FloatArray, present: BoolArray) -> None:
         """Add the observations of a block to the sums, for given points that move with the flange.
@@ -310,6 +315,7 @@ class Excitation:
             reasons=tuple(reasons),
             excitation=np.sqrt(self._squared_column / divisor),
             greatest_torque=self._greatest_torque,
+            greatest_stiffness=self._greatest_stiffness,
             kinds=self._kinds,
         )
 

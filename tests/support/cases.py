@@ -47,6 +47,11 @@ WIDTH = 150
 """Columns of a line of an expected answer."""
 CLOSE = 1e-4
 """Relative difference of two numbers that counts."""
+CLOSE_FORCES = 0.02
+"""Relative difference of a planned force that counts: the optimum is so flat that another processor's rounding
+turns a force by 0.5°, while the efficiency is the same to five digits."""
+ZERO_LENGTH = 1e-12
+"""Length [m] that is rounding of zero."""
 SI = "m, rad, N, N.m"
 """Units of the options of cases."""
 POSTURES = [[0.3, -0.4, 0.5, 0.2, 0.6, -0.1, 0.4], [-0.5, 0.2, 0.3, -0.8, 0.9, 0.4, -0.2]]
@@ -125,7 +130,10 @@ class Case:
 
     def differences(self) -> list[str]:
         """Return a line for each number or code that is not the expected one."""
-        return list(changes(self.expected, self.answer()))
+        expected, answer = self.expected, self.answer()
+        if self.kind == "plan":
+            _keep_close_forces(expected, answer)
+        return list(changes(expected, answer))
 
     def write(self) -> None:
         """Write what the work answers today."""
@@ -150,6 +158,14 @@ def changes(then: Any, now: Any, place: str = "") -> Iterator[str]:
                 yield from changes(a, b, f"{place}[{i}]")
     elif then != now and not _are_close(then, now, 1e-15):
         yield _line(place, then, now)
+
+
+def _keep_close_forces(expected: Any, answer: Any) -> None:
+    """Put the expected force of each planned reading into an answer whose force is close to that force."""
+    for label, (_, then, *_) in expected.get("readings", {}).items():
+        reading = answer["readings"].get(label)
+        if reading and np.linalg.norm(np.subtract(reading[1], then)) <= CLOSE_FORCES * np.linalg.norm(then):
+            reading[1] = then
 
 
 def _are_close(then: Any, now: Any, rounding: float) -> bool:
@@ -520,8 +536,16 @@ def geometry(document: dict[str, Any], **options: Any) -> dict[str, Any]:
     if found.wrist is not None:
         out["wrist"] = [found.wrist.combined.base, found.wrist.miss_distance, found.wrist.decoupled_method]
     if found.dh:
-        out["dh"] = {str(i): [row.a, row.alpha, row.d, row.theta] for i, row in enumerate(found.dh[0].rows)}
+        out["dh"] = {
+            str(i): [_settle(row.a), row.alpha, _settle(row.d), row.theta]
+            for i, row in enumerate(found.dh[0].rows)
+        }
     return out
+
+
+def _settle(length: float) -> float:
+    """Return a length [m], or zero for a length that is rounding of zero."""
+    return length if abs(length) > ZERO_LENGTH else 0.0
 
 
 WORK: dict[str, Callable[..., dict[str, Any]]] = {
@@ -546,12 +570,12 @@ def main(*arguments: str) -> int:
     for case in cases():
         if (words and not any(word in case.name for word in words)) or case.missing:
             continue
-        then = case.expected if (case.folder / "expected.json").exists() else {}
-        lines = list(changes(then, case.answer()))
+        exists = (case.folder / "expected.json").exists()
+        lines = case.differences() if exists else ["new"]
         if lines:
             changed += 1
             sys.stdout.write(f"{case.name}\n" + "".join(f"  {line}\n" for line in lines))
-        if write and (lines or not then):
+        if write and lines:
             case.write()
     sys.stdout.write(f"{changed} cases changed\n")
     return int(bool(changed) and not write)

@@ -430,7 +430,9 @@ class TestCombinations:
 def visibility_of(excitation):
     n = len(excitation)
     kinds = ("revolute",) * n
-    return Observability(np.zeros(n, dtype=bool), np.ones(n), (None,) * n, excitation, np.ones(n), kinds)
+    return Observability(
+        np.zeros(n, dtype=bool), np.ones(n), (None,) * n, excitation, np.ones(n), np.zeros((n, n)), kinds
+    )
 
 
 def test_a_stated_sigma_is_tested_on_both_sides():
