@@ -68,12 +68,12 @@ def parse(message: type[Parsed], content: bytes, section: str | None = None) -> 
 
 _NAME_OF_FILE: Final = re.compile(rb"@?[\w./\\:~ -]*[\w-]\.\w{1,8}")
 """Text that is only the name of a file, perhaps after the `@` of curl."""
-_PAIRS_OF_FORM: Final = re.compile(rb"[\w.\[\]-]+=[^\s{]*(&[\w.\[\]-]+=[^\s{]*)*$")
+_PAIRS_OF_FORM: Final = re.compile(rb"[\w.\[\]-]+=[^\s{&]*(?:&[\w.\[\]-]+=[^\s{&]*)*$")
 """Text of `name=value` pairs, as a web form sends them."""
 _SECTION_OF_TOML: Final = re.compile(rb"\[+[A-Za-z][\w.-]*\]+[ \t]*\r?\n")
 """First line of a text in TOML."""
-_COMMENT_BEFORE_JSON: Final = re.compile(rb"(?:(?://|#)[^\n]*\n\s*|/\*(?s:.*?)\*/\s*)+[\[{]")
-"""Comments of a programming language before a document."""
+_COMMENT_BEFORE_JSON: Final = re.compile(rb"(?>(?://|#)[^\n]*\n\s*|/\*(?s:.*?)\*/\s*)+[\[{]")
+"""Comments of a programming language before a document; each comment is matched in one way only."""
 _QUOTED_BY_PYTHON: Final = re.compile(rb"[\[{]\s*'")
 """Beginning of a dictionary or list as `print` of Python writes it."""
 
