@@ -388,7 +388,10 @@ class _ErrorMotion(NamedTuple):
 
 
 def _compute_motion(rows: Rows, terms: Sequence[tuple[Term, FloatArray]]) -> _ErrorMotion:
-    """Return the motion by some terms, each given with the values of its unknowns."""
+    """Return the motion by some terms, each given with the values of its unknowns.
+
+    The motion by an error depends on the compliances: those that bend the robot, or zero for a rigid robot.
+    """
     compliance = np.zeros(rows.robot.n) if rows.balanced is None else rows.balanced
     targets_of_blocks, joints_of_blocks = [], []
     for block in rows.generate_blocks():

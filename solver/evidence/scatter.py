@@ -189,6 +189,8 @@ class Repeatability:
     def from_rows(cls, rows: Rows, sigma: float | None) -> Repeatability | None:
         """Return the repeatability that is stated or that the residuals show; None if there is none.
 
+        A scatter that is only assumed is no repeatability that was shown.
+
         Args:
             rows: N observations, with the scatter of the fit.
             sigma: standard uncertainty of a coordinate of a reading [m], as stated or estimated by the fit.
@@ -196,7 +198,8 @@ class Repeatability:
         scatter = rows.measurements.scatter
         if not (scatter and sigma) or scatter.is_assumed:
             return None
-        block = rows.at(None).select_evenly(_MOST_OBSERVATIONS).block
+        unloaded_rows = rows.at(None)
+        block = unloaded_rows.select_evenly(_MOST_OBSERVATIONS).block
         stated = rows.measurements.repeatability
         return cls(
             joint=scatter.joints * sigma if stated is None else stated,

@@ -183,10 +183,10 @@ def take_apart(rows: Rows, of_targets: Estimate, confidence: float) -> Apart | N
     measurements = rows.measurements
     if measurements.encoders is None or measurements.sigma is None:
         return None
-    is_seen = ~of_targets.observability.null
-    rows = rows.at(of_targets.balanced)
-    run = TargetsEstimate(rows, of_targets.compliance, is_seen, measurements.sigma)
-    joints = _find_joints(run, is_seen)
+    is_seen = ~of_targets.observability.null  # (n,) joints that have an effect on the targets
+    bent_rows = rows.at(of_targets.balanced)  # of the robot as the loads bend it
+    run = TargetsEstimate(bent_rows, of_targets.compliance, is_seen, measurements.sigma)
+    joints = _find_joints(run, is_seen)  # joints that show gearbox and structure
     if not len(joints):
         return None
     try:
@@ -587,13 +587,23 @@ def _test_for_structure(free: _FreeFit) -> float:
 
 
 def _fit_gearboxes(rows: Rows, whole: FloatArray, joints: IndexArray) -> FloatArray:
-    """Return compliances (n,) of gearboxes by the encoders alone, and of other joints by the targets."""
+    """Return compliances (n,) of gearboxes by the encoders alone, and of other joints by the targets.
+
+    A gearbox turns by its compliance times its torque: least squares give ``Σ torque · turn / Σ torque²``.
+
+    Args:
+        rows: N observations with encoders.
+        whole: (n,) compliances by the targets, of gearboxes and the structure behind them [rad/(N·m)].
+        joints: indices of the joints whose encoders are used.
+    """
     products, squares = np.zeros(len(whole)), np.zeros(len(whole))
     for block in rows.generate_blocks():
+        # (B, n, n + 1): for the encoder of each joint, the columns of n compliances, then the reading
         of_encoders = build_rows(block, [JOINTS], whole).encoders
         if of_encoders is not None:
-            torque = np.diagonal(of_encoders, axis1=1, axis2=2)
-            products += (torque * of_encoders[..., -1]).sum(axis=0)
+            torque = np.diagonal(of_encoders, axis1=1, axis2=2)  # (B, n), the column of the joint itself
+            turn = of_encoders[..., -1]
+            products += (torque * turn).sum(axis=0)
             squares += np.square(torque).sum(axis=0)
     gear = whole.copy()
     gear[joints] = np.maximum(products[joints] / squares[joints], 0.0)

@@ -165,7 +165,10 @@ class Matrices:
         return float(np.concatenate(values).min(initial=np.inf))
 
     def project(self, x: FloatArray) -> FloatArray:
-        """Return the point (p,) of the cone nearest to x (p,); no computed eigenvalue is negative."""
+        """Return the point (p,) of the cone nearest to x (p,).
+
+        The diagonal is then raised by the rounding of an eigenvalue, so that no computed one is negative.
+        """
         projected = np.maximum(x, 0.0)  # correct for the scalars; the blocks are replaced below
         for size, place in self.blocks():
             eigenvalues, vectors = np.linalg.eigh(to_matrix(x[place], size))

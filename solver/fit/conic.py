@@ -824,7 +824,8 @@ def bound_compliances(problem: Problem[WithMasses], optimum: FloatArray, rise: f
         rise: allowed increase of the loss, positive.
 
     Returns:
-        (n, 2) outer bounds on the least and greatest compliance; NaN where Clarabel has no answer.
+        (n, 2) outer bounds on the least and greatest compliance. Where Clarabel has no answer, they are zero
+        and NaN: no compliance is negative.
     """
     squares, cone = problem.squares, problem.cone
     least_radius = _LEAST_RADIUS * float(np.linalg.norm(squares.z))

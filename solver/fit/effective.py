@@ -219,6 +219,7 @@ def _find_ranges(estimate: ElasticFit, to_effective: FloatArray, quantile: float
     root_of_increase = quantile * sigma / reduced.reading_norm
     lower, upper = compute_penalised_range(program, optimum, root_of_increase**2, functions).T
     if estimate.model.name == "joints_and_base":
+        # Where other compliances are zero, ranges in the cone alone hold the truth too seldom (method.md §6).
         least, greatest = compute_unconstrained_range(reduced.squares, functions, root_of_increase).T
         lower, upper = np.fmin(lower, least), np.fmax(upper, greatest)
     return _Ranges(functions @ optimum, lower, upper)

@@ -1262,6 +1262,7 @@ def _estimate_model_error(
     if p + _LEAST_POSTURES > P:
         return []
     deviations = compliances - compliances.mean(axis=0)
+    # The jackknife multiplies the mean square of the deviations by the number of postures less one.
     jackknife_covariance = (jackknife.postures - 1.0) / P * deviations.T @ deviations
     noise_covariance = readings_covariance[np.ix_(joints, joints)]
     root = _find_root_beyond_noise(jackknife_covariance, noise_covariance, P)
@@ -1269,7 +1270,11 @@ def _estimate_model_error(
         return []
     covariance = np.zeros_like(readings_covariance)
     covariance[np.ix_(joints, joints)] = root @ root.T
-    return [BudgetComponent(covariance, "model_error", "A", included, P - 1.0)]
+    return [
+        BudgetComponent(
+            covariance, source="model_error", evaluation="A", included=included, degrees_of_freedom=P - 1.0
+        )
+    ]
 
 
 def _find_root_beyond_noise(

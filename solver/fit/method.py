@@ -293,7 +293,7 @@ class Method:
 
         The displacement is whitened if the method uses covariances.
         """
-        factors = factorise_displacement(block)
+        factors = factorise_displacement(block)  # Q R of the targets' motion by a displacement of the flange
         B = len(factors.Q)
         # Map (B, 6, 3 T) to the translation of the barycentre of the targets, and the rotation of the flange
         displacement_map = np.linalg.solve(factors.R, factors.Q.mT)

@@ -138,7 +138,8 @@ class Reduced:
         is the deflection of target i. All lengths are divided by `total_deflection`, so that Σ ‖d_i‖ = 1.
         """
         in_total_deflections = self.part.targets / self.total_deflection
-        of_compliances, of_errors, d = RowColumns.split(in_total_deflections, self.part.compliances)
+        count_of_compliances = self.part.compliances
+        of_compliances, of_errors, d = RowColumns.split(in_total_deflections, count_of_compliances)
         return NormSum(
             A=of_compliances[..., self.columns] * self.unit,
             d=d,
@@ -429,7 +430,13 @@ class HuberLoss(Loss):
         return solve_robust(self._state_program(weight), wanted_gap=gap, accepted_gap=accepted)
 
     def certify_gap(self, compliances: FloatArray, weight: float, solution: Solution) -> float:
-        """Return the duality gap at compliances (P,), with the dual multipliers of the solution."""
+        """Return the duality gap at compliances (P,), with the dual multipliers of the solution.
+
+        Args:
+            compliances: (P,) compliances near those of the solution.
+            weight: weight λ of the penalty.
+            solution: optimum of this loss; one of another loss has no stated errors.
+        """
         x = self.reduced.to_parameters(compliances)
         errors = solution.errors if isinstance(solution, RobustSolution) else np.zeros(0)
         multipliers = solution.certificate.multipliers

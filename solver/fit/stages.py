@@ -922,7 +922,10 @@ class _HuberPoint(NamedTuple):
 
     @classmethod
     def start(cls, problem: _HuberProblem, clarabel_point: FloatArray | None) -> _HuberPoint:
-        """Start at Clarabel's point (p,), near the optimum; or else at least squares, which may be far."""
+        """Start at Clarabel's point (p,), which is near the optimum.
+
+        Without such a point, start at the optimum of least squares, which may be far from Huber's.
+        """
         if clarabel_point is None:
             compliance = solve(problem.build_unweighted_problem(), witnessed=False).x
             return cls(compliance, problem.compute_objective(compliance), damping=1.0)

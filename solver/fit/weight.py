@@ -371,10 +371,11 @@ class _WeightFitter:
 
 
 def _turn_gravity(gravity: FloatArray, angles: FloatArray) -> FloatArray:
-    """Return a vector of gravity (3,) turned by small angles (2,) [rad] about its perpendicular axes."""
+    """Return gravity (3,) tilted by small angles (2,) [rad] towards two axes perpendicular to gravity."""
     size = np.linalg.norm(gravity)
-    turned = gravity + size * compute_perpendicular_basis(gravity) @ angles
-    return np.asarray(turned * size / np.linalg.norm(turned))
+    perpendicular_axes = compute_perpendicular_basis(gravity)  # (3, 2)
+    tilted = gravity + size * perpendicular_axes @ angles
+    return np.asarray(tilted * size / np.linalg.norm(tilted))  # of the size before
 
 
 def _compress_deflections(

@@ -123,7 +123,7 @@ _SAME_MISTAKES: Final[frozenset[FindingCode]] = frozenset(
     {"joint_sign_suspect", "joints_swapped", "joints_counted_otherwise"}
 )
 """Findings of mistakes that `BetterAlternative` reports too, with an action that corrects them."""
-_LENGTHS: Final = ("deflection_implausibly_large", "deflection_implausibly_small")
+_CODES_OF_LENGTH_UNITS: Final = ("deflection_implausibly_large", "deflection_implausibly_small")
 _ORDER: Final[dict[Verdict, int]] = {"use": 0, "use_with_care": 1, "do_not_use": 2}
 _BY_STATUS: Final[dict[str, Verdict]] = {
     "identified": "use",
@@ -635,7 +635,8 @@ def _advise_joint_map(robot: Robot, measurements: Measurements, alternative: Alt
     """Return the action to replace the joint map by one that undoes a mistake in it.
 
     A joint map makes model angles ``q = M q_c + o`` of the controller's angles q_c. With the correct
-    controller's angles ``E q_c + e`` it becomes ``q = (M E) q_c + (M e + o)``.
+    controller's angles ``E q_c + e`` it becomes ``q = (M E) q_c + (M e + o)``. An offset found by a fit is
+    changed by whole turns, so that the angles are within the joints' limits.
     """
     stated = robot.joint_map
     matrix = stated.matrix @ alternative.matrix
@@ -712,7 +713,10 @@ class _SelectedCauses:
         return any({cause.suspect.name for cause in step} == _NOT_LINEAR for step in self.steps)
 
     def choose_to_fit(self, most: int) -> list[NamedCause]:
-        """Return the causes that a run should fit, at most `most`: the best of each step, then the others."""
+        """Return the causes that a run should fit, at most `most`: the best of each step, then the others.
+
+        A cause has its name and the label of the first observation that it affects.
+        """
         best_of_steps = [step[0] for step in self.steps]
         ties = [cause for step in self.steps for cause in step[1:]]
         chosen = [*best_of_steps, *ties][:most]
@@ -823,7 +827,7 @@ def _report_wrong_postures(
 def report_fitted_causes(measurements: Measurements) -> Iterator[Finding]:
     """Yield a finding for each cause that was fitted with the joints: the cause's stated value is wrong.
 
-    Terms without words tell only how uncertain the columns of another term are, so that nobody reads them.
+    Some terms are no causes: they only widen the uncertainty of another term. They have no words.
     """
     fitted = fitted_errors(measurements)
     uncertainties = np.linalg.norm(fitted.root, axis=1)  # standard uncertainties of the unknowns of all terms
@@ -926,9 +930,10 @@ def _advise_leaving_out(group: Sequence[Finding], labels: tuple[str, ...]) -> Ad
     first, observations = group[0], _list_observations(labels, group)
     if first.code == "target_moved" and first.observation is not None:
         row = labels.index(first.observation)
-        # The target moved for good: leave out the observations before or after, whichever are fewer.
+        # The target moved between two observations and stayed there: leave out those before or those after,
+        # whichever are fewer.
         observations = min(labels[row:], labels[:row], key=len)
-    is_unit_mistake = first.code in _LENGTHS  # in all observations
+    is_unit_mistake = first.code in _CODES_OF_LENGTH_UNITS  # all observations have this mistake
     are_few = 0 < len(observations) <= MOST_LEFT_OUT * len(labels)
     if are_few and not is_unit_mistake:
         return AdvisedAction.of("leave_out_readings", observations)
