@@ -171,7 +171,7 @@ def _read_block(file: str, lines: Sequence[NumberedLine], delimiter: Delimiter) 
         if line.lstrip().startswith(COMMENT_MARKS):
             titles.append(Row(number, (strip_comment_mark(line.strip()),)))
             continue
-        row = split_line(file, number, _write_blanks(line), delimiter)
+        row = split_line(file, number, _write_blanks(line), delimiter, are_marks_literal=True)
         if count_numbers(row) >= _LEAST_NUMBERS:
             rows.append((row, above))
             above = None

@@ -518,7 +518,7 @@ def _read_text_grids(
         blocks = read_blocks(file.name, file.content, options.delimiter)
         if blocks:
             return blocks
-    return [read_text(file.name, file.content, options.delimiter)]
+    return [read_text(file.name, file.content, options.delimiter, are_marks_literal=every_length)]
 
 
 def _find_matrices(file: SourceFile) -> list[Matrix]:
