@@ -22,6 +22,7 @@ from jointstiff.service.importing.grammar import lacks_number
 from jointstiff.service.importing.joint_positions import JointPosition, read_joint_positions
 from jointstiff.service.importing.joint_states import read_joint_states
 from jointstiff.service.importing.key_values import KeyedRecords, read_key_values
+from jointstiff.service.importing.listed_rows import read_listed_rows
 from jointstiff.service.importing.point_reports import PointReport, read_point_report
 
 # ---- limits: files are hostile until parsed
@@ -382,6 +383,17 @@ def _build_grid_of_records(file: str, encoding: str, records: KeyedRecords) -> G
     preview = FilePreview(file=file, format="text", encoding=encoding, assumptions=[note])
     remarks = tuple(Remark(line, text) for line, text in records.remarks)
     return Grid(preview, (Row(1, records.headers), *rows), remarks)
+
+
+def read_lists(file: str, content: bytes) -> Grid | None:
+    """Return the table of a log with lists of numbers in brackets; None of other texts.
+
+    Raises:
+        ImportFileError: the text is damaged, or has too many lists.
+    """
+    text, encoding = decode(file, content)
+    lists = None if read_joint_positions(text) else read_listed_rows(text)
+    return None if lists is None else _build_grid_of_records(file, encoding, lists)
 
 
 def decode(file: str, content: bytes) -> tuple[str, str]:
