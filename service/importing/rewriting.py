@@ -5,21 +5,23 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from jointstiff.service.importing.grammar import Meaning
+from jointstiff.service.importing.deflections import Deflection
+from jointstiff.service.importing.grammar import Kind, Meaning
 from jointstiff.service.importing.grid import remove_thousands_separators
 from jointstiff.service.importing.naming import NamedReading
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
+from jointstiff.solver.meaning.table import AngleUnit
 
-KEPT_KINDS: Final = frozenset(("force", "moment", "load point", "mass", "validation", "time"))
+KEPT_KINDS: Final[frozenset[Kind]] = frozenset(("force", "moment", "load point", "mass", "validation", "time"))
 """Kinds of columns of the table of joints that are kept."""
 _DIGITS: Final = 9
 _WITH_COMMA: Final = re.compile(r"[-+]?[0-9]*,[0-9]*(?:[eE][-+]?[0-9]+)?")
@@ -63,6 +65,29 @@ def write_readings(
         empty = [""] * len(columns["label"])  # for a target that was not read under this load
         writer.writerows(zip(*(columns.get(head, empty) for head in headers), strict=True))
     return SourceFile(tables[0].grid.file, text.getvalue().encode())
+
+
+def write_deflections(
+    joints: NumberTable, unit: AngleUnit | None, deflections: Sequence[Deflection]
+) -> SourceFile:
+    """Write a table with joints that headers name, and displacements under load without positions.
+
+    The unit of the joints is None if it is not known.
+    """
+    count = len(deflections[0].shifts)
+    rows = list(range(0, len(joints.rows), len(joints.rows) // count))
+    columns = [["label", *(joints.labels or map(str, range(1, count + 1)))]]
+    for number, column in enumerate(joints.table.joints, 1):
+        header = f"J{number}" if unit is None else f"J{number} [{unit}]"
+        columns.append([header, *(_write_cell(joints, row, column) for row in rows)])
+    columns += _keep_named(joints, rows, KEPT_KINDS)
+    for each in deflections:
+        for axis, numbers in zip("xyz", each.shifts.T, strict=True):
+            cells = ["" if np.isnan(number) else repr(round(float(number), _DIGITS)) for number in numbers]
+            columns.append([f"{each.target} deflection {axis} [mm]", *cells])
+    text = io.StringIO()
+    csv.writer(text, delimiter=";", lineterminator="\n").writerows(zip(*columns, strict=True))
+    return SourceFile(joints.grid.file, text.getvalue().encode())
 
 
 def list_masses(named: Sequence[NamedReading]) -> list[float | None]:
@@ -159,10 +184,20 @@ def _keep_columns(
         row: row of each posture that has the force.
         with_masses: whether the masses of loads have a column of their own.
     """
-    rows = _pick_rows(proposal, table, row)
+    kinds = KEPT_KINDS - ({"mass"} if with_masses else set())
+    used = {column for column in range(len(table.headers)) if _is_used(proposal, table, column)}
+    yield from _keep_named(table, _pick_rows(proposal, table, row), kinds, used)
+
+
+def _keep_named(
+    table: NumberTable, rows: Sequence[int], kinds: Collection[Kind], used: Collection[int] = ()
+) -> Iterator[list[str]]:
+    """Yield the columns of some kinds that headers name, but not those that are `used` otherwise.
+
+    Forces along one axis only are 0 along the others.
+    """
     for column, meaning in enumerate(table.meanings):
-        is_kept = meaning is not None and meaning.kind in KEPT_KINDS - ({"mass"} if with_masses else set())
-        if meaning is not None and is_kept and not _is_used(proposal, table, column):
+        if meaning is not None and meaning.kind in kinds and column not in used:
             cells = (table.rows[row].cells[column] for row in rows)
             yield [_head(table.headers[column], meaning), *(_write_point(cell, table) for cell in cells)]
     if table.force_is_along_one_axis:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -40,13 +40,14 @@ class ColumnsLeft:
 
 def list_columns_left(proposal: Proposal, tables: Sequence[NumberTable]) -> list[ColumnsLeft]:
     """Return the columns of each table that a proposal does not read, and the caller does not ignore."""
-    found = []
-    for table in tables:
-        read = _list_columns_read(proposal, table)
-        columns = [column for column in range(len(table.headers)) if column not in read]
-        left = [column for column in columns if not _is_explained(table, column)]
-        found.append(ColumnsLeft(table, tuple(left), is_whole=not read))
-    return found
+    return [list_other_columns(table, _list_columns_read(proposal, table)) for table in tables]
+
+
+def list_other_columns(table: NumberTable, read: Collection[int]) -> ColumnsLeft:
+    """Return the columns of a table that are not read, and that the caller does not ignore."""
+    columns = [column for column in range(len(table.headers)) if column not in read]
+    left = [column for column in columns if not _is_explained(table, column)]
+    return ColumnsLeft(table, tuple(left), is_whole=not read)
 
 
 def _list_columns_read(proposal: Proposal, table: NumberTable) -> set[int]:

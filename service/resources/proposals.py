@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
@@ -11,7 +12,12 @@ import numpy as np
 from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
 from jointstiff.schemas.meaning import JointsMeaning, PointsMeaning, TableMeaning
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
-from jointstiff.service.importing.deflections import add_deflections
+from jointstiff.service.importing.deflections import (
+    Deflection,
+    add_deflections,
+    list_displacement_columns,
+    list_lone_displacements,
+)
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError
 from jointstiff.service.importing.grammar import Vocabulary
 from jointstiff.service.importing.joining import join_tables
@@ -19,12 +25,14 @@ from jointstiff.service.importing.lengths import convert_columns, unify_lengths
 from jointstiff.service.importing.naming import NamedReading, name_readings
 from jointstiff.service.importing.numbers import NumberTable, read_number_tables
 from jointstiff.service.importing.reading import SourceFile, understand_files
-from jointstiff.service.importing.rewriting import has_column_of, list_masses, write_readings
+from jointstiff.service.importing.rewriting import has_column_of, list_masses, write_deflections, write_readings
 from jointstiff.service.resources.columns_left import (
+    ColumnsLeft,
     find_constant_force,
     find_contradiction,
     leave_positions,
     list_columns_left,
+    list_other_columns,
     list_unexplained_numbers,
     name_columns_left,
     refuse_columns_left,
@@ -34,10 +42,12 @@ from jointstiff.service.resources.columns_left import (
 from jointstiff.service.resources.imports import ImportRefusedError, import_files, lack_meaning
 from jointstiff.service.resources.previews import preview_tables
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.meaning.hypotheses import list_countings
 from jointstiff.solver.meaning.proposal import Proposal, propose
+from jointstiff.solver.meaning.refinement import FramePlacement
 from jointstiff.solver.meaning.states import order_states
-from jointstiff.solver.meaning.table import METRES, JointColumns
-from jointstiff.solver.meaning.words import describe, remark
+from jointstiff.solver.meaning.table import METRES, AngleUnit, JointColumns
+from jointstiff.solver.meaning.words import describe, join, remark
 from jointstiff.solver.mechanics.robot import KnownRobot
 
 OPTIONS_OF_COLUMNS: Final = (
@@ -67,6 +77,10 @@ _CLEARLY_FARTHER: Final = 2.0
 _LARGEST_REMAINDER: Final = 0.25
 """Largest distance of positions after unloading from those before, as a part of that from those under load,
 if no name says that the load was taken off."""
+_LARGEST_TURN: Final = 2.2 * np.pi
+"""Largest joint that is measured [rad]: larger numbers are degrees."""
+_LEAST_WITHIN: Final = 0.5
+"""Least fraction of the postures within the limits of joints that may be in radians."""
 _TURNS_OF_AXES: Final = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 """Orders of x, y and z that keep the hand of a frame. Where two axes are exchanged, the place of the
 instrument decides which order is proposed; a template keeps the order of its first files."""
@@ -80,10 +94,11 @@ class ProposedImport:
     named: tuple[NamedReading, ...]  # targets and states of the positions
     table: SourceFile  # with headers that the import understands
     request: ImportRequest  # options that are left for this table
-    meaning: TableMeaning  # for a template
+    meaning: TableMeaning | None  # for a template; None without positions
     notes: tuple[str, ...] = ()  # what a person should know of rows and columns
     masses: tuple[SourceFile, ...] = ()  # files with the masses of the robot's bodies
     previews: tuple[FilePreview, ...] = ()  # of the files as they are written
+    statement: str = ""  # the proposal in words, if it has no positions that the robot could fit
 
     @property
     def files(self) -> list[SourceFile]:
@@ -93,6 +108,8 @@ class ProposedImport:
     @property
     def sentence(self) -> str:
         """The proposal in words, and what a person should know about its fit, its rows and its columns."""
+        if self.statement:
+            return "; ".join(each for each in (self.statement, *self.notes) if each)
         text, note = describe(self.proposal, [each.words for each in self.named]), remark(self.proposal)
         return "; ".join(each for each in (text, note, *self.notes) if each)
 
@@ -173,7 +190,13 @@ def _propose_importable(
     Raises:
         _NoProposalError: no meaning fits, or the import refuses the table with the proposed meaning.
     """
-    found_meaning = _find_in_one_unit(numbers, request, robots)
+    try:
+        found_meaning = _find_in_one_unit(numbers, request, robots)
+    except _NoProposalError:
+        alone = _propose_deflections(numbers, request, robots)
+        if alone is None:
+            raise
+        return alone
     numbers, proposal = found_meaning.numbers, found_meaning.proposal
     tables = numbers.tables
     named = name_readings(proposal, tables, request)
@@ -197,6 +220,107 @@ def _propose_importable(
         reason = f"{proposed.sentence}, but the import of these columns is refused: {fault.reason}"
         raise _NoProposalError(reason, remedy, fault)
     return proposed
+
+
+def _propose_deflections(
+    numbers: _Numbers, request: ImportRequest, robots: Sequence[KnownRobot]
+) -> ProposedImport | None:
+    """Return the proposal for displacements under load without positions; None of other tables.
+
+    No position shows whether the joints are right, so that headers have to name them, and one robot is stated.
+
+    Raises:
+        _NoProposalError: no header names the joints, the unit of the displacements is not clear, or the targets
+            move against the force.
+    """
+    if len(robots) != 1:
+        return None
+    known = robots[0]
+    words = Vocabulary(request, known.robot.joint_names)
+    left = [_list_without_positions(table, words) for table in numbers.tables]
+    if any(map(list_unexplained_numbers, left)):
+        return None
+    try:
+        deflections = list_lone_displacements(numbers.tables, words)
+    except ImportFileError as fault:
+        raise _describe_fault(fault) from fault
+    tables = [table for table in numbers.tables if table.table.joints]
+    if deflections and not tables:
+        raise _NoProposalError(
+            "there are displacements under load without positions, so that the robot cannot find the joints",
+            "name the joints in the headers, such as `J1 [deg]`, or all columns by `header`",
+        )
+    if len(tables) != 1:
+        return None
+    (joints,) = tables
+    counts = {len(each.shifts) for each in deflections}
+    are_complete = len(counts) == 1 and len({each.target for each in deflections}) == len(deflections)
+    if not are_complete or len(joints.rows) % next(iter(counts)):
+        return None
+    own = joints.table.numbers[:: len(joints.rows) // next(iter(counts)), list(joints.table.joints)]
+    unit = _find_unit_of_joints(joints, own, known, request)
+    _refuse_deflections_against_force(joints, deflections, request)
+    columns = JointColumns(joints.name, joints.table.joints, unit or "deg", list_countings(known.robot)[0])
+    frame = FramePlacement(np.eye(3), np.zeros(3), 1e-3)
+    proposal = Proposal((known,), columns, (), "mm", frame, math.nan, math.inf, 0, 0)
+    targets = join([each.target for each in deflections])
+    statement = (
+        f"{joints.name} has joints by their names, and there are displacements under load of {targets} without "
+        "positions, which the robot cannot check"
+    )
+    options = request.model_copy(update={**_clear_headers(), **_clear_names()})
+    options = options.model_copy(update={"units": request.units})
+    table = write_deflections(joints, unit, deflections)
+    notes = (*numbers.notes, *_note_force(joints), *name_columns_left(left, numbers.tables))
+    return ProposedImport(proposal, (), table, options, None, notes, statement=statement)
+
+
+def _list_without_positions(table: NumberTable, words: Vocabulary) -> ColumnsLeft:
+    """Return the columns of a table that are neither joints nor displacements by their headers."""
+    read = {*table.table.joints, *list_displacement_columns(table, words)}
+    return list_other_columns(table, read)
+
+
+def _find_unit_of_joints(
+    table: NumberTable, joints: FloatArray, known: KnownRobot, request: ImportRequest
+) -> AngleUnit | None:
+    """Return the unit of joints (N, n) that headers or the request state, or that numbers and limits leave.
+
+    None if the joints may be in both units.
+    """
+    stated = {meaning.unit for meaning in map(table.meanings.__getitem__, table.table.joints) if meaning}
+    if request.units is not None and stated == {None}:
+        stated = {request.units.angle}
+    if stated == {"deg"} or (stated == {None} and np.abs(joints).max() > _LARGEST_TURN):
+        return "deg"
+    if stated == {"rad"}:
+        return "rad"
+    is_within_as_radians = np.mean(known.robot.within_limits(joints)) >= _LEAST_WITHIN
+    return None if is_within_as_radians or stated != {None} else "deg"
+
+
+def _refuse_deflections_against_force(
+    table: NumberTable, deflections: Sequence[Deflection], request: ImportRequest
+) -> None:
+    """Refuse displacements without positions against the force: no springs move so, whatever their stiffness.
+
+    Raises:
+        _NoProposalError: the work of the force is negative in most postures.
+    """
+    count = len(deflections[0].shifts)
+    forces = _read_forces(table)
+    if forces is not None:
+        forces = forces[:: len(table.rows) // count]
+    elif request.force is not None:
+        forces = np.tile(np.array(request.force), (count, 1))
+    else:
+        return
+    work = np.array([np.einsum("ni,ni->n", forces, each.shifts) for each in deflections])
+    if float(np.nansum(work)) < 0.0:
+        raise _NoProposalError(
+            "the targets move against the force",
+            "write displacements as loaded minus unloaded in axes of R0, or correct the sign of `force`",
+        )
 
 
 def _have_same_states(named: Sequence[NamedReading]) -> bool:
