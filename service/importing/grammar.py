@@ -164,6 +164,8 @@ _TOKEN: Final = re.compile(r"[^\s_]+")
 _WORD_PIECE: Final = re.compile(r"[A-Z]?[^\W\dA-Z_]{2,}|[A-Z]{3,}(?![^\W\dA-Z_])")
 _BRACKET: Final = re.compile(r"[][(){}]")
 _COORDINATE: Final = re.compile(r"([dδΔ]?)([xyz])", re.IGNORECASE)
+_LETTER_OF_AXIS: Final = re.compile(r"^[xyz]|[xyz]$", re.IGNORECASE)
+_AXIS_AND_WORD: Final = re.compile(r"([xyz])(\w+)|(\w+)([xyz])", re.IGNORECASE)
 _MASS_IN_KG: Final = re.compile(r"(.*)[ _]kg", re.IGNORECASE)
 _TRANSLATIONS: Final = frozenset(("tx", "ty", "tz"))
 """Coordinates if they are in a unit of length; else they may be moments."""
@@ -274,6 +276,12 @@ def contains_state_word(name: str, extra: Mapping[str, State]) -> bool:
 def split_words(name: str) -> list[str]:
     """Return the words of a name; a state takes the place of its phrase as one word."""
     return _NO_LETTERS.split(join_state_phrases(name))
+
+
+def split_axis_words(header: str) -> list[str]:
+    """Return the words of the header of a coordinate without the letter of its axis: `1` of `X1`."""
+    words = [_LETTER_OF_AXIS.sub("", word, count=1) for word in split_words(split_unit(header)[0])]
+    return [word for word in words if word]
 
 
 def find_state_in_name(name: str, extra: Mapping[str, State]) -> State | None:
@@ -541,11 +549,28 @@ def _classify_words(base: str, state_words: Mapping[str, State]) -> _Words:
                 words.states.add("deflection")
         elif state := find_state(token[0], state_words):
             words.states.add(state)
+        elif stated := _split_stated_word(token[0], state_words):
+            axis, state = stated
+            words.axes.append("xyz".index(axis))
+            words.states.add(state)
         elif word in _KINDS:
             words.kinds.add(_KINDS[word])
         elif word not in _WORD_LISTS["coordinates"]:
             words.others.append(token)
     return words
+
+
+def _split_stated_word(word: str, state_words: Mapping[str, State]) -> tuple[str, State] | None:
+    """Return axis and state of a word such as `X1`, if the caller states a state for `1`; else None."""
+    found = _AXIS_AND_WORD.fullmatch(word)
+    if found is None or not state_words:
+        return None
+    for axis, text in ((found[1], found[2]), (found[4], found[3])):
+        stated = {fold_word(key): state for key, state in state_words.items()}
+        state = stated.get(fold_word(text)) if text else None
+        if state is not None:
+            return axis.casefold(), state
+    return None
 
 
 def _is_no_target_word(word: str) -> bool:

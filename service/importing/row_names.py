@@ -23,6 +23,7 @@ from jointstiff.service.importing.loads import find_load, find_state_of_load
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.row_key import RowName
 from jointstiff.service.importing.rows import Template
+from jointstiff.service.tables.labels import fold_word
 
 _SEPARATORS: Final = re.compile(r"::|[\s_\-.:/|]+")
 """What may be between the parts of a name."""
@@ -113,6 +114,11 @@ def _find_state_column(table: NumberTable, options: ImportOptions, label_column:
     named = table.find_column("state")
     if named is not None:
         return named
+    stated = set(map(fold_word, options.state_words))
+    for column in range(len(table.headers)):
+        texts = set(map(fold_word, _list_texts(table, column)))
+        if len(texts) > 1 and texts <= stated and column != label_column and column not in table.ignored:
+            return column
     for column in range(len(table.headers)):
         is_free = column != label_column and column not in table.ignored
         if is_free and _find_answers(table, column, options.state_words):

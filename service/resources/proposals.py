@@ -18,11 +18,11 @@ from jointstiff.service.importing.deflections import (
     list_displacement_columns,
     list_lone_displacements,
 )
-from jointstiff.service.importing.errors import NOWHERE, ImportFileError
+from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
 from jointstiff.service.importing.grammar import Vocabulary
 from jointstiff.service.importing.joining import join_tables
 from jointstiff.service.importing.lengths import convert_columns, unify_lengths
-from jointstiff.service.importing.naming import NamedReading, name_readings
+from jointstiff.service.importing.naming import NamedReading, list_state_words, name_readings
 from jointstiff.service.importing.numbers import NumberTable, read_number_tables
 from jointstiff.service.importing.reading import SourceFile, understand_files
 from jointstiff.service.importing.rewriting import has_column_of, list_masses, write_deflections, write_readings
@@ -789,19 +789,31 @@ def _refuse_states_against_force(
         _NoProposalError: the first positions may be those under load, or the force has the wrong sign.
     """
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    are_by_order = any(each.is_by_order for each in named)
-    if request.force is None or not are_by_order or _read_forces(joints) is not None:
+    if request.force is None or _read_forces(joints) is not None:
         return
-    postures = len(joints.rows) // proposal.joints.groups.count
-    forces = np.tile(np.array(request.force), (postures, 1))
-    ordered = order_states(proposal, [table.table for table in tables], forces)
-    if ordered is not proposal:
-        found = describe(proposal, [each.words for each in named])
-        raise _NoProposalError(
-            f"{found}, but the targets then move against `force`",
-            "name the states in the headers (`header`), by `state_words` or in the names of files; or "
-            "correct the sign of `force`",
+    by_order = [each for each in named if each.target in {own.target for own in named if own.is_by_order}]
+    positions = {(each.target, each.state): each.reading.positions for each in by_order}
+    work = 0.0
+    for target in {each.target for each in by_order}:
+        if (target, "unloaded") in positions and (target, "loaded") in positions:
+            deflections = positions[target, "loaded"] - positions[target, "unloaded"]  # (N, 3)
+            work += float(np.nansum(deflections @ np.array(request.force)))
+    if work >= 0.0:
+        return
+    found = describe(proposal, [each.words for each in named])
+    words = list_state_words(by_order, tables)
+    remedy = "name the states in the headers (`header`) or in the names of files; or correct the sign of `force`"
+    fault = None
+    if words:
+        first, second = map(quote, words)
+        remedy = (
+            f"state both words by `state_words`, such as {first} as `loaded` and {second} as `unloaded`; or correct "
+            "the sign of `force`"
         )
+        fault = ImportFileError(
+            NOWHERE, f"{first} and {second} may be words for states", remedy, "state_words", words
+        )
+    raise _NoProposalError(f"{found}, but the targets then move against `force`", remedy, fault)
 
 
 def _read_forces(table: NumberTable) -> FloatArray | None:
