@@ -151,7 +151,22 @@ _JOINT: Final = re.compile(
     re.IGNORECASE,
 )
 """A joint such as `J1`, `q[0]`, `actual_q_0` or `joint 1 angle`; one of two groups has its number."""
-_VECTOR: Final = re.compile(rf"({_build_alternation(_VECTOR_OF)})[\s_-]*([xyz])", re.IGNORECASE)
+_VECTOR: Final = re.compile(
+    rf"({_build_alternation(_VECTOR_OF)})[\s_-]*([xyz])(?:[\s_-]+(?:R0|base|basis))?", re.IGNORECASE
+)
+"""A part of a vector such as `Fx`, in axes of R0 if the header names a frame."""
+_FORCES: Final = [word for word, kind in _VECTOR_OF.items() if kind == "force"]
+_AXIS_OF_FORCE: Final = re.compile(
+    rf"([xyz])[\s_-]+({_build_alternation(word for word in _FORCES if len(word) > 1)})", re.IGNORECASE
+)
+_AXIS_OF_LOAD: Final = re.compile(
+    rf"({_build_alternation(_WORDS['answers']['load'])})[\s_-]*([xyz])", re.IGNORECASE
+)
+"""A part of a load such as `load x`, which is a force only in a unit of force."""
+_NUMBERED_FORCE: Final = re.compile(
+    rf"({_build_alternation(_FORCES)})[\s_-]?(?:([0-9])|\[([0-9])\])", re.IGNORECASE
+)
+"""A force such as `F_1` or `Kraft[0]`, which is a part of a vector only if there are three of them."""
 _PHRASES: Final = [word for word in _STATE_OF if " " in word]
 _STATE_PHRASE: Final = re.compile(rf"(?<![^\s_])(?:{_build_alternation(_PHRASES)})(?![^\s_])", re.IGNORECASE)
 _PHRASE_IN_NAME: Final = re.compile(
@@ -413,7 +428,11 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
         and (find_known_unit(unit) or [""])[0] == "length"
     ):
         base = base[1:]
-    meaning = _parse_quantity(header, base, state_words)
+    is_force = unit is not None and (find_known_unit(unit) or [""])[0] == "force"
+    if is_force and (load := _AXIS_OF_LOAD.fullmatch(base)):
+        meaning = Meaning(Quantity("force"), "xyz".index(load[2].casefold()))
+    else:
+        meaning = _parse_quantity(header, base, state_words)
     unit = check_unit(header, unit, meaning.kind)
     return replace(meaning, unit=unit, guessed=meaning.guessed or split_suffix is not None)
 
@@ -431,6 +450,8 @@ def _parse_quantity(header: str, base: str, state_words: Mapping[str, State]) ->
     if vector := _VECTOR.fullmatch(base):
         kind = _VECTOR_OF[fold_word(vector[1].replace("-", " "))]
         return Meaning(Quantity(kind), "xyz".index(vector[2].casefold()))
+    if force := _AXIS_OF_FORCE.fullmatch(base):
+        return Meaning(Quantity("force"), "xyz".index(force[1].casefold()))
     return _parse_position(header, base, state_words)
 
 
@@ -594,11 +615,29 @@ class Vocabulary:
         `joints` are the names of the robot's joints, which columns may have; empty without a robot.
         """
         self._joints = {fold_word(name): number for number, name in enumerate(joints)}
+        self._forces: dict[str, int] = {}  # header without its unit → axis
         self.states = options.state_words
         self._ignored = options.ignore
         self.stated = {collapse_blanks(text): meaning for text, meaning in options.columns.items()}
 
-    def add_joints_of_makers(self, headers: Iterable[str]) -> None:
+    def add_names_of_table(self, headers: Sequence[str]) -> None:
+        """Know names that only all headers of a table explain: a maker's joints, and numbered forces."""
+        self._add_joints_of_makers(headers)
+        self._add_numbered_forces(headers)
+
+    def _add_numbered_forces(self, headers: Iterable[str]) -> None:
+        """Know the numbers of a force as its axes, such as F1 F2 F3, if a table has exactly three."""
+        names_of_word: dict[str, dict[int, str]] = {}
+        for header in headers:
+            name, _ = split_unit(header)
+            if found := _NUMBERED_FORCE.fullmatch(name):
+                number = int(found[2] or found[3])
+                names_of_word.setdefault(fold_word(found[1]), {})[number] = fold_word(name)
+        for names in names_of_word.values():
+            if sorted(names) in ([0, 1, 2], [1, 2, 3]):
+                self._forces.update({names[number]: axis for axis, number in enumerate(sorted(names))})
+
+    def _add_joints_of_makers(self, headers: Iterable[str]) -> None:
         """Know the names of a maker for the joints, such as S L U R B T, if a table has all of them."""
         names = [split_unit(header)[0] for header in headers]
         name_of_joint = {_name_joint_of_maker(name): fold_word(name) for name in names}
@@ -653,6 +692,9 @@ class Vocabulary:
         """
         name, unit = split_unit(header)
         number = self._joints.get(fold_word(name))
+        axis = self._forces.get(fold_word(name))
+        if axis is not None and number is None:
+            return Meaning(Quantity("force"), axis, check_unit(header, unit, "force"), guessed=True)
         if number is None:
             return parse_header(header, self.states)
         with suppress(ImportFileError):

@@ -177,7 +177,7 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     width = Counter(len(grid.rows[index].cells) for index in data).most_common(1)[0][0]
     rows = tuple(grid.rows[index] for index in data if len(grid.rows[index].cells) == width)
     headers = _find_headers(grid, words, options, data[0], width)
-    words.add_joints_of_makers(headers)
+    words.add_names_of_table(headers)
     columns = [c for c in range(width) if any(looks_like_a_number(row.cells[c]) for row in rows)]
     is_separated = grid.preview.format != "text" or has_separated_thousands(rows, columns)
     mark, _ = decide_decimal_mark(
