@@ -21,8 +21,9 @@ _IN_MICROMETRES: Final = re.compile(
     rf"(.*\w['′]?)[\s_/]*(?:[\s_/]|\[|\()\s?(?:{'|'.join(sorted(_MICROMETRES, key=len, reverse=True))})\s?[\])]?", re.IGNORECASE
 )
 """A header with its unit, as in `dX [µm]`, `ΔX/µm` or `dx_um`."""
-_SIZES: Final[Mapping[str, float]] = {**{str(unit): size for unit, size in METRES.items()}, "µm": 1e-6}
-"""Unit of a displacement → its size [m]."""
+MICROMETRE: Final = "µm"
+SIZES: Final[Mapping[str, float]] = {**{str(unit): size for unit, size in METRES.items()}, MICROMETRE: 1e-6}
+"""Unit of a displacement or an uncertainty → its size [m]."""
 _LEAST, _MOST = 5e-6, 0.03
 """Displacements under load that are plausible [m]: larger than a tracker's noise, and elastic."""
 
@@ -75,8 +76,8 @@ def _add_found(
         ImportFileError: a displacement without a unit may be in two units.
     """
     unit = _find_unit(base_table, base[0])
-    base_metres = METRES[guess_unit(find_size(base_table, base))] if unit is None else _SIZES[unit]
-    metres = _SIZES[found.unit] if found.unit else _choose_size(table, found, (base_metres, _SIZES["µm"]))
+    base_metres = METRES[guess_unit(find_size(base_table, base))] if unit is None else SIZES[unit]
+    metres = SIZES[found.unit] if found.unit else _choose_size(table, found, (base_metres, SIZES[MICROMETRE]))
     positions = base_table.table.numbers[:, list(base)]
     displacements = table.table.numbers[:, list(found.columns)]
     sums = positions + metres / base_metres * displacements
@@ -99,18 +100,24 @@ def _name_base(table: NumberTable, base: tuple[int, int, int], target: str | Non
     return replace(table, meanings=tuple(meanings))
 
 
+def split_micrometres(header: str) -> str | None:
+    """Return the name in a header that states micrometres, such as `dX [µm]`; None for other headers."""
+    found = _IN_MICROMETRES.fullmatch(header)
+    return None if found is None else found[1]
+
+
 def _list_displacements(table: NumberTable, words: Vocabulary) -> list[Displacement]:
     """Return the columns that headers name as displacements along x, y and z."""
     columns_of: dict[str | None, dict[int, int]] = {}
     units_of: dict[str | None, set[str]] = {}
     for column, header in enumerate(table.headers):
-        in_micrometres = _IN_MICROMETRES.fullmatch(header)
-        meaning = table.meanings[column] if in_micrometres is None else words.find(in_micrometres[1])
+        name = split_micrometres(header)
+        meaning = table.meanings[column] if name is None else words.find(name)
         if column in table.ignored or meaning is None or meaning.axis is None:
             continue
         if meaning.kind == "position" and meaning.quantity.state == "deflection":
             target = meaning.quantity.target
-            unit = meaning.unit if in_micrometres is None else "µm"
+            unit = meaning.unit if name is None else MICROMETRE
             columns_of.setdefault(target, {})[meaning.axis] = column
             units_of.setdefault(target, set()).update([] if unit is None else [unit])
     return [
@@ -149,8 +156,8 @@ def _list_deflections(table: NumberTable, words: Vocabulary) -> Iterator[Deflect
     has_states = any(name.state is not None for name in table.turn)
     displacements = [] if has_states else _list_displacements(table, words)
     for number, found in enumerate(displacements, 1):
-        sizes = (_SIZES["m"], _SIZES["mm"], _SIZES["µm"])
-        metres = _SIZES[found.unit] if found.unit else _choose_size(table, found, sizes)
+        sizes = (SIZES["m"], SIZES["mm"], SIZES[MICROMETRE])
+        metres = SIZES[found.unit] if found.unit else _choose_size(table, found, sizes)
         shifts = 1e3 * metres * table.table.numbers[:, list(found.columns)]
         names = [name.target or f"T{row}" for row, name in enumerate(table.turn, 1)]
         if not names:
@@ -203,4 +210,4 @@ def _find_unit(table: NumberTable, column: int) -> str | None:
 
 def _name_size(metres: float) -> str:
     """Return the name of the unit of a size [m]."""
-    return next(unit for unit, size in _SIZES.items() if size == metres)
+    return next(unit for unit, size in SIZES.items() if size == metres)

@@ -25,6 +25,14 @@ _STATES: Final[tuple[State, ...]] = ("unloaded", "loaded", "unloaded_after")
 
 
 @dataclass(frozen=True)
+class Uncertainty:
+    """Columns of expanded uncertainties of positions."""
+
+    columns: tuple[int, ...]  # of x, y and z, or the one of the point
+    metres: float  # size of the unit [m]
+
+
+@dataclass(frozen=True)
 class NamedReading:
     """Positions of a proposal with the target and the state that they are imported as."""
 
@@ -34,6 +42,7 @@ class NamedReading:
     mass: float | None = None  # of the load [kg]; None if no name states it
     force: str = ""  # size and unit of the force, if there are several; else empty
     is_by_order: bool = False  # whether the order of the positions gives the state, and no name
+    uncertainty: Uncertainty | None = None
 
     @property
     def words(self) -> str:

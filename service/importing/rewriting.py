@@ -14,12 +14,12 @@ import numpy as np
 from jointstiff.service.importing.deflections import Deflection
 from jointstiff.service.importing.grammar import Kind, Meaning
 from jointstiff.service.importing.grid import remove_thousands_separators
-from jointstiff.service.importing.naming import NamedReading
+from jointstiff.service.importing.naming import NamedReading, Uncertainty
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
-from jointstiff.solver.meaning.table import AngleUnit
+from jointstiff.solver.meaning.table import METRES, AngleUnit
 
 KEPT_KINDS: Final[frozenset[Kind]] = frozenset(("force", "moment", "load point", "mass", "validation", "time"))
 """Kinds of columns of the table of joints that are kept."""
@@ -125,7 +125,10 @@ def _write_case(
         columns.append(["mass [kg]", *(f"{case.mass:g}" for _ in labels)])
     columns += _keep_columns(proposal, joints, case.row, with_masses=with_masses)
     for each in case.readings:
-        columns += _write_positions(proposal, each, by_name[each.reading.points.table])
+        table = by_name[each.reading.points.table]
+        columns += _write_positions(proposal, each, table)
+        if each.uncertainty is not None:
+            columns += _write_uncertainty(proposal, each, each.uncertainty, table)
     return columns
 
 
@@ -224,12 +227,9 @@ def _is_used(proposal: Proposal, table: NumberTable, column: int) -> bool:
 def _write_positions(proposal: Proposal, named: NamedReading, table: NumberTable) -> Iterator[list[str]]:
     """Yield the columns x, y and z of a target in a state."""
     reading = named.reading
-    groups = reading.points.groups
-    rows = groups.split(np.arange(len(table.rows), dtype=np.float64)[:, None])[:, reading.index, 0].astype(
-        int
-    )
+    rows = _list_rows(named, table)
     state = named.state.replace("_", " ")
-    must_convert = proposal.unit == "cm" or not proposal.is_in_base_frame
+    must_convert = _must_convert(proposal)
     positions = table.table.numbers[rows][:, list(reading.points.columns)]
     in_mm = 1e3 * proposal.frame.to_base(positions)
     for axis, column in enumerate(reading.points.columns):
@@ -242,6 +242,37 @@ def _write_positions(proposal: Proposal, named: NamedReading, table: NumberTable
         if not _is_complete(positions):
             cells = [cell if known else "" for cell, known in zip(cells, _find_known(positions), strict=True)]
         yield [f"{named.target} {state} {'xyz'[axis]} [{unit}]", *cells]
+
+
+def _list_rows(named: NamedReading, table: NumberTable) -> list[int]:
+    """Return the row of a reading in each posture."""
+    numbers = np.arange(len(table.rows), dtype=np.float64)[:, None]
+    of_postures = named.reading.points.groups.split(numbers)[:, named.reading.index, 0]
+    return [int(row) for row in of_postures]
+
+
+def _must_convert(proposal: Proposal) -> bool:
+    """Return whether positions are turned into R0, or in cm, so that they are written in mm."""
+    return proposal.unit == "cm" or not proposal.is_in_base_frame
+
+
+def _write_uncertainty(
+    proposal: Proposal, named: NamedReading, uncertainty: Uncertainty, table: NumberTable
+) -> Iterator[list[str]]:
+    """Yield the columns of expanded uncertainties of a target in a state; of a point, if axes are turned."""
+    must_convert = _must_convert(proposal)
+    unit = "mm" if must_convert else proposal.unit
+    rows = _list_rows(named, table)
+    values = uncertainty.metres / METRES[unit] * table.table.numbers[rows][:, list(uncertainty.columns)]
+    is_known = np.isfinite(table.table.numbers[rows][:, list(named.reading.points.columns)]).all(axis=1)
+    if must_convert:
+        values = np.linalg.norm(values, axis=1, keepdims=True)
+    axes = "xyz" if values.shape[1] == len("xyz") else " "
+    name = f"{named.target} {named.state.replace('_', ' ')} U95"
+    for axis, numbers in zip(axes, values.T, strict=True):
+        cells = (repr(round(float(number), _DIGITS)) for number in numbers)
+        texts = (cell if known else "" for cell, known in zip(cells, is_known, strict=True))
+        yield [f"{name} {axis}".strip() + f" [{unit}]", *texts]
 
 
 def _is_complete(positions: FloatArray) -> bool:

@@ -26,6 +26,7 @@ from jointstiff.service.importing.naming import NamedReading, list_state_words, 
 from jointstiff.service.importing.numbers import NumberTable, read_number_tables
 from jointstiff.service.importing.reading import SourceFile, understand_files
 from jointstiff.service.importing.rewriting import has_column_of, list_masses, write_deflections, write_readings
+from jointstiff.service.importing.uncertainties import add_uncertainties
 from jointstiff.service.resources.columns_left import (
     ColumnsLeft,
     find_constant_force,
@@ -204,9 +205,12 @@ def _propose_importable(
     _refuse_loaded_after_unloading(named)
     tables, force_notes = _name_constant_force(proposal, tables, request)
     _refuse_states_against_force(proposal, named, tables, request)
-    left = list_columns_left(proposal, tables)
+    words = Vocabulary(request, proposal.robots[0].robot.joint_names)
+    named = add_uncertainties(named, tables, words, proposal.unit)
+    left = list_columns_left(proposal, tables, named)
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    notes = [*numbers.notes, *force_notes, *_note_force(joints), *name_columns_left(left, tables)]
+    notes = [*numbers.notes, *force_notes, *_note_force(joints), *_note_uncertainties(named)]
+    notes += name_columns_left(left, tables)
     try:
         refuse_single_rows(proposal, tables)
         refuse_columns_left(left, proposal, named, tables)
@@ -440,6 +444,8 @@ def _propose_as_template(
         named = _name_by_template(name_readings(turned, tables, request), template)
         reason = _find_difference(_build_meaning(turned, named, tables), template)
         if not reason:
+            words = Vocabulary(request, turned.robots[0].robot.joint_names)
+            named = add_uncertainties(named, tables, words, turned.unit)
             return _build_import(turned, named, tables, request)
         reasons.append(reason)
     raise _NoProposalError(reasons[0])
@@ -837,6 +843,12 @@ def _note_force(table: NumberTable) -> list[str]:
     (named,) = table.find_force_columns()
     first, second = ("xyz"[axis] for axis in range(3) if axis != named)
     return [f"only the force along {'xyz'[named]} has a column: along {first} and {second} it is 0"]
+
+
+def _note_uncertainties(named: Sequence[NamedReading]) -> list[str]:
+    """Return the note that expanded uncertainties of the positions are read, if all have one."""
+    are_read = all(each.uncertainty is not None for each in named)
+    return ["U95 as expanded uncertainties of the positions"] if are_read else []
 
 
 def _build_meaning(
