@@ -82,7 +82,8 @@ def read_blocks(file: str, content: bytes, delimiter: Delimiter | None) -> list[
         return []
     for split in (_split_blocks, _split_at_titles):
         try:
-            delimiter = delimiter or find_delimiter(file, _choose_lines_of_numbers(filled) or filled)
+            chosen = _choose_lines_of_numbers(filled) or filled
+            delimiter = delimiter or find_delimiter(file, chosen, are_marks_literal=True)
             blocks = [_read_block(file, block, delimiter) for block in split(lines)]
         except ImportFileError:
             return []

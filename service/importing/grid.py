@@ -302,7 +302,7 @@ def _read_table(
         elif stripped:
             lines.append((number, line))
     if delimiter is None and lines:
-        delimiter = find_delimiter(file, lines)
+        delimiter = find_delimiter(file, lines, are_marks_literal=are_marks_literal)
     split = _split_lines(file, lines, delimiter or "comma", are_marks_literal=are_marks_literal)
     rows = [row for row in split if any(row.cells)]
     if not rows:
@@ -427,8 +427,12 @@ def decode(file: str, content: bytes) -> tuple[str, str]:
     return text, encoding or "utf-8"
 
 
-def find_delimiter(file: str, lines: Sequence[NumberedLine]) -> Delimiter:
+def find_delimiter(
+    file: str, lines: Sequence[NumberedLine], *, are_marks_literal: bool = False
+) -> Delimiter:
     """Find the delimiter: tab or semicolon if most of the last lines have one, else comma or whitespace.
+
+    With `are_marks_literal`, quotation marks that enclose no cell count only if the lines cannot be split else.
 
     Raises:
         ImportFileError: the lines can be split by commas as well as by blanks.
@@ -440,15 +444,29 @@ def find_delimiter(file: str, lines: Sequence[NumberedLine]) -> Delimiter:
             return mark
     if not _have_most(last_lines, ",") and "," not in lines[0][1]:
         return "whitespace"
-    can_be_whitespace = _can_be_split_by_blanks(file, lines)
-    if can_be_whitespace and _can_be_split_by_commas(file, lines):
+    possible = _list_delimiters(file, lines, are_marks_literal=False)
+    if not possible and are_marks_literal:
+        possible = _list_delimiters(file, lines, are_marks_literal=True)
+    if len(possible) > 1:
         raise ImportFileError(
             Place(file, lines[0][0]),
             "the comma may be the delimiter, or the decimal mark of cells that blanks separate",
             "give `delimiter`, or use semicolons as delimiter",
             "delimiter",
         )
-    return "whitespace" if can_be_whitespace else "comma"
+    return possible[0] if possible else "comma"
+
+
+def _list_delimiters(
+    file: str, lines: Sequence[NumberedLine], *, are_marks_literal: bool
+) -> list[Delimiter]:
+    """Return which of commas and blanks split lines into rows; arguments as of `find_delimiter`."""
+    possible = list[Delimiter]()
+    if _can_be_split_by_blanks(file, lines, are_marks_literal=are_marks_literal):
+        possible.append("whitespace")
+    if _can_be_split_by_commas(file, lines, are_marks_literal=are_marks_literal):
+        possible.append("comma")
+    return possible
 
 
 def _have_most(lines: Sequence[str], character: str) -> bool:
@@ -456,32 +474,33 @@ def _have_most(lines: Sequence[str], character: str) -> bool:
     return 2 * sum(character in line for line in lines) > len(lines)
 
 
-def _can_be_split_by_commas(file: str, lines: Sequence[NumberedLine]) -> bool:
+def _can_be_split_by_commas(file: str, lines: Sequence[NumberedLine], *, are_marks_literal: bool) -> bool:
     """Return whether commas split lines into rows of equal length, without a cell of several numbers.
 
     The first row may be a header, whose names may contain numbers and blanks.
     """
-    rows = _split_into_equal_rows(file, lines, "comma")
+    rows = _split_into_equal_rows(file, lines, "comma", are_marks_literal=are_marks_literal)
     cells = (cell for row in rows[1:] or rows for cell in row)
     return bool(rows) and not any(_NUMBERS_IN_A_CELL.search(cell) for cell in cells)
 
 
-def _can_be_split_by_blanks(file: str, lines: Sequence[NumberedLine]) -> bool:
+def _can_be_split_by_blanks(file: str, lines: Sequence[NumberedLine], *, are_marks_literal: bool) -> bool:
     """Return whether blanks split lines into rows of equal length, with commas only inside of numbers."""
-    rows = _split_into_equal_rows(file, lines, "whitespace")
+    rows = _split_into_equal_rows(file, lines, "whitespace", are_marks_literal=are_marks_literal)
     cells = (cell for row in rows for cell in row)
     return bool(rows) and not any(_COMMA_NOT_IN_A_NUMBER.search(cell) for cell in cells)
 
 
 def _split_into_equal_rows(
-    file: str, lines: Sequence[NumberedLine], delimiter: Delimiter
+    file: str, lines: Sequence[NumberedLine], delimiter: Delimiter, *, are_marks_literal: bool
 ) -> list[tuple[str, ...]]:
     """Split lines at a delimiter; return the rows of cells below the titles, or [] if their lengths differ.
 
     Each row must have two cells at least; up to 20 lines of titles may come before the rows.
     """
     try:
-        rows = [row.cells for row in _split_lines(file, lines, delimiter, are_marks_literal=True)]
+        split = _split_lines(file, lines, delimiter, are_marks_literal=are_marks_literal)
+        rows = [row.cells for row in split]
     except ImportFileError:
         return []
     width = len(rows[-1])
