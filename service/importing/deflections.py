@@ -17,8 +17,9 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.table import METRES
 
 _MICROMETRES: Final = frozenset(("µm", "μm", "um", "micron", "microns", "micrometer", "micrometre"))
+_SPELLINGS: Final = "|".join(sorted(_MICROMETRES, key=len, reverse=True))
 _IN_MICROMETRES: Final = re.compile(
-    rf"(.*\w['′]?)[\s_/]*(?:[\s_/]|\[|\()\s?(?:{'|'.join(sorted(_MICROMETRES, key=len, reverse=True))})\s?[\])]?", re.IGNORECASE
+    rf"(.*\w['′]?)[\s_/]*(?:[\s_/]|\[|\()\s?(?:{_SPELLINGS})\s?[\])]?", re.IGNORECASE
 )
 """A header with its unit, as in `dX [µm]`, `ΔX/µm` or `dx_um`."""
 MICROMETRE: Final = "µm"

@@ -421,20 +421,24 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
         raise ImportFileError(NOWHERE, reason, remedy, UNKNOWN)
     split_suffix = None if unit is not None else _split_unit_suffix(base)
     base, unit = split_suffix or (base, unit)
-    # `tx`, `ty` and `tz` in a unit of length are the coordinates x, y and z.
-    if (
-        fold_word(base) in _TRANSLATIONS
-        and unit is not None
-        and (find_known_unit(unit) or [""])[0] == "length"
-    ):
-        base = base[1:]
-    is_force = unit is not None and (find_known_unit(unit) or [""])[0] == "force"
-    if is_force and (load := _AXIS_OF_LOAD.fullmatch(base)):
-        meaning = Meaning(Quantity("force"), "xyz".index(load[2].casefold()))
-    else:
-        meaning = _parse_quantity(header, base, state_words)
+    base = _name_by_unit(base, unit)
+    meaning = _parse_quantity(header, base, state_words)
     unit = check_unit(header, unit, meaning.kind)
     return replace(meaning, unit=unit, guessed=meaning.guessed or split_suffix is not None)
+
+
+def _name_by_unit(base: str, unit: str | None) -> str:
+    """Return a name that its unit makes certain: `x` for `tx` in mm, `force x` for `load x` in N."""
+    if fold_word(base) in _TRANSLATIONS and _is_unit_of("length", unit):
+        return base[1:]
+    load = _AXIS_OF_LOAD.fullmatch(base)
+    return f"force {load[2]}" if load is not None and _is_unit_of("force", unit) else base
+
+
+def _is_unit_of(dimension: Dimension, unit: str | None) -> bool:
+    """Return whether a header has a unit of a dimension; False without a unit."""
+    known = None if unit is None else find_known_unit(unit)
+    return known is not None and known[0] == dimension
 
 
 def _parse_quantity(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:

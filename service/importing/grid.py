@@ -427,12 +427,11 @@ def decode(file: str, content: bytes) -> tuple[str, str]:
     return text, encoding or "utf-8"
 
 
-def find_delimiter(
-    file: str, lines: Sequence[NumberedLine], *, are_marks_literal: bool = False
-) -> Delimiter:
+def find_delimiter(file: str, lines: Sequence[NumberedLine], *, are_marks_literal: bool = False) -> Delimiter:
     """Find the delimiter: tab or semicolon if most of the last lines have one, else comma or whitespace.
 
-    With `are_marks_literal`, quotation marks that enclose no cell count only if the lines cannot be split else.
+    With `are_marks_literal`, quotation marks that enclose no cell are characters if the lines cannot be split
+    otherwise.
 
     Raises:
         ImportFileError: the lines can be split by commas as well as by blanks.
@@ -457,9 +456,7 @@ def find_delimiter(
     return possible[0] if possible else "comma"
 
 
-def _list_delimiters(
-    file: str, lines: Sequence[NumberedLine], *, are_marks_literal: bool
-) -> list[Delimiter]:
+def _list_delimiters(file: str, lines: Sequence[NumberedLine], *, are_marks_literal: bool) -> list[Delimiter]:
     """Return which of commas and blanks split lines into rows; arguments as of `find_delimiter`."""
     possible = list[Delimiter]()
     if _can_be_split_by_blanks(file, lines, are_marks_literal=are_marks_literal):
@@ -536,8 +533,8 @@ def split_line(
 ) -> Row:
     """Split one line into cells without blanks at their ends; cells may be in quotation marks.
 
-    A mark behind a digit means inches, as in `1.5"`. With `are_marks_literal`, for a proposal, other marks that
-    enclose no cell are characters like others, unless they leave open where a cell of a row of data ends.
+    A mark behind a digit means inches, as in `1.5"`. With `are_marks_literal`, for a proposal, other marks
+    that enclose no cell are characters, too, unless they leave open where a cell of a row of data ends.
 
     Raises:
         ImportFileError: the line or a cell is too long, or quotation marks are misplaced.

@@ -87,8 +87,8 @@ def _name(table: NumberTable, options: ImportOptions, labels: Sequence[str] = ()
 def _spell_as(named: _NamedTable, labels: Sequence[str]) -> _NamedTable:
     """Return a table with its labels spelt as in the table of joints, if only leading zeros differ.
 
-    If no label is in both tables, labels with the same number are the same: `P07` and `pose 7`. Labels stay as
-    they are if two of a table differ by leading zeros, or words, only.
+    If no label is in both tables, labels with the same number are the same: `P07` and `pose 7`. Labels stay
+    as they are if two of a table differ by leading zeros, or words, only.
     """
     if set(named.labels) <= set(labels):
         return named
@@ -102,9 +102,7 @@ def _spell_as(named: _NamedTable, labels: Sequence[str]) -> _NamedTable:
     return replace(named, names=names)
 
 
-def _list_spellings(
-    named: _NamedTable, labels: Sequence[str], fold: Callable[[str], str]
-) -> dict[str, str]:
+def _list_spellings(named: _NamedTable, labels: Sequence[str], fold: Callable[[str], str]) -> dict[str, str]:
     """Return label of a table → label of the table of joints that `fold` makes equal.
 
     None are equal if two labels of a table are.

@@ -77,22 +77,43 @@ def _read_message(text: str, line: int) -> _Message:
     import yaml
 
     loader = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
-    message, depth, key, items = _Message(line), 0, "", list[str]()
+    reader = _MessageReader(_Message(line))
     for event in yaml.parse(text, Loader=loader):
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
             raise _AliasError
         if isinstance(event, yaml.CollectionStartEvent):
-            items = []
-            depth += 1
+            reader.begin()
         elif isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
-            if depth == _FIELD_OF_MESSAGE:
-                is_list = isinstance(event, yaml.SequenceEndEvent)
-                message.lists.update({key: items} if is_list else {})
-                key = ""
+            reader.end(is_list=isinstance(event, yaml.SequenceEndEvent))
         elif isinstance(event, yaml.ScalarEvent):
-            if depth == _FIELD_OF_MESSAGE:
-                key = "" if key else event.value
-            elif depth == _FIELD_OF_MESSAGE + 1:
-                items.append(event.value)
-    return message
+            reader.add(event.value)
+    return reader.message
+
+
+@dataclass
+class _MessageReader:
+    """Events of a message in turn."""
+
+    message: _Message
+    depth: int = 0  # of lists and fields; 1 for the fields of the message
+    key: str = ""  # name of the field whose value follows; empty if a name follows
+    items: list[str] = field(default_factory=list)  # texts of the present list
+
+    def begin(self) -> None:
+        """Begin a list, or the fields of an object."""
+        self.items = []
+        self.depth += 1
+
+    def end(self, *, is_list: bool) -> None:
+        """End a list, or the fields of an object."""
+        self.depth -= 1
+        if self.depth == _FIELD_OF_MESSAGE:
+            self.message.lists.update({self.key: self.items} if is_list else {})
+            self.key = ""
+
+    def add(self, text: str) -> None:
+        """Add a text: the name of a field, its value, or an item of a list."""
+        if self.depth == _FIELD_OF_MESSAGE:
+            self.key = "" if self.key else text
+        elif self.depth == _FIELD_OF_MESSAGE + 1:
+            self.items.append(text)

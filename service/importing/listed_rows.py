@@ -41,7 +41,9 @@ class _Line(NamedTuple):
     @property
     def form(self) -> tuple[tuple[int, int], ...]:
         """Number of words before each list, and of its numbers."""
-        return tuple((len(words), len(numbers)) for words, numbers in zip(self.words, self.lists, strict=True))
+        return tuple(
+            (len(words), len(numbers)) for words, numbers in zip(self.words, self.lists, strict=True)
+        )
 
 
 def read_listed_rows(text: str) -> KeyedRecords | None:

@@ -127,8 +127,8 @@ def _name_by_header(reading: TargetReading, table: NumberTable) -> RowName:
 def find_states_of_titles(titles: Sequence[str], words: Mapping[str, State]) -> dict[str, State]:
     """Return title → state, of the names of files and sheets that state one.
 
-    A word that means something else in other names, such as `before` or `last`, counts if another title differs
-    from this one by a word for another state only.
+    A word that means something else in other names, such as `before` or `last`, counts if another title
+    differs from this one by a word for another state only.
 
     Args:
         titles: names of files without extension, with the sheet's if there are several.
@@ -231,8 +231,9 @@ def list_state_words(named: Sequence[NamedReading], tables: Sequence[NumberTable
 
 
 def _list_words_of_rows(table: NumberTable, first: TargetReading, second: TargetReading) -> tuple[str, ...]:
-    """Return the cells of a column that distinguish the rows of two readings of each posture; none without."""
-    rows = first.points.groups.split(np.arange(len(table.rows), dtype=np.float64)[:, None])[:, :, 0].astype(int)
+    """Return the cells of a column that distinguish the rows of two readings; none without such a column."""
+    numbers = np.arange(len(table.rows), dtype=np.float64)[:, None]
+    rows = first.points.groups.split(numbers)[:, :, 0].astype(np.intp)  # (N, rows of a posture)
     for column in range(len(table.headers)):
         own = {table.rows[row].cells[column] for row in rows[:, first.index]}
         other = {table.rows[row].cells[column] for row in rows[:, second.index]}

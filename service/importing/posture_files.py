@@ -92,7 +92,8 @@ def _split_names(names: Sequence[str], options: ImportOptions) -> list[_Parts]:
         1 < len(set(column)) <= _MOST_STATES and not any(map(_is_numbered, column)) for column in columns
     ]
     state_count = max(
-        (len(set(column)) for column, is_state in zip(columns, are_states, strict=True) if is_state), default=1
+        (len(set(column)) for column, is_state in zip(columns, are_states, strict=True) if is_state),
+        default=1,
     )
     possible = [count for count in counts if _LEAST_POSTURES <= count * state_count <= len(names)]
     if not possible:

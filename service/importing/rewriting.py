@@ -21,7 +21,9 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.table import METRES, AngleUnit
 
-KEPT_KINDS: Final[frozenset[Kind]] = frozenset(("force", "moment", "load point", "mass", "validation", "time"))
+KEPT_KINDS: Final[frozenset[Kind]] = frozenset(
+    ("force", "moment", "load point", "mass", "validation", "time")
+)
 """Kinds of columns of the table of joints that are kept."""
 _DIGITS: Final = 9
 _WITH_COMMA: Final = re.compile(r"[-+]?[0-9]*,[0-9]*(?:[eE][-+]?[0-9]+)?")
@@ -264,14 +266,14 @@ def _write_uncertainty(
     unit = "mm" if must_convert else proposal.unit
     rows = _list_rows(named, table)
     values = uncertainty.metres / METRES[unit] * table.table.numbers[rows][:, list(uncertainty.columns)]
-    is_known = np.isfinite(table.table.numbers[rows][:, list(named.reading.points.columns)]).all(axis=1)
+    known = _find_known(table.table.numbers[rows][:, list(named.reading.points.columns)])
     if must_convert:
         values = np.linalg.norm(values, axis=1, keepdims=True)
     axes = "xyz" if values.shape[1] == len("xyz") else " "
     name = f"{named.target} {named.state.replace('_', ' ')} U95"
     for axis, numbers in zip(axes, values.T, strict=True):
         cells = (repr(round(float(number), _DIGITS)) for number in numbers)
-        texts = (cell if known else "" for cell, known in zip(cells, is_known, strict=True))
+        texts = (cell if is_known else "" for cell, is_known in zip(cells, known, strict=True))
         yield [f"{name} {axis}".strip() + f" [{unit}]", *texts]
 
 

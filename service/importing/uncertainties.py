@@ -29,7 +29,7 @@ class _Column(NamedTuple):
 def add_uncertainties(
     named: Sequence[NamedReading], tables: Sequence[NumberTable], words: Vocabulary, unit: LengthUnit
 ) -> list[NamedReading]:
-    """Return the readings with the columns of their expanded uncertainties, if all readings have such columns.
+    """Return the readings with the columns of their expanded uncertainties, if all have such columns.
 
     A column that names target or state belongs to that reading, a column behind a position to this position,
     and the only one of a table to all of its positions.
@@ -96,8 +96,8 @@ def _are_one(columns: Sequence[_Column]) -> bool:
     """Return whether columns are the uncertainty of one point: one column, or one along each axis."""
     if len(columns) == 1:
         return columns[0].meaning.kind == "point uncertainty"
-    axes = [column.meaning.axis for column in columns]
-    return all(column.meaning.kind == "uncertainty" for column in columns) and sorted(map(str, axes)) == list("012")
+    axes = {column.meaning.axis for column in columns if column.meaning.kind == "uncertainty"}
+    return len(columns) == len(axes) == len("xyz")
 
 
 def _build_uncertainty(

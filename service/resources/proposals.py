@@ -25,7 +25,12 @@ from jointstiff.service.importing.lengths import convert_columns, unify_lengths
 from jointstiff.service.importing.naming import NamedReading, list_state_words, name_readings
 from jointstiff.service.importing.numbers import NumberTable, read_number_tables
 from jointstiff.service.importing.reading import SourceFile, understand_files
-from jointstiff.service.importing.rewriting import has_column_of, list_masses, write_deflections, write_readings
+from jointstiff.service.importing.rewriting import (
+    has_column_of,
+    list_masses,
+    write_deflections,
+    write_readings,
+)
 from jointstiff.service.importing.uncertainties import add_uncertainties
 from jointstiff.service.resources.columns_left import (
     ColumnsLeft,
@@ -231,52 +236,84 @@ def _propose_deflections(
 ) -> ProposedImport | None:
     """Return the proposal for displacements under load without positions; None of other tables.
 
-    No position shows whether the joints are right, so that headers have to name them, and one robot is stated.
+    No position shows whether the joints are right, so that headers have to name them, and one robot is
+    stated.
 
     Raises:
-        _NoProposalError: no header names the joints, the unit of the displacements is not clear, or the targets
-            move against the force.
+        _NoProposalError: no header names the joints, the unit of the displacements is not clear, or the
+            targets move against the force.
     """
     if len(robots) != 1:
         return None
     known = robots[0]
+    found = _find_lone_deflections(numbers.tables, request, known)
+    if found is None:
+        return None
+    joints, deflections = found.joints, found.deflections
+    _refuse_deflections_against_force(joints, deflections, request)
+    unit = _find_unit_of_joints(found, known, request)
+    columns = JointColumns(joints.name, joints.table.joints, unit or "deg", list_countings(known.robot)[0])
+    frame = FramePlacement(np.eye(3), np.zeros(3), METRES["mm"])
+    proposal = Proposal((known,), columns, (), "mm", frame, math.nan, math.inf, fitting=0, count=0)
+    targets = join([each.target for each in deflections])
+    statement = (
+        f"{joints.name} has joints by their names, and there are displacements under load of {targets} "
+        "without positions, which the robot cannot check"
+    )
+    options = request.model_copy(update={**_clear_headers(), **_clear_names(), "units": request.units})
+    table = write_deflections(joints, unit, deflections)
+    notes = (*numbers.notes, *_note_force(joints), *name_columns_left(found.left, numbers.tables))
+    return ProposedImport(proposal, (), table, options, None, notes, statement=statement)
+
+
+class _LoneDeflections(NamedTuple):
+    """Joints that headers name, and displacements under load without positions."""
+
+    joints: NumberTable
+    deflections: Sequence[Deflection]
+    left: Sequence[ColumnsLeft]  # other columns
+
+    @property
+    def row_count(self) -> int:
+        """Rows of each posture in the table of joints."""
+        return len(self.joints.rows) // len(self.deflections[0].shifts)
+
+    @property
+    def angles(self) -> FloatArray:
+        """Joints (N, n) of the postures as they are written."""
+        return self.joints.table.numbers[:: self.row_count, list(self.joints.table.joints)]
+
+
+def _find_lone_deflections(
+    tables: Sequence[NumberTable], request: ImportRequest, known: KnownRobot
+) -> _LoneDeflections | None:
+    """Return joints and displacements of tables that have no other numbers; None of other tables.
+
+    Raises:
+        _NoProposalError: no header names the joints, or the unit of the displacements is not clear.
+    """
     words = Vocabulary(request, known.robot.joint_names)
-    left = [_list_without_positions(table, words) for table in numbers.tables]
-    if any(map(list_unexplained_numbers, left)):
+    left = [_list_without_positions(table, words) for table in tables]
+    count_left = sum(len(list_unexplained_numbers(each)) for each in left)
+    with_joints = [table for table in tables if table.table.joints]
+    may_be_joints = not with_joints and count_left == known.robot.n
+    if count_left and not may_be_joints:
         return None
     try:
-        deflections = list_lone_displacements(numbers.tables, words)
+        deflections = list_lone_displacements(tables, words)
     except ImportFileError as fault:
         raise _describe_fault(fault) from fault
-    tables = [table for table in numbers.tables if table.table.joints]
-    if deflections and not tables:
+    if deflections and may_be_joints:
         raise _NoProposalError(
             "there are displacements under load without positions, so that the robot cannot find the joints",
             "name the joints in the headers, such as `J1 [deg]`, or all columns by `header`",
         )
-    if len(tables) != 1:
-        return None
-    (joints,) = tables
     counts = {len(each.shifts) for each in deflections}
-    are_complete = len(counts) == 1 and len({each.target for each in deflections}) == len(deflections)
-    if not are_complete or len(joints.rows) % next(iter(counts)):
+    has_each_target_once = len({each.target for each in deflections}) == len(deflections)
+    if len(with_joints) != 1 or len(counts) != 1 or not has_each_target_once:
         return None
-    own = joints.table.numbers[:: len(joints.rows) // next(iter(counts)), list(joints.table.joints)]
-    unit = _find_unit_of_joints(joints, own, known, request)
-    _refuse_deflections_against_force(joints, deflections, request)
-    columns = JointColumns(joints.name, joints.table.joints, unit or "deg", list_countings(known.robot)[0])
-    frame = FramePlacement(np.eye(3), np.zeros(3), 1e-3)
-    proposal = Proposal((known,), columns, (), "mm", frame, math.nan, math.inf, 0, 0)
-    targets = join([each.target for each in deflections])
-    statement = (
-        f"{joints.name} has joints by their names, and there are displacements under load of {targets} without "
-        "positions, which the robot cannot check"
-    )
-    options = request.model_copy(update={**_clear_headers(), **_clear_names()})
-    options = options.model_copy(update={"units": request.units})
-    table = write_deflections(joints, unit, deflections)
-    notes = (*numbers.notes, *_note_force(joints), *name_columns_left(left, numbers.tables))
-    return ProposedImport(proposal, (), table, options, None, notes, statement=statement)
+    found = _LoneDeflections(with_joints[0], deflections, left)
+    return found if len(with_joints[0].rows) == found.row_count * counts.pop() else None
 
 
 def _list_without_positions(table: NumberTable, words: Vocabulary) -> ColumnsLeft:
@@ -286,21 +323,23 @@ def _list_without_positions(table: NumberTable, words: Vocabulary) -> ColumnsLef
 
 
 def _find_unit_of_joints(
-    table: NumberTable, joints: FloatArray, known: KnownRobot, request: ImportRequest
+    found: _LoneDeflections, known: KnownRobot, request: ImportRequest
 ) -> AngleUnit | None:
-    """Return the unit of joints (N, n) that headers or the request state, or that numbers and limits leave.
+    """Return the unit of joints that headers or the request state, or that numbers and limits leave.
 
     None if the joints may be in both units.
     """
-    stated = {meaning.unit for meaning in map(table.meanings.__getitem__, table.table.joints) if meaning}
+    meanings = [found.joints.meanings[column] for column in found.joints.table.joints]
+    stated = {meaning.unit for meaning in meanings if meaning is not None}
     if request.units is not None and stated == {None}:
         stated = {request.units.angle}
-    if stated == {"deg"} or (stated == {None} and np.abs(joints).max() > _LARGEST_TURN):
+    if stated != {None}:
+        units: dict[str | None, AngleUnit] = {"deg": "deg", "rad": "rad"}
+        return units.get(next(iter(stated))) if len(stated) == 1 else None
+    if np.abs(found.angles).max() > _LARGEST_TURN:
         return "deg"
-    if stated == {"rad"}:
-        return "rad"
-    is_within_as_radians = np.mean(known.robot.within_limits(joints)) >= _LEAST_WITHIN
-    return None if is_within_as_radians or stated != {None} else "deg"
+    is_within_as_radians = np.mean(known.robot.within_limits(found.angles)) >= _LEAST_WITHIN
+    return None if is_within_as_radians else "deg"
 
 
 def _refuse_deflections_against_force(
@@ -808,13 +847,15 @@ def _refuse_states_against_force(
         return
     found = describe(proposal, [each.words for each in named])
     words = list_state_words(by_order, tables)
-    remedy = "name the states in the headers (`header`) or in the names of files; or correct the sign of `force`"
+    remedy = (
+        "name the states in the headers (`header`) or in the names of files; or correct the sign of `force`"
+    )
     fault = None
     if words:
         first, second = map(quote, words)
         remedy = (
-            f"state both words by `state_words`, such as {first} as `loaded` and {second} as `unloaded`; or correct "
-            "the sign of `force`"
+            f"state both words by `state_words`, such as {first} as `loaded` and {second} as `unloaded`; or "
+            "correct the sign of `force`"
         )
         fault = ImportFileError(
             NOWHERE, f"{first} and {second} may be words for states", remedy, "state_words", words

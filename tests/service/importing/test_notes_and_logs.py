@@ -1,9 +1,10 @@
-"""Files that a stranger keeps: notes with titles, logs, displacements, a file for each posture, words for states.
+"""Files that a stranger keeps: notes, logs, displacements, a file for each posture, words for states.
 
 Each form has other forms of the same cause next to it; one proposal reads all of them.
 """
 
 import re
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -67,7 +68,13 @@ def refuse(files, folder, **stated):
 
 
 def blocks_below_titles():
-    parts = ["Notebook, page 3", 'SMR 1.5"', "", "Joints", table(JOINTS, [row[1:] for row in joint_rows(CAMPAIGN)])]
+    parts = [
+        "Notebook, page 3",
+        'SMR 1.5"',
+        "",
+        "Joints",
+        table(JOINTS, [row[1:] for row in joint_rows(CAMPAIGN)]),
+    ]
     for state, title in enumerate(("unloaded", 'loaded (hook 2" ring)')):
         parts += [title, table(["X", "Y", "Z"], [row[1:] for row in points(CAMPAIGN, state)])]
     return "\n".join(parts)
@@ -87,7 +94,8 @@ QUOTED = {
     "tabs": 'Ball 1.5"\n' + table(HEADERS, WIDE, "\t"),
     "blanks": 'Ball 1.5" in the "nest\n' + table([each.replace(" ", "_") for each in HEADERS], WIDE, " "),
     "no known header": 'SMR 1.5"\nTool 3"\n' + table(["N", *"abcdefxyzuvw"], WIDE),
-    "cells in marks": '"Messung ""Halle 3"""\n' + table([], [[f'"{cell}"' for cell in row] for row in (HEADERS, *WIDE)]),
+    "cells in marks": '"Messung ""Halle 3"""\n'
+    + table([], [[f'"{cell}"' for cell in row] for row in (HEADERS, *WIDE)]),
     "blocks": blocks_below_titles(),
 }
 
@@ -103,13 +111,11 @@ def test_an_open_quotation_in_a_row_of_numbers_is_refused(tmp_path):
     assert "quotation marks do not enclose a whole cell" in problem.detail
 
 
-def test_hostile_marks_are_split_in_linear_time():
+def test_hostile_marks_end():
     for part in ('"', '"a"";', '";', '"a""";', 'x"'):
         text = (part * 65_000)[:65_000]
-        try:
+        with suppress(ImportFileError):
             split_line("a.csv", 1, text, "semicolon", are_marks_literal=True)
-        except ImportFileError as error:
-            assert str(error)
 
 
 # ---- lists in brackets
@@ -260,7 +266,9 @@ SHUFFLED = np.random.default_rng(2).permutation(COUNT)
 HEADED = "Target;X [mm];Y [mm];Z [mm]\n"
 POSTURES = {
     **{
-        f"{words[1]}": write_postures(lambda n, s, words=words: f"pose{n + 1:02}_{words[s]}.txt", label="pose{n:02}")
+        f"{words[1]}": write_postures(
+            lambda n, s, words=words: f"pose{n + 1:02}_{words[s]}.txt", label="pose{n:02}"
+        )
         for words in STATES
     },
     "other labels in another order": write_postures(
@@ -279,19 +287,24 @@ POSTURES = {
         lambda n, s: f"pose{n + 1}_{STATES[0][s]}.txt", lambda n, s: list_targets(n, s, "{x} {y} {z}\n")
     ),
     "one target": write_postures(
-        lambda n, s: f"pose{n + 1}_{STATES[0][s]}.txt", lambda n, s: list_targets(n, s, "X;Y;Z\n{x};{y};{z}\n", 1)
+        lambda n, s: f"pose{n + 1}_{STATES[0][s]}.txt",
+        lambda n, s: list_targets(n, s, "X;Y;Z\n{x};{y};{z}\n", 1),
     ),
     "names and values": write_postures(
-        lambda n, s: f"pose{n + 1}_{STATES[0][s]}.txt", lambda n, s: list_targets(n, s, "T{k}: X={x} Y={y} Z={z}\n")
+        lambda n, s: f"pose{n + 1}_{STATES[0][s]}.txt",
+        lambda n, s: list_targets(n, s, "T{k}: X={x} Y={y} Z={z}\n"),
     ),
     "both states": write_postures(
         lambda n, _: f"pose{n + 1}.txt",
-        lambda n, _: "Target;state;X;Y;Z\n"
-        + "".join(list_targets(n, s, f"T{{k}};{STATES[0][s]};{{x}};{{y}};{{z}}\n") for s in (0, 1)),
+        lambda n, _: (
+            "Target;state;X;Y;Z\n"
+            + "".join(list_targets(n, s, f"T{{k}};{STATES[0][s]};{{x}};{{y}};{{z}}\n") for s in (0, 1))
+        ),
         states=(0,),
     ),
     "a target in each file": write_postures(
-        lambda n, s: f"P{n + 1}_T2_{STATES[1][s]}.txt", lambda n, s: list_targets(n, s, "X;Y;Z\n{x};{y};{z}\n", 1)
+        lambda n, s: f"P{n + 1}_T2_{STATES[1][s]}.txt",
+        lambda n, s: list_targets(n, s, "X;Y;Z\n{x};{y};{z}\n", 1),
     ),
 }
 
@@ -354,10 +367,14 @@ UNNAMED = {
         "run_a.csv": table(["Pose", *"XYZ"], points(CAMPAIGN, 0)),
     },
     "numbers behind axes": {
-        "a.csv": table(["Pose", *JOINTS, *"X1 Y1 Z1 X2 Y2 Z2".split()], wide(CAMPAIGN, *both(CAMPAIGN)[::-1]))
+        "a.csv": table(
+            ["Pose", *JOINTS, *["X1", "Y1", "Z1", "X2", "Y2", "Z2"]], wide(CAMPAIGN, *both(CAMPAIGN)[::-1])
+        )
     },
     "letters before axes": {
-        "a.csv": table(["Pose", *JOINTS, *"aX aY aZ bX bY bZ".split()], wide(CAMPAIGN, *both(CAMPAIGN)[::-1]))
+        "a.csv": table(
+            ["Pose", *JOINTS, *["aX", "aY", "aZ", "bX", "bY", "bZ"]], wide(CAMPAIGN, *both(CAMPAIGN)[::-1])
+        )
     },
     "words of headers": {
         "a.csv": table(
@@ -482,7 +499,11 @@ def test_an_uncertainty_of_one_of_two_files_is_named(tmp_path):
 
 
 def write_message(number, form="name: [a, b]\nposition: [{n}.5,\n  1.5]\n"):
-    return f"header:\n  stamp: {{sec: {number}}}\n  frame_id: ''\n" + form.format(n=number) + "velocity: []\n---\n"
+    return (
+        f"header:\n  stamp: {{sec: {number}}}\n  frame_id: ''\n"
+        + form.format(n=number)
+        + "velocity: []\n---\n"
+    )
 
 
 def test_lists_of_messages_may_have_several_lines():
