@@ -64,8 +64,7 @@ def read_listed_rows(text: str) -> KeyedRecords | None:
         return None
     used = {line.number for line in listed}
     remarks = [(number, line) for number, line in lines if number not in used]
-    has_other_lists = any(_BRACKET.search(line) for _, line in remarks)
-    if has_other_lists:
+    if any(_may_have_list(line) for _, line in remarks):
         return None
     joined = _join_lines(listed)
     if not joined:
@@ -89,11 +88,13 @@ def _read_line(number: int, line: str) -> _Line | None:
         words.append(_split_words(line[end : found.start()]))
         lists.append(numbers)
         end = found.end()
+    if not lists:
+        return None
     last_words = _split_words(line[end:].partition("//")[0])
     is_nested = any(_BRACKET.search(word) for own in (*words, last_words) for word in own)
     other_cells = _CELL_SEPARATORS.split(_LIST.sub(" ", line))
     has_other_numbers = sum(_NUMBER.fullmatch(cell) is not None for cell in other_cells) >= _LEAST_NUMBERS
-    is_understood = lists and not is_nested and not has_other_numbers
+    is_understood = not is_nested and not has_other_numbers
     return _Line(number, tuple(words), tuple(lists), last_words) if is_understood else None
 
 
@@ -119,6 +120,14 @@ def _join_parts(lines: Sequence[_Line]) -> _Line:
     words = tuple(own for line in lines for own in line.words)
     lists = tuple(own for line in lines for own in line.lists)
     return _Line(lines[0].number, words, lists, lines[-1].last_words)
+
+
+def _may_have_list(line: str) -> bool:
+    """Return whether a line that was not understood may have a list, which must not be left out."""
+    lists = (found[0] for found in _LIST.finditer(line))
+    return _BRACKET.search(line) is not None or any(
+        len(re.findall(r"\d+", each)) >= _LEAST_NUMBERS for each in lists
+    )
 
 
 def _split_numbers(content: str) -> tuple[str, ...] | None:

@@ -13,7 +13,14 @@ from typing import Final, NamedTuple
 from jointstiff.schemas.imports import ImportOptions
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grammar import find_state, join_state_phrases
-from jointstiff.service.importing.grid import Row, count_numbers, looks_like_a_number, no_rows_error
+from jointstiff.service.importing.grid import (
+    ARRAYS,
+    Row,
+    count_numbers,
+    file_type,
+    looks_like_a_number,
+    no_rows_error,
+)
 from jointstiff.service.importing.loads import find_load
 from jointstiff.service.importing.reading import SourceFile, read_grids
 from jointstiff.service.tables.labels import fold_word, is_label
@@ -52,6 +59,8 @@ def join_posture_files(files: Sequence[SourceFile], options: ImportOptions) -> S
     postures.
     """
     group = _find_group(files)
+    if any(file_type(file.content) in ARRAYS for file in group):
+        return files
     parts = _split_names([file.name for file in group], options)
     labels = {each.label for each in parts}
     if len(labels) < _LEAST_POSTURES or len(set(parts)) < len(parts):

@@ -258,7 +258,7 @@ def _propose_deflections(
     targets = join([each.target for each in deflections])
     statement = (
         f"{joints.name} has joints by their names, and there are displacements under load of {targets} "
-        "without positions, which the robot cannot check"
+        "in axes of R0 without positions, which the robot cannot check"
     )
     options = request.model_copy(update={**_clear_headers(), **_clear_names(), "units": request.units})
     table = write_deflections(joints, unit, deflections)

@@ -175,6 +175,12 @@ def test_a_posture_without_a_list_is_not_left_out(tmp_path):
     refuse({"log.txt": "\n".join([*text[:4], *text[5:]])}, tmp_path)
 
 
+def test_a_list_with_a_word_in_place_of_a_number_is_not_left_out(tmp_path):
+    text = lines("p{n} = ({q}) ({u}) ({l})\n").splitlines()
+    damaged = text[3].replace("(", "(x", 1)
+    refuse({"log.txt": "\n".join([*text[:3], damaged, *text[4:]])}, tmp_path)
+
+
 # ---- displacements without positions
 
 PLACE = {"flange_targets": {"T1": [0, 0, 200]}}
@@ -196,7 +202,8 @@ def test_displacements_alone_need_the_place_of_the_target_only(form, tmp_path):
     headers, rows = DISPLACED[form]
     files = {"dx.csv": table(["Pose", *JOINTS, *headers], rows)}
     proposed = propose(files, tmp_path)
-    assert "displacements under load of T1 without positions, which the robot cannot check" in str(proposed)
+    said = "displacements under load of T1 in axes of R0 without positions, which the robot cannot check"
+    assert said in str(proposed)
     assert [*proposed.accept().missing_fields] == ["flange_targets"]
     document = proposed.accept(**PLACE).measurement_set
     read_shifts = np.array([each.readings[0].deflection for each in document.observations])
