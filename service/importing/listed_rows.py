@@ -19,7 +19,7 @@ _BRACKETS_OF_LISTS: Final = re.compile(r"[\[{(][^][(){}\n]{5,600}[\]})]")
 _LIST: Final = re.compile(r"\{([^][(){}]{5,600})\}|\[([^][(){}]{5,600})\]|\(([^][(){}]{5,600})\)")
 """A list in brackets without other brackets in it."""
 _NUMBER: Final = re.compile(r"[-+\u2212]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?")
-_NUMBERS_BESIDE: Final = re.compile(r"\d\s+[-+.\d\u2212]")
+_NUMBERS_AND_BLANKS: Final = re.compile(r"\d\s+[-+.\d\u2212]")
 _BRACKET: Final = re.compile(r"[][{}]")
 _INDEX: Final = re.compile(r"\[\s{0,3}(\w{1,20})(?:\s{0,3}[^][\w][^][]{0,40})?\]")
 """An index of an array, as in `P[1]` or `P[1:"name"]`."""
@@ -134,7 +134,7 @@ def _split_numbers(content: str) -> tuple[str, ...] | None:
     """Return the numbers of a list, which semicolons, commas or blanks separate; None of other lists."""
     if ";" in content:
         texts = content.split(";")
-    elif "," in content and not _NUMBERS_BESIDE.search(content):
+    elif "," in content and not _NUMBERS_AND_BLANKS.search(content):
         texts = content.split(",")
     else:
         texts = content.split()
