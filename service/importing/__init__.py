@@ -7,6 +7,7 @@ reading      files to readings: the way through; rows of all files put together 
 └── grid     rows of cells, of delimited text
     ├── joint_positions, joint_states   of a robot program, and of messages of ROS
     ├── point_reports, key_values   of points, and of numbers behind their names
+    ├── listed_rows   of lists in brackets
     ├── json_rows   of objects
     ├── axis_rows   of points whose axes have a row each, joined
     ├── cell_units   without units in cells
@@ -14,9 +15,9 @@ reading      files to readings: the way through; rows of all files put together 
     ├── excel    of workbooks
     └── arrays > libraries   of MATLAB, HDF5 and Parquet, in a process of its own (child)
 
-For the robot's proposal, `numbers` reads tables of numbers, `joining` puts their rows in one order by
-`row_names`, `lengths` and `deflections` convert numbers, `naming` names positions, and `rewriting` writes the
-table to import.
+For the robot's proposal, `posture_files` joins files of one posture, `numbers` reads tables of numbers,
+`joining` puts their rows in one order by `row_names`, `lengths` and `deflections` convert numbers, `naming`
+names positions, `uncertainties` finds theirs, and `rewriting` writes the table to import.
 
 `expansion` expands files of xacro, in such a process, too.
 `limits` has the greatest sizes of tables, for all of these.

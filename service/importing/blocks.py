@@ -82,7 +82,8 @@ def read_blocks(file: str, content: bytes, delimiter: Delimiter | None) -> list[
         return []
     for split in (_split_blocks, _split_at_titles):
         try:
-            delimiter = delimiter or find_delimiter(file, _choose_lines_of_numbers(filled) or filled)
+            chosen = _choose_lines_of_numbers(filled) or filled
+            delimiter = delimiter or find_delimiter(file, chosen, are_marks_literal=True)
             blocks = [_read_block(file, block, delimiter) for block in split(lines)]
         except ImportFileError:
             return []
@@ -171,7 +172,7 @@ def _read_block(file: str, lines: Sequence[NumberedLine], delimiter: Delimiter) 
         if line.lstrip().startswith(COMMENT_MARKS):
             titles.append(Row(number, (strip_comment_mark(line.strip()),)))
             continue
-        row = split_line(file, number, _write_blanks(line), delimiter)
+        row = split_line(file, number, _write_blanks(line), delimiter, are_marks_literal=True)
         if count_numbers(row) >= _LEAST_NUMBERS:
             rows.append((row, above))
             above = None

@@ -1,9 +1,10 @@
-"""Positions before the load with displacements under load, read as positions under load."""
+"""Displacements under load: added to positions before the load, or alone as deflections."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -12,21 +13,28 @@ from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.grammar import Meaning, Quantity, Vocabulary, split_unit
 from jointstiff.service.importing.lengths import find_size, guess_unit
 from jointstiff.service.importing.numbers import NumberTable
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.table import METRES
 
 _MICROMETRES: Final = frozenset(("µm", "μm", "um", "micron", "microns", "micrometer", "micrometre"))
-_SIZES: Final[Mapping[str, float]] = {**{str(unit): size for unit, size in METRES.items()}, "µm": 1e-6}
-"""Unit of a displacement → its size [m]."""
+_SPELLINGS: Final = "|".join(sorted(_MICROMETRES, key=len, reverse=True))
+_IN_MICROMETRES: Final = re.compile(
+    rf"(.*\w['′]?)[\s_/]*(?:[\s_/]|\[|\()\s?(?:{_SPELLINGS})\s?[\])]?", re.IGNORECASE
+)
+"""A header with its unit, as in `dX [µm]`, `ΔX/µm` or `dx_um`."""
+MICROMETRE: Final = "µm"
+SIZES: Final[Mapping[str, float]] = {**{str(unit): size for unit, size in METRES.items()}, MICROMETRE: 1e-6}
+"""Unit of a displacement or an uncertainty → its size [m]."""
 _LEAST, _MOST = 5e-6, 0.03
 """Displacements under load that are plausible [m]: larger than a tracker's noise, and elastic."""
 
 
-class _Displacement(NamedTuple):
+class Displacement(NamedTuple):
     """Columns of the displacement of a target."""
 
     target: str | None
     columns: tuple[int, int, int]
-    unit: str | None  # None if the headers state no unit
+    unit: str | None  # None if no header states a unit; one of three states the unit of all
 
 
 def add_deflections(tables: Sequence[NumberTable], words: Vocabulary) -> tuple[list[NumberTable], list[str]]:
@@ -55,7 +63,7 @@ def add_deflections(tables: Sequence[NumberTable], words: Vocabulary) -> tuple[l
 
 
 def _add_found(
-    table: NumberTable, found: _Displacement, base_table: NumberTable, base: tuple[int, int, int]
+    table: NumberTable, found: Displacement, base_table: NumberTable, base: tuple[int, int, int]
 ) -> tuple[NumberTable, str]:
     """Return a table with positions under load in place of a displacement, and a note.
 
@@ -69,8 +77,8 @@ def _add_found(
         ImportFileError: a displacement without a unit may be in two units.
     """
     unit = _find_unit(base_table, base[0])
-    base_metres = METRES[guess_unit(find_size(base_table, base))] if unit is None else _SIZES[unit]
-    metres = _SIZES[found.unit] if found.unit else _choose_size(table, found, base_metres)
+    base_metres = METRES[guess_unit(find_size(base_table, base))] if unit is None else SIZES[unit]
+    metres = SIZES[found.unit] if found.unit else _choose_size(table, found, (base_metres, SIZES[MICROMETRE]))
     positions = base_table.table.numbers[:, list(base)]
     displacements = table.table.numbers[:, list(found.columns)]
     sums = positions + metres / base_metres * displacements
@@ -93,23 +101,70 @@ def _name_base(table: NumberTable, base: tuple[int, int, int], target: str | Non
     return replace(table, meanings=tuple(meanings))
 
 
-def _list_displacements(table: NumberTable, words: Vocabulary) -> list[_Displacement]:
+def split_micrometres(header: str) -> str | None:
+    """Return the name in a header that states micrometres, such as `dX [µm]`; None for other headers."""
+    found = _IN_MICROMETRES.fullmatch(header)
+    return None if found is None else found[1]
+
+
+def _list_displacements(table: NumberTable, words: Vocabulary) -> list[Displacement]:
     """Return the columns that headers name as displacements along x, y and z."""
-    columns_of: dict[tuple[str | None, str | None], dict[int, int]] = {}
+    columns_of: dict[str | None, dict[int, int]] = {}
+    units_of: dict[str | None, set[str]] = {}
     for column, header in enumerate(table.headers):
-        name, unit = split_unit(header)
-        is_in_micrometres = unit is not None and unit.casefold() in _MICROMETRES
-        meaning = words.find(name) if is_in_micrometres else table.meanings[column]
+        name = split_micrometres(header)
+        meaning = table.meanings[column] if name is None else words.find(name)
         if column in table.ignored or meaning is None or meaning.axis is None:
             continue
         if meaning.kind == "position" and meaning.quantity.state == "deflection":
-            key = meaning.quantity.target, "µm" if is_in_micrometres else meaning.unit
-            columns_of.setdefault(key, {})[meaning.axis] = column
+            target = meaning.quantity.target
+            unit = meaning.unit if name is None else MICROMETRE
+            columns_of.setdefault(target, {})[meaning.axis] = column
+            units_of.setdefault(target, set()).update([] if unit is None else [unit])
     return [
-        _Displacement(target, (columns[0], columns[1], columns[2]), unit)
-        for (target, unit), columns in columns_of.items()
-        if len(columns) == 3
+        Displacement(target, (columns[0], columns[1], columns[2]), next(iter(units_of[target]), None))
+        for target, columns in columns_of.items()
+        if len(columns) == 3 and len(units_of[target]) <= 1
     ]
+
+
+@dataclass(frozen=True, eq=False)
+class Deflection:
+    """Displacement of a target under load in all postures, without a position."""
+
+    target: str
+    shifts: FloatArray  # (N, 3) in axes of R0 [mm]
+
+
+def list_displacement_columns(table: NumberTable, words: Vocabulary) -> list[int]:
+    """Return the columns of a table that headers name as displacements along x, y and z."""
+    return [column for found in _list_displacements(table, words) for column in found.columns]
+
+
+def list_lone_displacements(tables: Sequence[NumberTable], words: Vocabulary) -> list[Deflection]:
+    """Return the displacements of tables without positions; rows of a posture in turn are targets.
+
+    Rows of several states have no displacements.
+
+    Raises:
+        ImportFileError: displacements without a unit may be in two units.
+    """
+    return [each for table in tables for each in _list_deflections(table, words)]
+
+
+def _list_deflections(table: NumberTable, words: Vocabulary) -> Iterator[Deflection]:
+    """Yield the displacements of a table; arguments and errors as of `list_lone_displacements`."""
+    has_states = any(name.state is not None for name in table.turn)
+    displacements = [] if has_states else _list_displacements(table, words)
+    for number, found in enumerate(displacements, 1):
+        sizes = (SIZES["m"], SIZES["mm"], SIZES[MICROMETRE])
+        metres = SIZES[found.unit] if found.unit else _choose_size(table, found, sizes)
+        shifts = 1e3 * metres * table.table.numbers[:, list(found.columns)]
+        names = [name.target or f"T{row}" for row, name in enumerate(table.turn, 1)]
+        if not names:
+            names = ["T1" if len(displacements) == 1 else f"T{number}"]
+        for row, name in enumerate(names):
+            yield Deflection(found.target or name, shifts[row :: len(names)])
 
 
 def _find_base(table: NumberTable, target: str | None) -> tuple[int, int, int] | None:
@@ -129,15 +184,15 @@ def _find_base(table: NumberTable, target: str | None) -> tuple[int, int, int] |
     return (columns[0], columns[1], columns[2]) if len(columns) == 3 else None
 
 
-def _choose_size(table: NumberTable, found: _Displacement, base_metres: float) -> float:
-    """Return the size [m] of the unit of a displacement without a unit: that of the positions, or µm.
+def _choose_size(table: NumberTable, found: Displacement, sizes: Sequence[float]) -> float:
+    """Return the size [m] of the unit of a displacement without a unit, of several `sizes` [m].
 
     Raises:
-        ImportFileError: both units are plausible, or none is.
+        ImportFileError: several units are plausible, or none is.
     """
     numbers = table.table.numbers[:, list(found.columns)]
     typical = float(np.nanmedian(np.linalg.norm(numbers, axis=1)))
-    plausible = [metres for metres in (base_metres, _SIZES["µm"]) if _LEAST <= typical * metres <= _MOST]
+    plausible = [metres for metres in sizes if _LEAST <= typical * metres <= _MOST]
     if len(plausible) == 1:
         return plausible[0]
     header = table.headers[found.columns[0]]
@@ -156,4 +211,4 @@ def _find_unit(table: NumberTable, column: int) -> str | None:
 
 def _name_size(metres: float) -> str:
     """Return the name of the unit of a size [m]."""
-    return next(unit for unit, size in _SIZES.items() if size == metres)
+    return next(unit for unit, size in SIZES.items() if size == metres)

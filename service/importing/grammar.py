@@ -151,7 +151,22 @@ _JOINT: Final = re.compile(
     re.IGNORECASE,
 )
 """A joint such as `J1`, `q[0]`, `actual_q_0` or `joint 1 angle`; one of two groups has its number."""
-_VECTOR: Final = re.compile(rf"({_build_alternation(_VECTOR_OF)})[\s_-]*([xyz])", re.IGNORECASE)
+_VECTOR: Final = re.compile(
+    rf"({_build_alternation(_VECTOR_OF)})[\s_-]*([xyz])(?:[\s_-]+(?:R0|base|basis))?", re.IGNORECASE
+)
+"""A part of a vector such as `Fx`, in axes of R0 if the header names a frame."""
+_FORCES: Final = [word for word, kind in _VECTOR_OF.items() if kind == "force"]
+_AXIS_OF_FORCE: Final = re.compile(
+    rf"([xyz])[\s_-]+({_build_alternation(word for word in _FORCES if len(word) > 1)})", re.IGNORECASE
+)
+_AXIS_OF_LOAD: Final = re.compile(
+    rf"({_build_alternation(_WORDS['answers']['load'])})[\s_-]*([xyz])", re.IGNORECASE
+)
+"""A part of a load such as `load x`, which is a force only in a unit of force."""
+_NUMBERED_FORCE: Final = re.compile(
+    rf"({_build_alternation(_FORCES)})[\s_-]?(?:([0-9])|\[([0-9])\])", re.IGNORECASE
+)
+"""A force such as `F_1` or `Kraft[0]`, which is a part of a vector only if there are three of them."""
 _PHRASES: Final = [word for word in _STATE_OF if " " in word]
 _STATE_PHRASE: Final = re.compile(rf"(?<![^\s_])(?:{_build_alternation(_PHRASES)})(?![^\s_])", re.IGNORECASE)
 _PHRASE_IN_NAME: Final = re.compile(
@@ -164,6 +179,8 @@ _TOKEN: Final = re.compile(r"[^\s_]+")
 _WORD_PIECE: Final = re.compile(r"[A-Z]?[^\W\dA-Z_]{2,}|[A-Z]{3,}(?![^\W\dA-Z_])")
 _BRACKET: Final = re.compile(r"[][(){}]")
 _COORDINATE: Final = re.compile(r"([dδΔ]?)([xyz])", re.IGNORECASE)
+_LETTER_OF_AXIS: Final = re.compile(r"^[xyz]|[xyz]$", re.IGNORECASE)
+_AXIS_AND_WORD: Final = re.compile(r"([xyz])(\w+)|(\w+)([xyz])", re.IGNORECASE)
 _MASS_IN_KG: Final = re.compile(r"(.*)[ _]kg", re.IGNORECASE)
 _TRANSLATIONS: Final = frozenset(("tx", "ty", "tz"))
 """Coordinates if they are in a unit of length; else they may be moments."""
@@ -274,6 +291,12 @@ def contains_state_word(name: str, extra: Mapping[str, State]) -> bool:
 def split_words(name: str) -> list[str]:
     """Return the words of a name; a state takes the place of its phrase as one word."""
     return _NO_LETTERS.split(join_state_phrases(name))
+
+
+def split_axis_words(header: str) -> list[str]:
+    """Return the words of the header of a coordinate without the letter of its axis: `1` of `X1`."""
+    words = [_LETTER_OF_AXIS.sub("", word, count=1) for word in split_words(split_unit(header)[0])]
+    return [word for word in words if word]
 
 
 def find_state_in_name(name: str, extra: Mapping[str, State]) -> State | None:
@@ -398,16 +421,24 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
         raise ImportFileError(NOWHERE, reason, remedy, UNKNOWN)
     split_suffix = None if unit is not None else _split_unit_suffix(base)
     base, unit = split_suffix or (base, unit)
-    # `tx`, `ty` and `tz` in a unit of length are the coordinates x, y and z.
-    if (
-        fold_word(base) in _TRANSLATIONS
-        and unit is not None
-        and (find_known_unit(unit) or [""])[0] == "length"
-    ):
-        base = base[1:]
+    base = _name_by_unit(base, unit)
     meaning = _parse_quantity(header, base, state_words)
     unit = check_unit(header, unit, meaning.kind)
     return replace(meaning, unit=unit, guessed=meaning.guessed or split_suffix is not None)
+
+
+def _name_by_unit(base: str, unit: str | None) -> str:
+    """Return a name that its unit makes certain: `x` for `tx` in mm, `force x` for `load x` in N."""
+    if fold_word(base) in _TRANSLATIONS and _is_unit_of("length", unit):
+        return base[1:]
+    load = _AXIS_OF_LOAD.fullmatch(base)
+    return f"force {load[2]}" if load is not None and _is_unit_of("force", unit) else base
+
+
+def _is_unit_of(dimension: Dimension, unit: str | None) -> bool:
+    """Return whether a header has a unit of a dimension; False without a unit."""
+    known = None if unit is None else find_known_unit(unit)
+    return known is not None and known[0] == dimension
 
 
 def _parse_quantity(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:
@@ -423,6 +454,8 @@ def _parse_quantity(header: str, base: str, state_words: Mapping[str, State]) ->
     if vector := _VECTOR.fullmatch(base):
         kind = _VECTOR_OF[fold_word(vector[1].replace("-", " "))]
         return Meaning(Quantity(kind), "xyz".index(vector[2].casefold()))
+    if force := _AXIS_OF_FORCE.fullmatch(base):
+        return Meaning(Quantity("force"), "xyz".index(force[1].casefold()))
     return _parse_position(header, base, state_words)
 
 
@@ -541,11 +574,28 @@ def _classify_words(base: str, state_words: Mapping[str, State]) -> _Words:
                 words.states.add("deflection")
         elif state := find_state(token[0], state_words):
             words.states.add(state)
+        elif stated := _split_stated_word(token[0], state_words):
+            axis, state = stated
+            words.axes.append("xyz".index(axis))
+            words.states.add(state)
         elif word in _KINDS:
             words.kinds.add(_KINDS[word])
         elif word not in _WORD_LISTS["coordinates"]:
             words.others.append(token)
     return words
+
+
+def _split_stated_word(word: str, state_words: Mapping[str, State]) -> tuple[str, State] | None:
+    """Return axis and state of a word such as `X1`, if the caller states a state for `1`; else None."""
+    found = _AXIS_AND_WORD.fullmatch(word)
+    if found is None or not state_words:
+        return None
+    for axis, text in ((found[1], found[2]), (found[4], found[3])):
+        stated = {fold_word(key): state for key, state in state_words.items()}
+        state = stated.get(fold_word(text)) if text else None
+        if state is not None:
+            return axis.casefold(), state
+    return None
 
 
 def _is_no_target_word(word: str) -> bool:
@@ -569,11 +619,29 @@ class Vocabulary:
         `joints` are the names of the robot's joints, which columns may have; empty without a robot.
         """
         self._joints = {fold_word(name): number for number, name in enumerate(joints)}
+        self._forces: dict[str, int] = {}  # header without its unit → axis
         self.states = options.state_words
         self._ignored = options.ignore
         self.stated = {collapse_blanks(text): meaning for text, meaning in options.columns.items()}
 
-    def add_joints_of_makers(self, headers: Iterable[str]) -> None:
+    def add_names_of_table(self, headers: Sequence[str]) -> None:
+        """Know names that only all headers of a table explain: a maker's joints, and numbered forces."""
+        self._add_joints_of_makers(headers)
+        self._add_numbered_forces(headers)
+
+    def _add_numbered_forces(self, headers: Iterable[str]) -> None:
+        """Know the numbers of a force as its axes, such as F1 F2 F3, if a table has exactly three."""
+        names_of_word: dict[str, dict[int, str]] = {}
+        for header in headers:
+            name, _ = split_unit(header)
+            if found := _NUMBERED_FORCE.fullmatch(name):
+                number = int(found[2] or found[3])
+                names_of_word.setdefault(fold_word(found[1]), {})[number] = fold_word(name)
+        for names in names_of_word.values():
+            if sorted(names) in ([0, 1, 2], [1, 2, 3]):
+                self._forces.update({names[number]: axis for axis, number in enumerate(sorted(names))})
+
+    def _add_joints_of_makers(self, headers: Iterable[str]) -> None:
         """Know the names of a maker for the joints, such as S L U R B T, if a table has all of them."""
         names = [split_unit(header)[0] for header in headers]
         name_of_joint = {_name_joint_of_maker(name): fold_word(name) for name in names}
@@ -628,6 +696,9 @@ class Vocabulary:
         """
         name, unit = split_unit(header)
         number = self._joints.get(fold_word(name))
+        axis = self._forces.get(fold_word(name))
+        if axis is not None and number is None:
+            return Meaning(Quantity("force"), axis, check_unit(header, unit, "force"), guessed=True)
         if number is None:
             return parse_header(header, self.states)
         with suppress(ImportFileError):

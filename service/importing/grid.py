@@ -22,6 +22,7 @@ from jointstiff.service.importing.grammar import lacks_number
 from jointstiff.service.importing.joint_positions import JointPosition, read_joint_positions
 from jointstiff.service.importing.joint_states import read_joint_states
 from jointstiff.service.importing.key_values import KeyedRecords, read_key_values
+from jointstiff.service.importing.listed_rows import read_listed_rows
 from jointstiff.service.importing.point_reports import PointReport, read_point_report
 
 # ---- limits: files are hostile until parsed
@@ -233,6 +234,15 @@ CHARACTERS: Final[Mapping[Delimiter, str]] = MappingProxyType(
     {"comma": ",", "semicolon": ";", "tab": "\t", "whitespace": " "}
 )
 _LINE_END: Final = re.compile(r"\r\n|\n|\r")
+_CELLS: Final = {
+    character: re.compile(rf'(?:{blanks}"([^"]*(?:""[^"]*)*)"{blanks}|([^{character}]*))({character}[ ]*|$)')
+    for character, blanks in ((",", r"[ \t]*"), (";", r"[ \t]*"), ("\t", "[ ]*"), (" ", ""))
+}
+"""Delimiter → a cell: its text in quotation marks, or its text without marks around it; and the delimiter."""
+_INCHES: Final = re.compile(r'(?<=[\d¼½¾])"')
+"""The sign of inches behind a number."""
+_LEAST_NUMBERS_OF_DATA: Final = 3
+"""Numbers of a row of data, at least."""
 _NUMBERS_IN_A_CELL: Final = re.compile(r"\d\s+[-+.\d]")
 _COMMA_NOT_IN_A_NUMBER: Final = re.compile(r"(?<!\d),|,(?!\d)")
 _LATIN1: Final = "the file is not valid UTF-8, so it was read as Latin-1: check names with accents"
@@ -254,8 +264,12 @@ NumberedLine = tuple[int, str]
 """Number of a line, from 1, and its text."""
 
 
-def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
+def read_text(
+    file: str, content: bytes, delimiter: Delimiter | None, *, are_marks_literal: bool = False
+) -> Grid:
     """Decode a text file and split it into cells; find the delimiter from the lines if `delimiter` is None.
+
+    With `are_marks_literal`, quotation marks that enclose no cell are characters, as of `split_line`.
 
     A robot program with joint positions, a report of measured points, or records of named numbers are read as
     a table of these.
@@ -272,10 +286,12 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
         return _build_grid_of_points(file, encoding, text, report)
     if records := read_key_values(text):
         return _build_grid_of_records(file, encoding, records)
-    return _read_table(file, text, encoding, delimiter)
+    return _read_table(file, text, encoding, delimiter, are_marks_literal=are_marks_literal)
 
 
-def _read_table(file: str, text: str, encoding: str, delimiter: Delimiter | None) -> Grid:
+def _read_table(
+    file: str, text: str, encoding: str, delimiter: Delimiter | None, *, are_marks_literal: bool
+) -> Grid:
     """Split the lines of a text into cells, and set comments aside."""
     lines: list[NumberedLine] = []
     comments: list[Remark] = []
@@ -286,8 +302,9 @@ def _read_table(file: str, text: str, encoding: str, delimiter: Delimiter | None
         elif stripped:
             lines.append((number, line))
     if delimiter is None and lines:
-        delimiter = find_delimiter(file, lines)
-    rows = [row for row in _split_lines(file, lines, delimiter or "comma") if any(row.cells)]
+        delimiter = find_delimiter(file, lines, are_marks_literal=are_marks_literal)
+    split = _split_lines(file, lines, delimiter or "comma", are_marks_literal=are_marks_literal)
+    rows = [row for row in split if any(row.cells)]
     if not rows:
         raise no_rows_error(file)
     notes = [_LATIN1] if encoding == "latin-1" else []
@@ -368,6 +385,17 @@ def _build_grid_of_records(file: str, encoding: str, records: KeyedRecords) -> G
     return Grid(preview, (Row(1, records.headers), *rows), remarks)
 
 
+def read_lists(file: str, content: bytes) -> Grid | None:
+    """Return the table of a log with lists of numbers in brackets; None of other texts.
+
+    Raises:
+        ImportFileError: the text is damaged, or has too many lists.
+    """
+    text, encoding = decode(file, content)
+    lists = None if read_joint_positions(text) else read_listed_rows(text)
+    return None if lists is None else _build_grid_of_records(file, encoding, lists)
+
+
 def decode(file: str, content: bytes) -> tuple[str, str]:
     """Return the text of a file, and the name of its encoding.
 
@@ -399,8 +427,11 @@ def decode(file: str, content: bytes) -> tuple[str, str]:
     return text, encoding or "utf-8"
 
 
-def find_delimiter(file: str, lines: Sequence[NumberedLine]) -> Delimiter:
+def find_delimiter(file: str, lines: Sequence[NumberedLine], *, are_marks_literal: bool = False) -> Delimiter:
     """Find the delimiter: tab or semicolon if most of the last lines have one, else comma or whitespace.
+
+    With `are_marks_literal`, quotation marks that enclose no cell are characters if the lines cannot be split
+    otherwise.
 
     Raises:
         ImportFileError: the lines can be split by commas as well as by blanks.
@@ -412,15 +443,27 @@ def find_delimiter(file: str, lines: Sequence[NumberedLine]) -> Delimiter:
             return mark
     if not _have_most(last_lines, ",") and "," not in lines[0][1]:
         return "whitespace"
-    can_be_whitespace = _can_be_split_by_blanks(file, lines)
-    if can_be_whitespace and _can_be_split_by_commas(file, lines):
+    possible = _list_delimiters(file, lines, are_marks_literal=False)
+    if not possible and are_marks_literal:
+        possible = _list_delimiters(file, lines, are_marks_literal=True)
+    if len(possible) > 1:
         raise ImportFileError(
             Place(file, lines[0][0]),
             "the comma may be the delimiter, or the decimal mark of cells that blanks separate",
             "give `delimiter`, or use semicolons as delimiter",
             "delimiter",
         )
-    return "whitespace" if can_be_whitespace else "comma"
+    return possible[0] if possible else "comma"
+
+
+def _list_delimiters(file: str, lines: Sequence[NumberedLine], *, are_marks_literal: bool) -> list[Delimiter]:
+    """Return which of commas and blanks split lines into rows; arguments as of `find_delimiter`."""
+    possible = list[Delimiter]()
+    if _can_be_split_by_blanks(file, lines, are_marks_literal=are_marks_literal):
+        possible.append("whitespace")
+    if _can_be_split_by_commas(file, lines, are_marks_literal=are_marks_literal):
+        possible.append("comma")
+    return possible
 
 
 def _have_most(lines: Sequence[str], character: str) -> bool:
@@ -428,32 +471,33 @@ def _have_most(lines: Sequence[str], character: str) -> bool:
     return 2 * sum(character in line for line in lines) > len(lines)
 
 
-def _can_be_split_by_commas(file: str, lines: Sequence[NumberedLine]) -> bool:
+def _can_be_split_by_commas(file: str, lines: Sequence[NumberedLine], *, are_marks_literal: bool) -> bool:
     """Return whether commas split lines into rows of equal length, without a cell of several numbers.
 
     The first row may be a header, whose names may contain numbers and blanks.
     """
-    rows = _split_into_equal_rows(file, lines, "comma")
+    rows = _split_into_equal_rows(file, lines, "comma", are_marks_literal=are_marks_literal)
     cells = (cell for row in rows[1:] or rows for cell in row)
     return bool(rows) and not any(_NUMBERS_IN_A_CELL.search(cell) for cell in cells)
 
 
-def _can_be_split_by_blanks(file: str, lines: Sequence[NumberedLine]) -> bool:
+def _can_be_split_by_blanks(file: str, lines: Sequence[NumberedLine], *, are_marks_literal: bool) -> bool:
     """Return whether blanks split lines into rows of equal length, with commas only inside of numbers."""
-    rows = _split_into_equal_rows(file, lines, "whitespace")
+    rows = _split_into_equal_rows(file, lines, "whitespace", are_marks_literal=are_marks_literal)
     cells = (cell for row in rows for cell in row)
     return bool(rows) and not any(_COMMA_NOT_IN_A_NUMBER.search(cell) for cell in cells)
 
 
 def _split_into_equal_rows(
-    file: str, lines: Sequence[NumberedLine], delimiter: Delimiter
+    file: str, lines: Sequence[NumberedLine], delimiter: Delimiter, *, are_marks_literal: bool
 ) -> list[tuple[str, ...]]:
     """Split lines at a delimiter; return the rows of cells below the titles, or [] if their lengths differ.
 
     Each row must have two cells at least; up to 20 lines of titles may come before the rows.
     """
     try:
-        rows = [row.cells for row in _split_lines(file, lines, delimiter)]
+        split = _split_lines(file, lines, delimiter, are_marks_literal=are_marks_literal)
+        rows = [row.cells for row in split]
     except ImportFileError:
         return []
     width = len(rows[-1])
@@ -464,8 +508,10 @@ def _split_into_equal_rows(
     return rows[first_row:] if have_equal_lengths and width > 1 else []
 
 
-def _split_lines(file: str, lines: Iterable[NumberedLine], delimiter: Delimiter) -> Iterator[Row]:
-    """Yield the row of cells of each line, in the order of the lines.
+def _split_lines(
+    file: str, lines: Iterable[NumberedLine], delimiter: Delimiter, *, are_marks_literal: bool
+) -> Iterator[Row]:
+    """Yield the row of cells of each line, in the order of the lines; arguments as of `split_line`.
 
     Raises:
         ImportFileError: there are too many rows, columns or cells, or a line cannot be split.
@@ -475,15 +521,20 @@ def _split_lines(file: str, lines: Iterable[NumberedLine], delimiter: Delimiter)
         if index == limits.MAX_ROWS:
             reason = f"the file has more than {limits.MAX_ROWS} rows"
             raise ImportFileError(Place(file, number), reason, "split the file")
-        row = split_line(file, number, text, delimiter)
+        row = split_line(file, number, text, delimiter, are_marks_literal=are_marks_literal)
         cell_count += len(row.cells) if any(row.cells) else 0
         if len(row.cells) > limits.MAX_COLUMNS or cell_count > limits.MAX_CELLS:
             raise too_large_error(file, number)
         yield row
 
 
-def split_line(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
+def split_line(
+    file: str, number: int, text: str, delimiter: Delimiter, *, are_marks_literal: bool = False
+) -> Row:
     """Split one line into cells without blanks at their ends; cells may be in quotation marks.
+
+    A mark behind a digit means inches, as in `1.5"`. With `are_marks_literal`, for a proposal, other marks
+    that enclose no cell are characters, too, unless they leave open where a cell of a row of data ends.
 
     Raises:
         ImportFileError: the line or a cell is too long, or quotation marks are misplaced.
@@ -494,21 +545,70 @@ def split_line(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
         raise ImportFileError(place, reason, "save the file with a line break after each row")
     if delimiter == "whitespace":
         text = text.replace("\t", " ").strip(" ")
-    try:
-        cells = next(csv.reader([text], delimiter=CHARACTERS[delimiter], skipinitialspace=True, strict=True))
-    except (csv.Error, StopIteration):
-        remedy = 'enclose a cell as in "Point 1", on one line, or remove the marks'
-        raise ImportFileError(place, "quotation marks do not enclose a whole cell", remedy) from None
-    stripped = tuple(write_ascii_minus(cell.strip(" \t")) for cell in cells)
-    for column, cell in enumerate(stripped, start=1):
-        if len(cell) > limits.MAX_CELL_LENGTH:
-            reason = f"a cell has more than {limits.MAX_CELL_LENGTH} characters: {quote(cell)}"
+    character = CHARACTERS[delimiter]
+    cells = _split_quoted(text, character) if '"' in text else _split_plain(text, character)
+    row = Row(number, tuple(write_ascii_minus(cell.text) for cell in cells))
+    if '"' in text:
+        is_title = count_numbers(row) < _LEAST_NUMBERS_OF_DATA
+        for column, cell in enumerate(cells, start=1):
+            if not are_marks_literal or not (is_title or cell.has_pairs):
+                _refuse_marks(cell, place._replace(column=column))
+    for column, text_of_cell in enumerate(row.cells, start=1):
+        if len(text_of_cell) > limits.MAX_CELL_LENGTH:
+            reason = f"a cell has more than {limits.MAX_CELL_LENGTH} characters: {quote(text_of_cell)}"
             remedy = "check for a missing quotation mark or delimiter"
             raise ImportFileError(place._replace(column=column), reason, remedy)
-        if '"' in cell:
-            reason = f"a quotation mark occurs within a cell, {quote(cell)}"
-            raise ImportFileError(place._replace(column=column), reason, "remove the quotation mark")
-    return Row(number, stripped)
+    return row
+
+
+class _Cell(NamedTuple):
+    """A cell of a line."""
+
+    text: str  # without blanks at its ends
+    is_enclosed: bool = False  # whether quotation marks enclosed the cell
+
+    @property
+    def has_pairs(self) -> bool:
+        """Return whether no mark begins the cell without another mark that ends the quotation."""
+        return not self.text.startswith('"') or self.text.count('"') % 2 == 0
+
+
+def _split_plain(text: str, character: str) -> list[_Cell]:
+    """Split a line without quotation marks; several blanks separate two cells like one blank."""
+    cells = next(csv.reader([text], delimiter=character, skipinitialspace=True), [""])
+    return [_Cell(cell.strip(" \t")) for cell in cells]
+
+
+def _split_quoted(text: str, character: str) -> list[_Cell]:
+    """Split a line at a character that is not in quotation marks around a whole cell."""
+    cells = list[_Cell]()
+    for found in _CELLS[character].finditer(text):
+        enclosed, plain, mark = found.groups()
+        if enclosed is None:
+            cells.append(_Cell(plain.strip(" \t")))
+        else:
+            cells.append(_Cell(enclosed.replace('""', '"').strip(" \t"), is_enclosed=True))
+        is_last = not mark
+        if is_last:
+            break
+    return cells
+
+
+def _refuse_marks(cell: _Cell, place: Place) -> None:
+    """Refuse a cell in which quotation marks are misplaced.
+
+    Raises:
+        ImportFileError: marks begin the cell without enclosing it, or occur within it.
+    """
+    if cell.is_enclosed or '"' not in cell.text:
+        return
+    if cell.text.startswith('"'):
+        remedy = 'enclose a cell as in "Point 1", on one line, or remove the marks'
+        place = place._replace(column=None)
+        raise ImportFileError(place, "quotation marks do not enclose a whole cell", remedy)
+    if '"' in _INCHES.sub("", cell.text):
+        reason = f"a quotation mark occurs within a cell, {quote(cell.text)}"
+        raise ImportFileError(place, reason, "remove the quotation mark")
 
 
 # ---- numbers as people and instruments write them, read strictly or not at all

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -86,19 +87,36 @@ def _name(table: NumberTable, options: ImportOptions, labels: Sequence[str] = ()
 def _spell_as(named: _NamedTable, labels: Sequence[str]) -> _NamedTable:
     """Return a table with its labels spelt as in the table of joints, if only leading zeros differ.
 
-    Labels stay as they are if two of a table differ by leading zeros only.
+    If no label is in both tables, labels with the same number are the same: `P07` and `pose 7`. Labels stay
+    as they are if two of a table differ by leading zeros, or words, only.
     """
-    spelling = {omit_zeros(label): label for label in labels}
-    own = {omit_zeros(label): label for label in named.labels}
-    is_clear = len(spelling) == len(labels) and len(own) == len(named.labels)
-    has_others = not set(named.labels) <= set(labels)
-    if not is_clear or not has_others:
+    if set(named.labels) <= set(labels):
         return named
+    by_zeros = _list_spellings(named, labels, omit_zeros)
+    has_common = any(omit_zeros(label) in set(map(omit_zeros, labels)) for label in named.labels)
+    spellings = by_zeros if has_common else _list_spellings(named, labels, _find_number)
     names = tuple(
-        name if name.label is None else name._replace(label=spelling.get(omit_zeros(name.label), name.label))
+        name if name.label is None else name._replace(label=spellings.get(name.label, name.label))
         for name in named.names
     )
     return replace(named, names=names)
+
+
+def _list_spellings(named: _NamedTable, labels: Sequence[str], fold: Callable[[str], str]) -> dict[str, str]:
+    """Return label of a table → label of the table of joints that `fold` makes equal.
+
+    None are equal if two labels of a table are.
+    """
+    spelling = {fold(label): label for label in labels}
+    own = {fold(label): label for label in named.labels}
+    is_clear = len(spelling) == len(labels) and len(own) == len(named.labels)
+    return {own[key]: spelling[key] for key in own.keys() & spelling.keys()} if is_clear else {}
+
+
+def _find_number(label: str) -> str:
+    """Return the only number of a label, without leading zeros; the label without one, or with several."""
+    numbers = re.findall(r"\d+", label)
+    return str(int(numbers[0])) if len(numbers) == 1 else label
 
 
 def _choose_first(tables: Sequence[NumberTable], options: ImportOptions) -> NumberTable | None:

@@ -10,10 +10,14 @@ from typing import Final
 from jointstiff.service.importing.key_values import KeyedRecords
 
 _LEAST_MESSAGES: Final = 3
-_END: Final = "---"
+_MAX_LENGTH: Final = 4_000_000
+"""Characters of all messages."""
+_MAX_MESSAGE: Final = 65_536
+"""Characters of a message."""
+_END: Final = re.compile(r"^---[ \t]*(?:\r\n|\n|\r|\Z)", re.MULTILINE)
 """Line between two messages."""
-_FIELD: Final = re.compile(r"(\w{1,64}):[ \t]*(.*)")
-_ITEM: Final = re.compile(r"[ \t]*-[ \t]+(.*)")
+_FIELD_OF_MESSAGE: Final = 1
+"""Depth of the fields of a message."""
 
 
 @dataclass
@@ -27,11 +31,16 @@ class _Message:
 def read_joint_states(text: str) -> KeyedRecords | None:
     """Return a row of positions for each message, with the names of the joints; None of other texts.
 
-    Units are those of the messages: rad and m.
+    Units are those of the messages: rad and m. A text with an anchor or an alias of YAML is another text.
     """
-    if f"\n{_END}" not in text or "position:" not in text:
+    if "position:" not in text or _END.search(text) is None or len(text) > _MAX_LENGTH:
         return None
-    messages = [each for each in _read_messages(text) if each.lists]
+    import yaml  # for these texts only
+
+    try:
+        messages = [each for each in _read_messages(text) if each.lists]
+    except (yaml.YAMLError, _AliasError):
+        return None
     names = {tuple(each.lists.get("name", ())) for each in messages}
     if len(messages) < _LEAST_MESSAGES or len(names) != 1:
         return None
@@ -41,18 +50,70 @@ def read_joint_states(text: str) -> KeyedRecords | None:
     return KeyedRecords(headers, rows, ()) if are_complete else None
 
 
+class _AliasError(Exception):
+    """Error that a message has an anchor or an alias, or is too long."""
+
+
 def _read_messages(text: str) -> Iterator[_Message]:
-    """Yield the messages of a text."""
-    message, name = _Message(1), ""
-    for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1):
-        if line.rstrip() == _END:
-            yield message
-            message, name = _Message(number + 1), ""
-            continue
-        if found := _FIELD.fullmatch(line):
-            name, value = found.groups()
-            if value.startswith("[") and value.rstrip().endswith("]"):
-                message.lists[name] = [each.strip(" '\"") for each in value.strip("[] \t").split(",")]
-        elif (found := _ITEM.fullmatch(line)) and name:
-            message.lists.setdefault(name, []).append(found[1].strip(" '\""))
-    yield message
+    """Yield the messages of a text.
+
+    Raises:
+        yaml.YAMLError: a message is no YAML.
+        _AliasError: a message has an anchor or an alias, or is too long.
+    """
+    line = 1
+    for part in _END.split(text):
+        if len(part) > _MAX_MESSAGE:
+            raise _AliasError
+        yield _read_message(part, line)
+        line += part.count("\n") + 1
+
+
+def _read_message(text: str, line: int) -> _Message:
+    """Return the lists of a message; errors as of `_read_messages`.
+
+    Events of YAML need no recursion, however deep a hostile text is, and make no object but texts.
+    """
+    import yaml
+
+    loader = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
+    reader = _MessageReader(_Message(line))
+    for event in yaml.parse(text, Loader=loader):
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
+            raise _AliasError
+        if isinstance(event, yaml.CollectionStartEvent):
+            reader.begin()
+        elif isinstance(event, yaml.CollectionEndEvent):
+            reader.end(is_list=isinstance(event, yaml.SequenceEndEvent))
+        elif isinstance(event, yaml.ScalarEvent):
+            reader.add(event.value)
+    return reader.message
+
+
+@dataclass
+class _MessageReader:
+    """Events of a message in turn."""
+
+    message: _Message
+    depth: int = 0  # of lists and fields; 1 for the fields of the message
+    key: str = ""  # name of the field whose value follows; empty if a name follows
+    items: list[str] = field(default_factory=list)  # texts of the present list
+
+    def begin(self) -> None:
+        """Begin a list, or the fields of an object."""
+        self.items = []
+        self.depth += 1
+
+    def end(self, *, is_list: bool) -> None:
+        """End a list, or the fields of an object."""
+        self.depth -= 1
+        if self.depth == _FIELD_OF_MESSAGE:
+            self.message.lists.update({self.key: self.items} if is_list else {})
+            self.key = ""
+
+    def add(self, text: str) -> None:
+        """Add a text: the name of a field, its value, or an item of a list."""
+        if self.depth == _FIELD_OF_MESSAGE:
+            self.key = "" if self.key else text
+        elif self.depth == _FIELD_OF_MESSAGE + 1:
+            self.items.append(text)

@@ -68,7 +68,7 @@ def understand_table(
     """
     vocabulary = Vocabulary(options, joints)
     heading = find_heading(grid, vocabulary, options)
-    vocabulary.add_joints_of_makers(heading.texts)
+    vocabulary.add_names_of_table(heading.texts)
     remarks = sorted([*grid.comments, *_read_titles_above(grid, heading)])
     stated = _read_remarks(grid.file, remarks)
     grid, notes_on_rows = _drop_rows_without_readings(grid, heading)

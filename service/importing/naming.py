@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
+
+import numpy as np
 
 from jointstiff.schemas.imports import ImportOptions, State
-from jointstiff.service.importing.grammar import find_state_in_name
+from jointstiff.service.importing.grammar import (
+    find_state,
+    find_state_in_name,
+    split_axis_words,
+    split_words,
+)
 from jointstiff.service.importing.loads import find_load, find_state_of_load, remove_load
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.row_key import RowName
@@ -15,6 +22,14 @@ from jointstiff.solver.meaning.proposal import Proposal, TargetReading
 
 _STATES: Final[tuple[State, ...]] = ("unloaded", "loaded", "unloaded_after")
 """States of a target in the order of its positions, if no name says more."""
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Columns of expanded uncertainties of positions."""
+
+    columns: tuple[int, ...]  # of x, y and z, or the one of the point
+    metres: float  # size of the unit [m]
 
 
 @dataclass(frozen=True)
@@ -27,6 +42,7 @@ class NamedReading:
     mass: float | None = None  # of the load [kg]; None if no name states it
     force: str = ""  # size and unit of the force, if there are several; else empty
     is_by_order: bool = False  # whether the order of the positions gives the state, and no name
+    uncertainty: Uncertainty | None = None
 
     @property
     def words(self) -> str:
@@ -48,15 +64,17 @@ def name_readings(
     Names are used only if no two readings get the same target, state and load.
     """
     table_of_name = {table.name: table for table in tables}
+    states = find_states_of_titles([table.title for table in tables], options.state_words)
     found = [
-        _find_names(reading, table_of_name[reading.points.table], options) for reading in proposal.readings
+        _find_names(reading, table_of_name[reading.points.table], options, states)
+        for reading in proposal.readings
     ]
     targets = _name_targets(proposal.readings, found)
     named = _add_states(proposal.readings, targets, found)
     if _are_distinct(named):
         return named
     without_files = [
-        _find_names(reading, table_of_name[reading.points.table], options, by_file=False)
+        _find_names(reading, table_of_name[reading.points.table], options, None)
         for reading in proposal.readings
     ]
     named = _add_states(proposal.readings, _name_targets(proposal.readings, without_files), without_files)
@@ -72,19 +90,19 @@ def _are_distinct(readings: Sequence[NamedReading]) -> bool:
 
 
 def _find_names(
-    reading: TargetReading, table: NumberTable, options: ImportOptions, *, by_file: bool = True
+    reading: TargetReading, table: NumberTable, options: ImportOptions, states: Mapping[str, State] | None
 ) -> RowName:
     """Return what names tell of a reading: headers first, then its row, then the name of its file.
 
-    `by_file` tells whether the name of the file counts.
+    `states` has title → state of the files; None if the names of files do not count.
     """
     name = _name_by_header(reading, table)
     if len(table.turn) == reading.points.groups.count > 1:
         row = table.turn[reading.index]
         mass = row.mass if name.mass is None else name.mass
         name = RowName(None, name.target or row.target, name.state or row.state, mass, row.force)
-    if name.state is None and by_file:
-        name = _name_by_file(name, table, options.state_words)
+    if name.state is None and states is not None:
+        name = _name_by_file(name, table, states)
     if name.state is None and options.state is not None:
         name = name._replace(state=options.state)
     return name
@@ -106,10 +124,48 @@ def _name_by_header(reading: TargetReading, table: NumberTable) -> RowName:
     return RowName(None, remove_load(target) or None, state or find_state_of_load(mass), mass)
 
 
-def _name_by_file(name: RowName, table: NumberTable, state_words: Mapping[str, State]) -> RowName:
+def find_states_of_titles(titles: Sequence[str], words: Mapping[str, State]) -> dict[str, State]:
+    """Return title → state, of the names of files and sheets that state one.
+
+    A word that means something else in other names, such as `before` or `last`, counts if another title
+    differs from this one by a word for another state only.
+
+    Args:
+        titles: names of files without extension, with the sheet's if there are several.
+        words: the caller's words for states.
+    """
+    certain = {title: state for title in titles if (state := find_state_in_name(title, words)) is not None}
+    split = {title: _split_title(title, words) for title in titles}
+    found = dict(certain)
+    for title, own in split.items():
+        others = [other for name, other in split.items() if name != title and other.rest == own.rest]
+        has_other_state = any(other.state not in (None, own.state) for other in others)
+        if own.state is not None and has_other_state:
+            found.setdefault(title, own.state)
+    return found
+
+
+class _Title(NamedTuple):
+    """Words of the name of a file or sheet."""
+
+    state: State | None  # that exactly one word means
+    rest: tuple[str, ...]  # other words, in lower case
+
+
+def _split_title(title: str, words: Mapping[str, State]) -> _Title:
+    """Return the only state that words of a title mean, and its other words."""
+    states, rest = list[State](), list[str]()
+    for word in split_words(title):
+        state = find_state(word, words)
+        states += [] if state is None else [state]
+        rest += [word.casefold()] if state is None else []
+    return _Title(states[0] if len(states) == 1 else None, tuple(rest))
+
+
+def _name_by_file(name: RowName, table: NumberTable, states: Mapping[str, State]) -> RowName:
     """Return a name with the state and the load that the name of the file or the sheet states."""
     mass = find_load(table.title)
-    state = find_state_in_name(table.title, state_words)
+    state = states.get(table.title)
     if mass is None:
         return name._replace(state=state)
     return name._replace(state=state or find_state_of_load(mass), mass=mass)
@@ -135,6 +191,57 @@ def _name_targets(readings: Sequence[TargetReading], found: Sequence[RowName]) -
     return targets
 
 
+def _list_complementary(targets: Sequence[str], found: Sequence[RowName]) -> set[str]:
+    """Return the targets of which one reading has no named state, and names state the opposite of its own."""
+    states_of_target: dict[str, list[State | None]] = {}
+    for target, name in zip(targets, found, strict=True):
+        states_of_target.setdefault(target, []).append(name.state)
+    return {
+        target
+        for target, states in states_of_target.items()
+        if states.count(None) == 1 and len({"unloaded", "loaded"}.intersection(states)) == 1
+    }
+
+
+def list_state_words(named: Sequence[NamedReading], tables: Sequence[NumberTable]) -> tuple[str, ...]:
+    """Return the two words that distinguish the first two readings of a target, in their order; none without.
+
+    They are words of the names of files, or of headers (`1` and `2` of `X1` and `X2`), or cells of the rows.
+    """
+    first = named[0]
+    others = [each for each in named if each.target == first.target and each is not first]
+    if len(others) != 1:
+        return ()
+    table_of_name = {table.name: table for table in tables}
+    own, other = (table_of_name[each.reading.points.table] for each in (first, others[0]))
+    if own is other and first.reading.points.columns == others[0].reading.points.columns:
+        return _list_words_of_rows(own, first.reading, others[0].reading)
+    own_header, other_header = (
+        table.headers[each.reading.points.columns[0]] for each, table in ((first, own), (others[0], other))
+    )
+    pairs = (
+        (split_words(own.title), split_words(other.title)),
+        (split_axis_words(own_header), split_axis_words(other_header)),
+    )
+    for words, opposite_words in pairs:
+        only_own, only_other = set(words) - set(opposite_words), set(opposite_words) - set(words)
+        if len(only_own) == len(only_other) == 1:
+            return only_own.pop(), only_other.pop()
+    return ()
+
+
+def _list_words_of_rows(table: NumberTable, first: TargetReading, second: TargetReading) -> tuple[str, ...]:
+    """Return the cells of a column that distinguish the rows of two readings; none without such a column."""
+    numbers = np.arange(len(table.rows), dtype=np.float64)[:, None]
+    rows = first.points.groups.split(numbers)[:, :, 0].astype(np.intp)  # (N, rows of a posture)
+    for column in range(len(table.headers)):
+        own = {table.rows[row].cells[column] for row in rows[:, first.index]}
+        other = {table.rows[row].cells[column] for row in rows[:, second.index]}
+        if len(own) == len(other) == 1 and own != other:
+            return own.pop(), other.pop()
+    return ()
+
+
 def _add_states(
     readings: Sequence[TargetReading], targets: Sequence[str], found: Sequence[RowName]
 ) -> list[NamedReading]:
@@ -143,6 +250,7 @@ def _add_states(
     for target, name in zip(targets, found, strict=True):
         used.setdefault(target, []).extend([] if name.state is None else [name.state])
     state_of_reading: dict[int, State] = {}
+    complementary = _list_complementary(targets, found)
     for number in sorted(range(len(readings)), key=lambda number: readings[number].state):
         used_states = used[targets[number]]
         free = [state for state in _STATES if state not in used_states]
@@ -158,7 +266,7 @@ def _add_states(
             state_of_reading[number],
             found[number].mass,
             found[number].force,
-            is_by_order=found[number].state is None,
+            is_by_order=found[number].state is None and targets[number] not in complementary,
         )
         for number, reading in enumerate(readings)
     ]

@@ -29,6 +29,7 @@ from jointstiff.service.importing.grid import (
 )
 from jointstiff.service.importing.header import find_heading
 from jointstiff.service.importing.masses import is_mass_table
+from jointstiff.service.importing.posture_files import join_posture_files
 from jointstiff.service.importing.reading import SourceFile, read_grids
 from jointstiff.service.importing.row_key import RowName
 from jointstiff.service.importing.transposed import turn_table
@@ -143,7 +144,7 @@ def read_number_tables(
         ImportFileError: a file is no table, or its numbers are ambiguous.
     """
     tables, masses, without = list[NumberTable](), list[SourceFile](), list[str]()
-    for file in _join_postures(files):
+    for file in _join_postures(files, options):
         words = Vocabulary(options, joints)
         grids = [turn_table(grid, words) for grid in read_grids(file, options, every_length=True)]
         with_numbers = [grid for grid in grids if not is_mass_table(grid) and any(map(_is_data, grid.rows))]
@@ -158,10 +159,10 @@ def read_number_tables(
     return NumberFiles(tuple(tables), tuple(masses), tuple(without))
 
 
-def _join_postures(files: Sequence[SourceFile]) -> Sequence[SourceFile]:
-    """Return the files; files of one posture each are one file with a block for each posture."""
+def _join_postures(files: Sequence[SourceFile], options: ImportOptions) -> Sequence[SourceFile]:
+    """Return the files; files of one posture each are one file, with a block or rows for each posture."""
     joined = write_postures([(file.name, file.content) for file in files])
-    return files if joined is None else [SourceFile(*joined)]
+    return join_posture_files(files, options) if joined is None else [SourceFile(*joined)]
 
 
 def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[str]) -> NumberTable:
@@ -176,7 +177,7 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     width = Counter(len(grid.rows[index].cells) for index in data).most_common(1)[0][0]
     rows = tuple(grid.rows[index] for index in data if len(grid.rows[index].cells) == width)
     headers = _find_headers(grid, words, options, data[0], width)
-    words.add_joints_of_makers(headers)
+    words.add_names_of_table(headers)
     columns = [c for c in range(width) if any(looks_like_a_number(row.cells[c]) for row in rows)]
     is_separated = grid.preview.format != "text" or has_separated_thousands(rows, columns)
     mark, _ = decide_decimal_mark(

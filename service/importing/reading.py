@@ -43,7 +43,7 @@ from jointstiff.service.importing.grammar import (
     name_unit,
     split_along_target,
 )
-from jointstiff.service.importing.grid import Grid, decode, file_type, read_text
+from jointstiff.service.importing.grid import Grid, decode, file_type, read_lists, read_text
 from jointstiff.service.importing.header import Columns
 from jointstiff.service.importing.json_rows import read_json_rows
 from jointstiff.service.importing.layout import Layout, understand_table
@@ -512,13 +512,16 @@ def _read_text_grids(
     matrices = _find_matrices(file) if is_text else []
     if every_length and matrices:
         return build_grids_of_matrices(file.name, matrices)
+    lists = read_lists(file.name, file.content) if is_text else None
+    if lists is not None:
+        return [lists]
     if kind is not None:
         raise _build_type_error(file, kind)
     if every_length:
         blocks = read_blocks(file.name, file.content, options.delimiter)
         if blocks:
             return blocks
-    return [read_text(file.name, file.content, options.delimiter)]
+    return [read_text(file.name, file.content, options.delimiter, are_marks_literal=every_length)]
 
 
 def _find_matrices(file: SourceFile) -> list[Matrix]:

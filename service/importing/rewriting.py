@@ -5,21 +5,25 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from jointstiff.service.importing.grammar import Meaning
+from jointstiff.service.importing.deflections import Deflection
+from jointstiff.service.importing.grammar import Kind, Meaning
 from jointstiff.service.importing.grid import remove_thousands_separators
-from jointstiff.service.importing.naming import NamedReading
+from jointstiff.service.importing.naming import NamedReading, Uncertainty
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
+from jointstiff.solver.meaning.table import METRES, AngleUnit
 
-KEPT_KINDS: Final = frozenset(("force", "moment", "load point", "mass", "validation", "time"))
+KEPT_KINDS: Final[frozenset[Kind]] = frozenset(
+    ("force", "moment", "load point", "mass", "validation", "time")
+)
 """Kinds of columns of the table of joints that are kept."""
 _DIGITS: Final = 9
 _WITH_COMMA: Final = re.compile(r"[-+]?[0-9]*,[0-9]*(?:[eE][-+]?[0-9]+)?")
@@ -65,6 +69,29 @@ def write_readings(
     return SourceFile(tables[0].grid.file, text.getvalue().encode())
 
 
+def write_deflections(
+    joints: NumberTable, unit: AngleUnit | None, deflections: Sequence[Deflection]
+) -> SourceFile:
+    """Write a table with joints that headers name, and displacements under load without positions.
+
+    The unit of the joints is None if it is not known.
+    """
+    count = len(deflections[0].shifts)
+    rows = list(range(0, len(joints.rows), len(joints.rows) // count))
+    columns = [["label", *(joints.labels or map(str, range(1, count + 1)))]]
+    for number, column in enumerate(joints.table.joints, 1):
+        header = f"J{number}" if unit is None else f"J{number} [{unit}]"
+        columns.append([header, *(_write_cell(joints, row, column) for row in rows)])
+    columns += _keep_named(joints, rows, KEPT_KINDS)
+    for each in deflections:
+        for axis, numbers in zip("xyz", each.shifts.T, strict=True):
+            cells = ["" if np.isnan(number) else repr(round(float(number), _DIGITS)) for number in numbers]
+            columns.append([f"{each.target} deflection {axis} [mm]", *cells])
+    text = io.StringIO()
+    csv.writer(text, delimiter=";", lineterminator="\n").writerows(zip(*columns, strict=True))
+    return SourceFile(joints.grid.file, text.getvalue().encode())
+
+
 def list_masses(named: Sequence[NamedReading]) -> list[float | None]:
     """Return the different loads [kg] of the readings under load; None for a load that no name states."""
     return list(dict.fromkeys(each.mass for each in named if each.state == "loaded"))
@@ -100,7 +127,10 @@ def _write_case(
         columns.append(["mass [kg]", *(f"{case.mass:g}" for _ in labels)])
     columns += _keep_columns(proposal, joints, case.row, with_masses=with_masses)
     for each in case.readings:
-        columns += _write_positions(proposal, each, by_name[each.reading.points.table])
+        table = by_name[each.reading.points.table]
+        columns += _write_positions(proposal, each, table)
+        if each.uncertainty is not None:
+            columns += _write_uncertainty(proposal, each, each.uncertainty, table)
     return columns
 
 
@@ -159,10 +189,20 @@ def _keep_columns(
         row: row of each posture that has the force.
         with_masses: whether the masses of loads have a column of their own.
     """
-    rows = _pick_rows(proposal, table, row)
+    kinds = KEPT_KINDS - ({"mass"} if with_masses else set())
+    used = {column for column in range(len(table.headers)) if _is_used(proposal, table, column)}
+    yield from _keep_named(table, _pick_rows(proposal, table, row), kinds, used)
+
+
+def _keep_named(
+    table: NumberTable, rows: Sequence[int], kinds: Collection[Kind], used: Collection[int] = ()
+) -> Iterator[list[str]]:
+    """Yield the columns of some kinds that headers name, but not those that are `used` otherwise.
+
+    Forces along one axis only are 0 along the others.
+    """
     for column, meaning in enumerate(table.meanings):
-        is_kept = meaning is not None and meaning.kind in KEPT_KINDS - ({"mass"} if with_masses else set())
-        if meaning is not None and is_kept and not _is_used(proposal, table, column):
+        if meaning is not None and meaning.kind in kinds and column not in used:
             cells = (table.rows[row].cells[column] for row in rows)
             yield [_head(table.headers[column], meaning), *(_write_point(cell, table) for cell in cells)]
     if table.force_is_along_one_axis:
@@ -189,12 +229,9 @@ def _is_used(proposal: Proposal, table: NumberTable, column: int) -> bool:
 def _write_positions(proposal: Proposal, named: NamedReading, table: NumberTable) -> Iterator[list[str]]:
     """Yield the columns x, y and z of a target in a state."""
     reading = named.reading
-    groups = reading.points.groups
-    rows = groups.split(np.arange(len(table.rows), dtype=np.float64)[:, None])[:, reading.index, 0].astype(
-        int
-    )
+    rows = _list_rows(named, table)
     state = named.state.replace("_", " ")
-    must_convert = proposal.unit == "cm" or not proposal.is_in_base_frame
+    must_convert = _must_convert(proposal)
     positions = table.table.numbers[rows][:, list(reading.points.columns)]
     in_mm = 1e3 * proposal.frame.to_base(positions)
     for axis, column in enumerate(reading.points.columns):
@@ -207,6 +244,37 @@ def _write_positions(proposal: Proposal, named: NamedReading, table: NumberTable
         if not _is_complete(positions):
             cells = [cell if known else "" for cell, known in zip(cells, _find_known(positions), strict=True)]
         yield [f"{named.target} {state} {'xyz'[axis]} [{unit}]", *cells]
+
+
+def _list_rows(named: NamedReading, table: NumberTable) -> list[int]:
+    """Return the row of a reading in each posture."""
+    numbers = np.arange(len(table.rows), dtype=np.float64)[:, None]
+    of_postures = named.reading.points.groups.split(numbers)[:, named.reading.index, 0]
+    return [int(row) for row in of_postures]
+
+
+def _must_convert(proposal: Proposal) -> bool:
+    """Return whether positions are turned into R0, or in cm, so that they are written in mm."""
+    return proposal.unit == "cm" or not proposal.is_in_base_frame
+
+
+def _write_uncertainty(
+    proposal: Proposal, named: NamedReading, uncertainty: Uncertainty, table: NumberTable
+) -> Iterator[list[str]]:
+    """Yield the columns of expanded uncertainties of a target in a state; of a point, if axes are turned."""
+    must_convert = _must_convert(proposal)
+    unit = "mm" if must_convert else proposal.unit
+    rows = _list_rows(named, table)
+    values = uncertainty.metres / METRES[unit] * table.table.numbers[rows][:, list(uncertainty.columns)]
+    known = _find_known(table.table.numbers[rows][:, list(named.reading.points.columns)])
+    if must_convert:
+        values = np.linalg.norm(values, axis=1, keepdims=True)
+    axes = "xyz" if values.shape[1] == len("xyz") else " "
+    name = f"{named.target} {named.state.replace('_', ' ')} U95"
+    for axis, numbers in zip(axes, values.T, strict=True):
+        cells = (repr(round(float(number), _DIGITS)) for number in numbers)
+        texts = (cell if is_known else "" for cell, is_known in zip(cells, known, strict=True))
+        yield [f"{name} {axis}".strip() + f" [{unit}]", *texts]
 
 
 def _is_complete(positions: FloatArray) -> bool:

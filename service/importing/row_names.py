@@ -23,6 +23,7 @@ from jointstiff.service.importing.loads import find_load, find_state_of_load
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.row_key import RowName
 from jointstiff.service.importing.rows import Template
+from jointstiff.service.tables.labels import fold_word
 
 _SEPARATORS: Final = re.compile(r"::|[\s_\-.:/|]+")
 """What may be between the parts of a name."""
@@ -113,12 +114,27 @@ def _find_state_column(table: NumberTable, options: ImportOptions, label_column:
     named = table.find_column("state")
     if named is not None:
         return named
-    for column in range(len(table.headers)):
-        is_free = column != label_column and column not in table.ignored
-        if is_free and _find_answers(table, column, options.state_words):
+    stated = set(map(fold_word, options.state_words))
+    free = [c for c in range(len(table.headers)) if c != label_column and c not in table.ignored]
+    for column in free:
+        if _has_stated_words(table, column, stated):
             return column
-    for column, meaning in enumerate(table.meanings):
-        if meaning is not None or column == label_column or column in table.ignored:
+    for column in free:
+        if _find_answers(table, column, options.state_words):
+            return column
+    return _find_column_of_words(table, options, free)
+
+
+def _has_stated_words(table: NumberTable, column: int, stated: Collection[str]) -> bool:
+    """Return whether a column has two words or more, all of them the caller's words for states."""
+    words = set(map(fold_word, _list_texts(table, column)))
+    return len(words) > 1 and words <= set(stated)
+
+
+def _find_column_of_words(table: NumberTable, options: ImportOptions, columns: Sequence[int]) -> int | None:
+    """Return the first of some columns without a known header whose cells are words for states or loads."""
+    for column in columns:
+        if table.meanings[column] is not None:
             continue
         texts = _list_texts(table, column)
         words = set(texts)

@@ -59,7 +59,7 @@ class ProposedReadings:
 
     @property
     def residual(self) -> float:
-        """Median distance of the positions from their places by the robot [mm]."""
+        """Median distance of the positions from their places by the robot [mm]; NaN without positions."""
         return 1e3 * self._proposed.proposal.residual
 
     @property
@@ -73,8 +73,8 @@ class ProposedReadings:
         return self._proposed.proposal.doubt
 
     @property
-    def meaning(self) -> TableMeaning:
-        """Columns, units, targets and states of the proposal."""
+    def meaning(self) -> TableMeaning | None:
+        """Columns, units, targets and states of the proposal; None of displacements without positions."""
         return self._proposed.meaning
 
     def accept(self, *, despite_doubt: bool = False, **statements: Any) -> ImportedReadings:  # noqa: ANN401

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -38,15 +38,26 @@ class ColumnsLeft:
     is_whole: bool  # whether no column of the table is read
 
 
-def list_columns_left(proposal: Proposal, tables: Sequence[NumberTable]) -> list[ColumnsLeft]:
-    """Return the columns of each table that a proposal does not read, and the caller does not ignore."""
+def list_columns_left(
+    proposal: Proposal, tables: Sequence[NumberTable], named: Sequence[NamedReading] = ()
+) -> list[ColumnsLeft]:
+    """Return the columns of each table that a proposal does not read, and the caller does not ignore.
+
+    The uncertainties of `named` readings are read.
+    """
     found = []
     for table in tables:
-        read = _list_columns_read(proposal, table)
-        columns = [column for column in range(len(table.headers)) if column not in read]
-        left = [column for column in columns if not _is_explained(table, column)]
-        found.append(ColumnsLeft(table, tuple(left), is_whole=not read))
+        own = [each for each in named if each.reading.points.table == table.name and each.uncertainty]
+        uncertain = {column for each in own if each.uncertainty for column in each.uncertainty.columns}
+        found.append(list_other_columns(table, _list_columns_read(proposal, table) | uncertain))
     return found
+
+
+def list_other_columns(table: NumberTable, read: Collection[int]) -> ColumnsLeft:
+    """Return the columns of a table that are not read, and that the caller does not ignore."""
+    columns = [column for column in range(len(table.headers)) if column not in read]
+    left = [column for column in columns if not _is_explained(table, column)]
+    return ColumnsLeft(table, tuple(left), is_whole=not read)
 
 
 def _list_columns_read(proposal: Proposal, table: NumberTable) -> set[int]:
@@ -252,6 +263,8 @@ def describe_uses(proposal: Proposal, named: Sequence[NamedReading], table: Numb
         common = f"{each.target} {state}" if len(words) == 1 else " and ".join(sorted(targets))
         for axis, column in zip("xyz", columns, strict=True):
             uses[column] = f"{common} {axis} [{proposal.unit}]"
+        for column in each.uncertainty.columns if each.uncertainty else ():
+            uses[column] = "U95"
     return uses
 
 

@@ -27,6 +27,7 @@ from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, 
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place
 from jointstiff.service.importing.grammar import Kind, Quantity, joint_number, split_along_target
+from jointstiff.service.importing.posture_files import join_posture_files
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 from jointstiff.service.importing.rows import ObservationRecord, Value
 from jointstiff.service.problems import FilesError, reword_fault
@@ -176,8 +177,11 @@ def import_files(
 def lack_meaning(files: Sequence[SourceFile], request: ImportRequest, robot: Robot | None) -> bool:
     """Return whether headers of refused files leave columns unexplained, so that a robot may explain them.
 
-    Where names explain all columns, the faults are those of cells or rows, which no meaning removes.
+    Where names explain all columns, the faults are those of cells or rows, which no meaning removes. Files of
+    one posture each are joined for the robot only.
     """
+    if len(join_posture_files(files, request)) < len(files):
+        return True
     joints = () if robot is None else robot.joint_names
     return not understand_files(files, request, joints).are_columns_named
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
@@ -11,20 +12,33 @@ import numpy as np
 from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
 from jointstiff.schemas.meaning import JointsMeaning, PointsMeaning, TableMeaning
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
-from jointstiff.service.importing.deflections import add_deflections
-from jointstiff.service.importing.errors import NOWHERE, ImportFileError
+from jointstiff.service.importing.deflections import (
+    Deflection,
+    add_deflections,
+    list_displacement_columns,
+    list_lone_displacements,
+)
+from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
 from jointstiff.service.importing.grammar import Vocabulary
 from jointstiff.service.importing.joining import join_tables
 from jointstiff.service.importing.lengths import convert_columns, unify_lengths
-from jointstiff.service.importing.naming import NamedReading, name_readings
+from jointstiff.service.importing.naming import NamedReading, list_state_words, name_readings
 from jointstiff.service.importing.numbers import NumberTable, read_number_tables
 from jointstiff.service.importing.reading import SourceFile, understand_files
-from jointstiff.service.importing.rewriting import has_column_of, list_masses, write_readings
+from jointstiff.service.importing.rewriting import (
+    has_column_of,
+    list_masses,
+    write_deflections,
+    write_readings,
+)
+from jointstiff.service.importing.uncertainties import add_uncertainties
 from jointstiff.service.resources.columns_left import (
+    ColumnsLeft,
     find_constant_force,
     find_contradiction,
     leave_positions,
     list_columns_left,
+    list_other_columns,
     list_unexplained_numbers,
     name_columns_left,
     refuse_columns_left,
@@ -34,10 +48,12 @@ from jointstiff.service.resources.columns_left import (
 from jointstiff.service.resources.imports import ImportRefusedError, import_files, lack_meaning
 from jointstiff.service.resources.previews import preview_tables
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.meaning.hypotheses import list_countings
 from jointstiff.solver.meaning.proposal import Proposal, propose
+from jointstiff.solver.meaning.refinement import FramePlacement
 from jointstiff.solver.meaning.states import order_states
-from jointstiff.solver.meaning.table import METRES, JointColumns
-from jointstiff.solver.meaning.words import describe, remark
+from jointstiff.solver.meaning.table import METRES, AngleUnit, JointColumns
+from jointstiff.solver.meaning.words import describe, join, remark
 from jointstiff.solver.mechanics.robot import KnownRobot
 
 OPTIONS_OF_COLUMNS: Final = (
@@ -67,6 +83,10 @@ _CLEARLY_FARTHER: Final = 2.0
 _LARGEST_REMAINDER: Final = 0.25
 """Largest distance of positions after unloading from those before, as a part of that from those under load,
 if no name says that the load was taken off."""
+_LARGEST_TURN: Final = 2.2 * np.pi
+"""Largest joint that is measured [rad]: larger numbers are degrees."""
+_LEAST_WITHIN: Final = 0.5
+"""Least fraction of the postures within the limits of joints that may be in radians."""
 _TURNS_OF_AXES: Final = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 """Orders of x, y and z that keep the hand of a frame. Where two axes are exchanged, the place of the
 instrument decides which order is proposed; a template keeps the order of its first files."""
@@ -80,10 +100,11 @@ class ProposedImport:
     named: tuple[NamedReading, ...]  # targets and states of the positions
     table: SourceFile  # with headers that the import understands
     request: ImportRequest  # options that are left for this table
-    meaning: TableMeaning  # for a template
+    meaning: TableMeaning | None  # for a template; None without positions
     notes: tuple[str, ...] = ()  # what a person should know of rows and columns
     masses: tuple[SourceFile, ...] = ()  # files with the masses of the robot's bodies
     previews: tuple[FilePreview, ...] = ()  # of the files as they are written
+    statement: str = ""  # the proposal in words, if it has no positions that the robot could fit
 
     @property
     def files(self) -> list[SourceFile]:
@@ -93,6 +114,8 @@ class ProposedImport:
     @property
     def sentence(self) -> str:
         """The proposal in words, and what a person should know about its fit, its rows and its columns."""
+        if self.statement:
+            return "; ".join(each for each in (self.statement, *self.notes) if each)
         text, note = describe(self.proposal, [each.words for each in self.named]), remark(self.proposal)
         return "; ".join(each for each in (text, note, *self.notes) if each)
 
@@ -173,7 +196,13 @@ def _propose_importable(
     Raises:
         _NoProposalError: no meaning fits, or the import refuses the table with the proposed meaning.
     """
-    found_meaning = _find_in_one_unit(numbers, request, robots)
+    try:
+        found_meaning = _find_in_one_unit(numbers, request, robots)
+    except _NoProposalError:
+        alone = _propose_deflections(numbers, request, robots)
+        if alone is None:
+            raise
+        return alone
     numbers, proposal = found_meaning.numbers, found_meaning.proposal
     tables = numbers.tables
     named = name_readings(proposal, tables, request)
@@ -181,9 +210,12 @@ def _propose_importable(
     _refuse_loaded_after_unloading(named)
     tables, force_notes = _name_constant_force(proposal, tables, request)
     _refuse_states_against_force(proposal, named, tables, request)
-    left = list_columns_left(proposal, tables)
+    words = Vocabulary(request, proposal.robots[0].robot.joint_names)
+    named = add_uncertainties(named, tables, words, proposal.unit)
+    left = list_columns_left(proposal, tables, named)
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    notes = [*numbers.notes, *force_notes, *_note_force(joints), *name_columns_left(left, tables)]
+    notes = [*numbers.notes, *force_notes, *_note_force(joints), *_note_uncertainties(named)]
+    notes += name_columns_left(left, tables)
     try:
         refuse_single_rows(proposal, tables)
         refuse_columns_left(left, proposal, named, tables)
@@ -197,6 +229,141 @@ def _propose_importable(
         reason = f"{proposed.sentence}, but the import of these columns is refused: {fault.reason}"
         raise _NoProposalError(reason, remedy, fault)
     return proposed
+
+
+def _propose_deflections(
+    numbers: _Numbers, request: ImportRequest, robots: Sequence[KnownRobot]
+) -> ProposedImport | None:
+    """Return the proposal for displacements under load without positions; None of other tables.
+
+    No position shows whether the joints are right, so that headers have to name them, and one robot is
+    stated.
+
+    Raises:
+        _NoProposalError: no header names the joints, the unit of the displacements is not clear, or the
+            targets move against the force.
+    """
+    if len(robots) != 1:
+        return None
+    known = robots[0]
+    found = _find_lone_deflections(numbers.tables, request, known)
+    if found is None:
+        return None
+    joints, deflections = found.joints, found.deflections
+    _refuse_deflections_against_force(joints, deflections, request)
+    unit = _find_unit_of_joints(found, known, request)
+    columns = JointColumns(joints.name, joints.table.joints, unit or "deg", list_countings(known.robot)[0])
+    frame = FramePlacement(np.eye(3), np.zeros(3), METRES["mm"])
+    proposal = Proposal((known,), columns, (), "mm", frame, math.nan, math.inf, fitting=0, count=0)
+    targets = join([each.target for each in deflections])
+    statement = (
+        f"{joints.name} has joints by their names, and there are displacements under load of {targets} "
+        "in axes of R0 without positions, which the robot cannot check"
+    )
+    options = request.model_copy(update={**_clear_headers(), **_clear_names(), "units": request.units})
+    table = write_deflections(joints, unit, deflections)
+    notes = (*numbers.notes, *_note_force(joints), *name_columns_left(found.left, numbers.tables))
+    return ProposedImport(proposal, (), table, options, None, notes, statement=statement)
+
+
+class _LoneDeflections(NamedTuple):
+    """Joints that headers name, and displacements under load without positions."""
+
+    joints: NumberTable
+    deflections: Sequence[Deflection]
+    left: Sequence[ColumnsLeft]  # other columns
+
+    @property
+    def row_count(self) -> int:
+        """Rows of each posture in the table of joints."""
+        return len(self.joints.rows) // len(self.deflections[0].shifts)
+
+    @property
+    def angles(self) -> FloatArray:
+        """Joints (N, n) of the postures as they are written."""
+        return self.joints.table.numbers[:: self.row_count, list(self.joints.table.joints)]
+
+
+def _find_lone_deflections(
+    tables: Sequence[NumberTable], request: ImportRequest, known: KnownRobot
+) -> _LoneDeflections | None:
+    """Return joints and displacements of tables that have no other numbers; None of other tables.
+
+    Raises:
+        _NoProposalError: no header names the joints, or the unit of the displacements is not clear.
+    """
+    words = Vocabulary(request, known.robot.joint_names)
+    left = [_list_without_positions(table, words) for table in tables]
+    count_left = sum(len(list_unexplained_numbers(each)) for each in left)
+    with_joints = [table for table in tables if table.table.joints]
+    may_be_joints = not with_joints and count_left == known.robot.n
+    if count_left and not may_be_joints:
+        return None
+    try:
+        deflections = list_lone_displacements(tables, words)
+    except ImportFileError as fault:
+        raise _describe_fault(fault) from fault
+    if deflections and may_be_joints:
+        raise _NoProposalError(
+            "there are displacements under load without positions, so that the robot cannot find the joints",
+            "name the joints in the headers, such as `J1 [deg]`, or all columns by `header`",
+        )
+    counts = {len(each.shifts) for each in deflections}
+    has_each_target_once = len({each.target for each in deflections}) == len(deflections)
+    if len(with_joints) != 1 or len(counts) != 1 or not has_each_target_once:
+        return None
+    found = _LoneDeflections(with_joints[0], deflections, left)
+    return found if len(with_joints[0].rows) == found.row_count * counts.pop() else None
+
+
+def _list_without_positions(table: NumberTable, words: Vocabulary) -> ColumnsLeft:
+    """Return the columns of a table that are neither joints nor displacements by their headers."""
+    read = {*table.table.joints, *list_displacement_columns(table, words)}
+    return list_other_columns(table, read)
+
+
+def _find_unit_of_joints(
+    found: _LoneDeflections, known: KnownRobot, request: ImportRequest
+) -> AngleUnit | None:
+    """Return the unit of joints that headers or the request state, or that numbers and limits leave.
+
+    None if the joints may be in both units.
+    """
+    meanings = [found.joints.meanings[column] for column in found.joints.table.joints]
+    stated = {meaning.unit for meaning in meanings if meaning is not None}
+    if request.units is not None and stated == {None}:
+        stated = {request.units.angle}
+    if stated != {None}:
+        units: dict[str | None, AngleUnit] = {"deg": "deg", "rad": "rad"}
+        return units.get(next(iter(stated))) if len(stated) == 1 else None
+    if np.abs(found.angles).max() > _LARGEST_TURN:
+        return "deg"
+    is_within_as_radians = np.mean(known.robot.within_limits(found.angles)) >= _LEAST_WITHIN
+    return None if is_within_as_radians else "deg"
+
+
+def _refuse_deflections_against_force(
+    table: NumberTable, deflections: Sequence[Deflection], request: ImportRequest
+) -> None:
+    """Refuse displacements without positions against the force: no springs move so, whatever their stiffness.
+
+    Raises:
+        _NoProposalError: the work of the force is negative in most postures.
+    """
+    count = len(deflections[0].shifts)
+    forces = _read_forces(table)
+    if forces is not None:
+        forces = forces[:: len(table.rows) // count]
+    elif request.force is not None:
+        forces = np.tile(np.array(request.force), (count, 1))
+    else:
+        return
+    work = np.array([np.einsum("ni,ni->n", forces, each.shifts) for each in deflections])
+    if float(np.nansum(work)) < 0.0:
+        raise _NoProposalError(
+            "the targets move against the force",
+            "write displacements as loaded minus unloaded in axes of R0, or correct the sign of `force`",
+        )
 
 
 def _have_same_states(named: Sequence[NamedReading]) -> bool:
@@ -316,6 +483,8 @@ def _propose_as_template(
         named = _name_by_template(name_readings(turned, tables, request), template)
         reason = _find_difference(_build_meaning(turned, named, tables), template)
         if not reason:
+            words = Vocabulary(request, turned.robots[0].robot.joint_names)
+            named = add_uncertainties(named, tables, words, turned.unit)
             return _build_import(turned, named, tables, request)
         reasons.append(reason)
     raise _NoProposalError(reasons[0])
@@ -665,19 +834,33 @@ def _refuse_states_against_force(
         _NoProposalError: the first positions may be those under load, or the force has the wrong sign.
     """
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    are_by_order = any(each.is_by_order for each in named)
-    if request.force is None or not are_by_order or _read_forces(joints) is not None:
+    if request.force is None or _read_forces(joints) is not None:
         return
-    postures = len(joints.rows) // proposal.joints.groups.count
-    forces = np.tile(np.array(request.force), (postures, 1))
-    ordered = order_states(proposal, [table.table for table in tables], forces)
-    if ordered is not proposal:
-        found = describe(proposal, [each.words for each in named])
-        raise _NoProposalError(
-            f"{found}, but the targets then move against `force`",
-            "name the states in the headers (`header`), by `state_words` or in the names of files; or "
-            "correct the sign of `force`",
+    by_order = [each for each in named if each.target in {own.target for own in named if own.is_by_order}]
+    positions = {(each.target, each.state): each.reading.positions for each in by_order}
+    work = 0.0
+    for target in {each.target for each in by_order}:
+        if (target, "unloaded") in positions and (target, "loaded") in positions:
+            deflections = positions[target, "loaded"] - positions[target, "unloaded"]  # (N, 3)
+            work += float(np.nansum(deflections @ np.array(request.force)))
+    if work >= 0.0:
+        return
+    found = describe(proposal, [each.words for each in named])
+    words = list_state_words(by_order, tables)
+    remedy = (
+        "name the states in the headers (`header`) or in the names of files; or correct the sign of `force`"
+    )
+    fault = None
+    if words:
+        first, second = map(quote, words)
+        remedy = (
+            f"state both words by `state_words`, such as {first} as `loaded` and {second} as `unloaded`; or "
+            "correct the sign of `force`"
         )
+        fault = ImportFileError(
+            NOWHERE, f"{first} and {second} may be words for states", remedy, "state_words", words
+        )
+    raise _NoProposalError(f"{found}, but the targets then move against `force`", remedy, fault)
 
 
 def _read_forces(table: NumberTable) -> FloatArray | None:
@@ -701,6 +884,12 @@ def _note_force(table: NumberTable) -> list[str]:
     (named,) = table.find_force_columns()
     first, second = ("xyz"[axis] for axis in range(3) if axis != named)
     return [f"only the force along {'xyz'[named]} has a column: along {first} and {second} it is 0"]
+
+
+def _note_uncertainties(named: Sequence[NamedReading]) -> list[str]:
+    """Return the note that expanded uncertainties of the positions are read, if all have one."""
+    are_read = all(each.uncertainty is not None for each in named)
+    return ["U95 as expanded uncertainties of the positions"] if are_read else []
 
 
 def _build_meaning(

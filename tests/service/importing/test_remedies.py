@@ -5,9 +5,11 @@ sentence names. Together the cases pass every place of the importer that reports
 """
 
 import ast
+import json
 import re
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -16,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support import strange_files as strange
 from support.importing_samples import CAMPAIGN, JOINTS, MM, POINTS, sources_of
 from support.workbooks import ROWS as SHEET_ROWS
 from support.workbooks import SHEET, arrays, hdf5, repacked, workbook
@@ -25,14 +28,14 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service import importing
 from jointstiff.service.conversion.prepared import build_robot
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.resources.imports import import_files
+from jointstiff.service.resources.imports import ImportRefusedError, import_files
+from jointstiff.service.resources.known_robots import catalogue_robots
+from jointstiff.service.resources.proposals import import_or_propose
 
 ROOM = Path(importing.__file__).parent
-OF_PROPOSALS = {"blocks.py", "deflections.py", "joining.py", "json_rows.py"}
-"""Modules that only proposals reach: tests/service/cli/test_strange_files.py has their refusals."""
 SITES = (
-    *(path for path in sorted(ROOM.glob("*.py")) if path.name not in OF_PROPOSALS),
-    ROOM.parent / "resources" / "imports.py",
+    *sorted(ROOM.glob("*.py")),
+    *(ROOM.parent / "resources" / f"{name}.py" for name in ("imports", "columns_left", "proposals")),
 )
 """Modules that report faults of files."""
 EXCLUDED = "the position has no target or no state"
@@ -962,6 +965,170 @@ def groups() -> dict[str, Case]:
     }
 
 
+ARM = "KUKA KR 210 R2700 extra"
+MEASURED = strange.simulate(ARM, seed=3, postures=14)
+UNLOADED, LOADED = strange.both(MEASURED)
+WIDE = ["Pose", *strange.JOINTS, *"ABCDEF"]
+"""Headers that name no positions."""
+NUMBERED = strange.wide(MEASURED, UNLOADED, LOADED)
+IN_TURN = ["Pose", *strange.JOINTS, "Zustand", *"XYZ"]
+TURNS = strange.in_turn(MEASURED, ("unbelastet", "belastet"), (UNLOADED, LOADED))
+STATEMENTS: Mapping[str, Any] = {
+    "encoders": "motor", "load_point": (0.0, 0.0, 120.0), "force": (0.0, 0.0, -981.0), "length_unit": "mm",
+    "units": {"force": "N"},
+}  # fmt: skip
+"""What files of a stranger do not contain."""
+
+
+@dataclass(frozen=True)
+class Proposed:
+    """Files that the robot explains only after a remedy, and the remedy carried out."""
+
+    fault: str  # pattern of the reason
+    files: Mapping[str, str]
+    mended: Mapping[str, str] | None = None  # files after the remedy; None: as before
+    options: Mapping[str, Any] = field(default_factory=dict)
+    stated: Mapping[str, Any] | None = None  # options after the remedy; None: as before
+
+    def answer(self, *, mended: bool) -> ImportAnswer:
+        """Return the import by the robot's proposal, before or after the remedy."""
+        files = self.files if not mended or self.mended is None else self.mended
+        options = self.options if not mended or self.stated is None else self.stated
+        given = {name: value for name, value in (STATEMENTS | options).items() if value is not None}
+        request = ImportRequest.model_validate({**given, "accept_proposal": True})
+        robot = next(known for known in catalogue_robots() if known.name == ARM)
+        return import_or_propose(sources_of(*files.items()), request, robot, ())
+
+
+def edit(rows: Sequence[Sequence[str]], number: int, column: int, cell: str) -> list[list[str]]:
+    """Return rows with another cell."""
+    edited = [list(row) for row in rows]
+    edited[number][column] = cell
+    return edited
+
+
+def strangers() -> dict[str, Proposed]:
+    """Return the cases of proposals."""
+    table, joints = strange.table, strange.joints(MEASURED, label="Pose")
+    turns, wide = table(IN_TURN, TURNS), table(WIDE, NUMBERED)
+    three = {"j.csv": joints}
+    three |= {
+        f"{name}.csv": table(["Pose", *"XYZ"], strange.points(MEASURED, s)) for s, name in enumerate("ab")
+    }
+    unnamed = {
+        name: "\n".join(line.split(";", 1)[1] for line in text.splitlines()) for name, text in three.items()
+    }
+    shifts = 20.0 * (LOADED - UNLOADED)
+    moved = strange.wide(MEASURED, UNLOADED, shifts)
+    of_shifts = ["Pose", *strange.JOINTS, "X", "Y", "Z", "dX", "dY", "dZ"]
+    alone = ["Pose", *strange.JOINTS, "dX", "dY", "dZ"]
+    lone = strange.wide(MEASURED, 20.0 * (LOADED - UNLOADED))
+    blocks = strange.FORMS["a_block_for_each_posture"].write(MEASURED)["postures.txt"]
+    lines = blocks.splitlines(keepends=True)
+    json_rows = [json.dumps(dict(zip(WIDE, map(float, ["0", *row[1:]]), strict=True))) for row in NUMBERED]
+    records = "\n".join(json_rows)
+    loads = {"a.csv": table(["Pose", *strange.JOINTS, "Load", *"XYZ"], strange.in_turn(
+        MEASURED, ("0 kg", "50 kg", "100 kg"), strange.loads(MEASURED)))}  # fmt: skip
+    against = table(["Pose", *strange.JOINTS, *(f"{w} {a}" for w in ("ba", "bb") for a in "XYZ")],
+                    strange.wide(MEASURED, LOADED, UNLOADED))  # fmt: skip
+    uneven = [[*row[:3], f"{float(row[3]) + 0.3 * (n % 2)}", *row[4:]] for n, row in enumerate(TURNS)]
+    return {
+        "block": Proposed(
+            "this block has 4 rows", {"p.txt": "".join(lines[:10] + lines[11:])}, {"p.txt": blocks}
+        ),
+        "unit of displacements": Proposed(
+            "so that their unit is not clear",
+            {"d.csv": table(of_shifts, moved)},
+            {"d.csv": table([*of_shifts[:-3], "dX [µm]", "dY [µm]", "dZ [µm]"], moved)},
+        ),
+        "unit of displacements alone": Proposed(
+            "so that their unit is not clear",
+            {"d.csv": table(alone, lone)},
+            {"d.csv": table([*alone[:-3], "dX [µm]", "dY [µm]", "dZ [µm]"], lone)},
+        ),
+        "posture without a row": Proposed(
+            "has no row here",
+            {**three, "b.csv": table(["Pose", *"XYZ"], strange.points(MEASURED, 1)[1:])},
+            stated={"allow_missing": True},
+        ),
+        "row twice": Proposed(
+            "has this row twice", {"a.csv": table(IN_TURN, [TURNS[0], *TURNS])}, {"a.csv": turns}
+        ),
+        "row twice, its mean": Proposed(
+            "has this row twice",
+            {"a.csv": table(IN_TURN, [TURNS[0], *TURNS])},
+            stated={"mean_of_repeats": True},
+        ),
+        "repeat far from the mean": Proposed(
+            "repeated readings are",
+            {"a.csv": table(IN_TURN, [[*TURNS[0][:-1], "5000.1"], *TURNS])},
+            {"a.csv": turns},
+            options={"mean_of_repeats": True},
+        ),
+        "row too few": Proposed("has no row", {"a.csv": table(IN_TURN, TURNS[1:])}, {"a.csv": turns}),
+        "unknown words": Proposed(
+            "may be words for states",
+            {
+                "a.csv": turns.replace("Zustand", "Step")
+                .replace("unbelastet", "weg")
+                .replace("belastet", "dran")
+            },
+            stated={"state_words": {"weg": "unloaded", "dran": "loaded"}},
+        ),
+        "long name of JSON": Proposed(
+            "a name has more than 256 characters",
+            {"a.jsonl": records.replace("Pose", 300 * "n")},
+            {"a.jsonl": records},
+        ),
+        "columns left": Proposed(
+            "are not read, and all positions are unloaded",
+            {"a.csv": table([*WIDE[:-3], *"DEF"], strange.wide(MEASURED, UNLOADED, LOADED[::-1]))},
+            stated={"ignore": [*"DEF"], "force": None},
+        ),
+        "rows of other numbers": Proposed(
+            "it has 13 rows for 14 postures",
+            {**unnamed, "b.csv": "\n".join(unnamed["b.csv"].splitlines()[:-1])},
+            unnamed,
+        ),
+        "rows in another order": Proposed(
+            "its numbers are no positions in the postures",
+            {**unnamed, "b.csv": "\n".join(["X;Y;Z", *unnamed["b.csv"].splitlines()[:0:-1]])},
+            unnamed,
+        ),
+        "joints that differ in a posture": Proposed(
+            "the 2 rows of a posture have different joints",
+            {"a.csv": table(IN_TURN, uneven)},
+            stated={"joint_tolerance": 0.5},
+        ),
+        "header of other columns": Proposed(
+            "`header` names 3 columns",
+            {"a.csv": wide},
+            options={"header": ["x", "y", "z"]},
+            stated={"header": WIDE},
+        ),
+        "header that is ignored and no file has": Proposed(
+            "no file has this header", {"a.csv": wide}, options={"ignore": ["G"]}, stated={"ignore": []}
+        ),
+        "header that is stated and no file has": Proposed(
+            "no file has this header",
+            {"a.csv": wide},
+            options={"columns": {"G": "ignore"}},
+            stated={"columns": {}},
+        ),
+        "one force of several loads": Proposed(
+            "`force` states one force for all",
+            loads,
+            options={"force": STATEMENTS["force"]},
+            stated={"force": None},
+        ),
+        "move against the force": Proposed(
+            "move against `force`",
+            {"a.csv": against},
+            stated={"state_words": {"ba": "loaded", "bb": "unloaded"}},
+        ),
+    }
+
+
 def matching(answer: ImportAnswer, case: Case) -> list[ImportFault]:
     return [fault for fault in answer.faults if re.search(case.fault, fault.reason)]
 
@@ -977,7 +1144,7 @@ def named_options(remedy: str) -> set[str]:
     return set(re.findall(r"`(\w+)`", remedy)) & ImportRequest.model_fields.keys()
 
 
-def changed(case: Case) -> set[str]:
+def changed(case: Case | Proposed) -> set[str]:
     """Return the options that the remedy states or takes away."""
     after = case.options if case.stated is None else case.stated
     return {name for name in {*case.options, *after} if case.options.get(name) != after.get(name)}
@@ -1006,6 +1173,20 @@ def check_remedy(case, monkeypatch):
         assert changed(case) & named
 
 
+@pytest.mark.parametrize("name", strangers())
+def test_the_remedy_leads_to_the_proposal_of_the_robot(name):
+    case = strangers()[name]
+    with pytest.raises(ImportRefusedError) as refused:
+        case.answer(mended=False)
+    assert re.search(case.fault, str(refused.value))
+    mended = case.answer(mended=True)
+    assert mended.faults == []
+    assert mended.proposal is not None
+    if case.stated is not None:
+        named = {one for fault in refused.value.faults for one in named_options(fault.remedy)}
+        assert changed(case) & named
+
+
 @pytest.mark.process
 def test_the_cases_pass_every_place_that_reports_a_fault(monkeypatch):
     passed: dict[tuple[str, int], set[str]] = {}
@@ -1031,6 +1212,14 @@ def test_the_cases_pass_every_place_that_reports_a_fault(monkeypatch):
             finally:
                 sys.setprofile(None)
         tried |= changed(case)
+    for stranger in strangers().values():
+        sys.setprofile(noted)
+        try:
+            with suppress(ImportRefusedError):
+                stranger.answer(mended=False)
+        finally:
+            sys.setprofile(None)
+        tried |= changed(stranger)
     missing = [
         f"{path.name}:{call.lineno}"
         for path in SITES
