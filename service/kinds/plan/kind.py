@@ -229,7 +229,7 @@ def _describe_readings(result: PlanResult, *, is_step: bool) -> str:
 
 
 def _describe_weight(load: DeadWeight) -> str:
-    """Return a weight beside its mass, so that kilograms typed as newtons are seen."""
+    """Return a weight with its mass: kilograms that were typed as newtons show."""
     return f"A weight of {load.newtons:.4g} N is a mass of {load.kilograms:.3g} kg"
 
 
