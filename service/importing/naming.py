@@ -192,7 +192,10 @@ def _name_targets(readings: Sequence[TargetReading], found: Sequence[RowName]) -
 
 
 def _list_complementary(targets: Sequence[str], found: Sequence[RowName]) -> set[str]:
-    """Return the targets of which one reading has no named state, and names state the opposite of its own."""
+    """Return the targets with exactly one reading of no named state, where names give exactly one state.
+
+    The reading without a named state then has the other state.
+    """
     states_of_target: dict[str, list[State | None]] = {}
     for target, name in zip(targets, found, strict=True):
         states_of_target.setdefault(target, []).append(name.state)
