@@ -38,7 +38,7 @@ _WORD_AND_NUMBER: Final = re.compile(r"([^\W\d_]+)(\d+)")
 
 
 class _Parts(NamedTuple):
-    """What the name of a file tells."""
+    """Posture and state that the name of a file gives."""
 
     label: str
     others: tuple[str, ...]  # words for states or targets
