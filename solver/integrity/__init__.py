@@ -23,9 +23,11 @@ from jointstiff.solver.integrity.against_model import (
     inspect_whole_set,
 )
 from jointstiff.solver.integrity.mistaken_target import inspect_equal_targets
+from jointstiff.solver.integrity.one_state import find_mistaken_state, leave_out_zeros
 from jointstiff.solver.integrity.order import inspect_loaded
 from jointstiff.solver.integrity.rounded_angles import inspect_rounded_angles
 from jointstiff.solver.integrity.values import (
+    InstrumentFrame,
     View,
     inspect_angles,
     inspect_duplicates,
@@ -71,6 +73,7 @@ def inspect_measurements(
     others: Iterable[KnownRobot] = (),
     flange_fields: Sequence[str] = (),
     header_units: Collection[str] = (),
+    frame: InstrumentFrame | None = None,
 ) -> list[Finding]:
     """Return findings on the usual mistakes of a day of measurements.
 
@@ -86,13 +89,18 @@ def inspect_measurements(
             the distance.
         flange_fields: fields that a remedy names if lengths in the flange frame seem to have another unit.
         header_units: quantities, such as length, whose units the headers of files state.
+        frame: frame in which positions were read; None if they were given in R0.
 
     Returns:
         The findings, at most `MAX_FINDINGS_PER_CODE` of each kind.
     """
-    posted = View(robot, measurements, degrees, flange_fields, header_units)
-    findings = [*inspect_values(posted), *inspect_equal_targets(posted)]
-    mistakes_in_loaded = inspect_loaded(posted)
+    given = View(robot, measurements, degrees, flange_fields, header_units, frame)
+    missed, posted = leave_out_zeros(given)
+    if not posted.measurements.present.any():
+        return missed
+    findings = [*missed, *inspect_values(posted), *inspect_equal_targets(posted)]
+    mistaken_state = find_mistaken_state(posted)
+    mistakes_in_loaded = [mistaken_state] if mistaken_state else inspect_loaded(posted)
     if mistakes_in_loaded:
         # These loaded readings are no positions of these postures: nothing can be compared with them.
         findings = [finding for finding in findings if finding.code != "deflection_implausibly_large"]
@@ -122,6 +130,7 @@ def inspect_unloaded(
     degrees: bool,
     others: Iterable[KnownRobot] = (),
     header_units: Collection[str] = (),
+    frame: InstrumentFrame | None = None,
 ) -> list[Finding]:
     """Return findings on the positions without load of a set in which some were not read under load.
 
@@ -134,11 +143,15 @@ def inspect_unloaded(
         degrees: whether the angles were posted in degrees.
         others: robots that may have been measured instead.
         header_units: quantities, such as length, whose units the headers of files state.
+        frame: frame in which positions were read; None if they were given in R0.
     """
     unloaded_only = measurements.unloaded_only
     was_read = measurements.present if unloaded_only is None else measurements.present | unloaded_only
-    view = View(robot, replace(measurements, present=was_read), degrees, header_units=header_units)
-    findings: list[Finding] = []
+    read = replace(measurements, present=was_read)
+    given = View(robot, read, degrees, header_units=header_units, frame=frame)
+    findings, view = leave_out_zeros(given)
+    if not view.measurements.present.any():
+        return findings
     for check in (
         inspect_angles,
         inspect_rare_targets,
@@ -171,7 +184,9 @@ def _inspect_positions(view: View, others: Iterable[KnownRobot]) -> tuple[list[F
 
 def _suspect_robot(findings: list[Finding]) -> list[Finding]:
     """Add to the first finding about targets away from their places that no single mistake explains them."""
-    codes = [finding.code for finding in findings]
+    codes = [finding.code if finding.where else None for finding in findings]
+    if "target_off_model" not in codes:  # a mistake in the readings of one target, while the others fit
+        return findings
     first = codes.index("target_off_model")
     message = (
         f"{findings[first].message}. No single change of units, signs, or order of the angles, of the "

@@ -47,6 +47,7 @@ from jointstiff.solver.integrity.mistakes import (
     report_trial,
     sample_rows,
 )
+from jointstiff.solver.integrity.mixed_units import find_mixed_units
 from jointstiff.solver.integrity.order import inspect_order
 from jointstiff.solver.integrity.turned_forces import (
     describe_axes,
@@ -133,6 +134,9 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     # Some targets are far from their usual places: find the mistake that explains this.
     usual_places = find_consensus_places(seen_from_flange)
     agrees = greatest_distances(seen_from_flange, usual_places) <= LARGEST_MODEL_ERROR
+    mixed_units = None if agrees.all() else find_mixed_units(view, rows, seen_from_flange)
+    if mixed_units is not None:
+        return [mixed_units], ~may_be_checked
     sample = sample_rows(rows)
     best = find_best_trial(view, sample)
     explained_count, posted_share = int(best.explained.sum()), float(agrees.mean())
