@@ -22,6 +22,7 @@ from jointstiff.solver.integrity.against_model import (
     inspect_rigidity,
     inspect_whole_set,
 )
+from jointstiff.solver.integrity.misplaced_loads import find_load_points_in_base, find_moments_of_forces
 from jointstiff.solver.integrity.mistaken_target import inspect_equal_targets
 from jointstiff.solver.integrity.one_state import find_mistaken_state, leave_out_zeros
 from jointstiff.solver.integrity.order import inspect_loaded
@@ -38,6 +39,7 @@ from jointstiff.solver.integrity.values import (
 )
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import KnownRobot, Robot
+from jointstiff.solver.text import describe_others
 
 MAX_FINDINGS_PER_CODE: Final = 10
 """Greatest number of findings of one kind; the last one states the number of further findings."""
@@ -118,7 +120,12 @@ def inspect_measurements(
     findings += [*suspects, *inspect_repeats(view)]
     if good_rows.any():
         findings += [*inspect_rigidity(view, good_rows), *inspect_drift(view, good_rows)]
-        findings += inspect_response(view, good_rows) if can_compare_deflections else ()
+        misplaced = find_moments_of_forces(view) or find_load_points_in_base(view)
+        if misplaced:
+            findings.append(misplaced)
+        elif can_compare_deflections:
+            findings += inspect_response(view, good_rows)
+        findings = _leave_out_exchanged_rows(findings)
     findings += [*inspect_encoders(view), *inspect_rounded_angles(view)]
     return _limit_kinds(findings)
 
@@ -178,23 +185,44 @@ def _inspect_positions(view: View, others: Iterable[KnownRobot]) -> tuple[list[F
         if mistakes:
             return mistakes, np.zeros_like(good_rows)
         if not good_rows.any():
-            suspects = _suspect_robot(suspects)
+            suspects = _suspect_robot(view, suspects)
     return suspects, good_rows
 
 
-def _suspect_robot(findings: list[Finding]) -> list[Finding]:
-    """Add to the first finding about targets away from their places that no single mistake explains them."""
-    codes = [finding.code if finding.where else None for finding in findings]
-    if "target_off_model" not in codes:  # a mistake in the readings of one target, while the others fit
+def _leave_out_exchanged_rows(findings: list[Finding]) -> list[Finding]:
+    """Return findings without those on angles of rows whose unloaded and loaded readings are exchanged.
+
+    The unloaded readings of such a row were read under load, so that no angle explains their places.
+    """
+    exchanged = {each.where for each in findings if each.code == "deflection_against_force"}
+    kept = []
+    for finding in findings:
+        is_small = finding.code == "target_off_model" and finding.weight == "use_with_care"
+        if finding.where is None or not is_small or finding.where not in exchanged:
+            kept.append(finding)
+    return kept
+
+
+def _suspect_robot(view: View, findings: list[Finding]) -> list[Finding]:
+    """Merge the findings about targets away from their places into one: no single mistake explains them.
+
+    Findings about the whole set, such as on one target, have a cause and stay.
+    """
+    of_rows = [each for each in findings if each.code == "target_off_model" and each.where is not None]
+    if not of_rows:
         return findings
-    first = codes.index("target_off_model")
+    first, count = of_rows[0], len(view.measurements)
+    names = describe_others([finding.observation for finding in of_rows[1:]])
     message = (
-        f"{findings[first].message}. No single change of units, signs, or order of the angles, of the "
-        "frame or of one length of the model was found that explains the set: another robot may have been "
-        "measured, zeros of joints may be off, or its description has several mistakes"
+        "another robot may have been measured, zeros of joints may be off, or the robot's description has "
+        "several mistakes: no single change of units, signs, or order of the angles, of the frame or of one "
+        f"length of the model was found that explains the set. In {len(of_rows)} of {count} observations, "
+        f"targets are not at their places on the flange; in '{first.observation}', {first.message}{names}"
     )
-    changed = findings[first].model_copy(update={"message": message})
-    return [*findings[:first], changed, *findings[first + 1 :]]
+    remedy = f"check which robot was measured; {first.remedy}"
+    whole_set = {"message": message, "remedy": remedy, "where": None, "observation": None}
+    merged = first.model_copy(update=whole_set)
+    return [merged, *[finding for finding in findings if finding not in of_rows]]
 
 
 def _leave_out_effects(findings: Iterable[Finding], suspects: Iterable[Finding]) -> list[Finding]:
@@ -204,15 +232,15 @@ def _leave_out_effects(findings: Iterable[Finding], suspects: Iterable[Finding])
 
 
 def _limit_kinds(findings: Iterable[Finding]) -> list[Finding]:
-    """Return at most `MAX_FINDINGS_PER_CODE` findings of each kind; the last one states how many more."""
+    """Return at most `MAX_FINDINGS_PER_CODE` findings of each kind; the last one names the others."""
     findings_by_code: dict[FindingCode, list[Finding]] = {}
     for finding in findings:
         findings_by_code.setdefault(finding.code, []).append(finding)
     shown: list[Finding] = []
     for same_code in findings_by_code.values():
         shown += same_code[:MAX_FINDINGS_PER_CODE]
-        further = len(same_code) - MAX_FINDINGS_PER_CODE
-        if further > 0:
-            message = f"{shown[-1].message} (and {further} more of this kind)"
+        further = [finding.observation for finding in same_code[MAX_FINDINGS_PER_CODE:]]
+        if further:
+            message = shown[-1].message + describe_others(further)
             shown[-1] = shown[-1].model_copy(update={"message": message})
     return shown

@@ -358,16 +358,19 @@ def inspect_flange_lengths(view: View) -> Iterator[Finding]:
     largest, (near, far) = float(np.linalg.norm(points, axis=1).max()), FLANGE_LENGTHS
     if near <= largest <= far or not largest:
         return
+    subject = "load points and targets" if len(points) > len(measurements.load_point) else "load points"
     effect = (
-        f"the load points and targets are up to {length_text(largest)} from the origin of the flange "
-        f"frame ({length_text(near)} to {length_text(far)} is plausible)"
+        f"the {subject} are up to {length_text(largest)} from the origin of the flange frame "
+        f"({length_text(near)} to {length_text(far)} is plausible)"
     )
     if view.compares_places:  # the positions show whether all lengths have another unit
         farthest = float(np.linalg.norm(measurements.position[view.measured], axis=1).max())
         finding = view.build_finding(
             "length_unit_suspect",
             f"{effect}, while the targets were read up to {length_text(farthest)} from the origin of R0",
-            f"state `load_point` and positions in the flange frame in `units.length`; {PAST_DO_NOT_USE}",
+            f"give the {subject} in the flange frame in the unit of all other lengths: "
+            f"{'divide' if largest > far else 'multiply'} them by 1000 if they are in "
+            f"{'mm' if largest > far else 'm'}; {PAST_DO_NOT_USE}",
             "do_not_use",
         )
     else:
