@@ -185,7 +185,7 @@ def _inspect_positions(view: View, others: Iterable[KnownRobot]) -> tuple[list[F
         if mistakes:
             return mistakes, np.zeros_like(good_rows)
         if not good_rows.any():
-            suspects = _suspect_robot(view, suspects)
+            suspects = _suspect_robot(suspects)
     return suspects, good_rows
 
 
@@ -203,26 +203,24 @@ def _leave_out_exchanged_rows(findings: list[Finding]) -> list[Finding]:
     return kept
 
 
-def _suspect_robot(view: View, findings: list[Finding]) -> list[Finding]:
-    """Merge the findings about targets away from their places into one: no single mistake explains them.
+def _suspect_robot(findings: list[Finding]) -> list[Finding]:
+    """State first in the first finding about an observation that no single mistake explains the places.
 
-    Findings about the whole set, such as on one target, have a cause and stay.
+    Findings about the whole set, such as on one target, have a cause and stay. The findings on the other
+    observations stay, too: live campaigns leave out their observations.
     """
     of_rows = [each for each in findings if each.code == "target_off_model" and each.where is not None]
     if not of_rows:
         return findings
-    first, count = of_rows[0], len(view.measurements)
-    names = describe_others([finding.observation for finding in of_rows[1:]])
+    first = of_rows[0]
     message = (
         "another robot may have been measured, zeros of joints may be off, or the robot's description has "
         "several mistakes: no single change of units, signs, or order of the angles, of the frame or of one "
-        f"length of the model was found that explains the set. In {len(of_rows)} of {count} observations, "
-        f"targets are not at their places on the flange; in '{first.observation}', {first.message}{names}"
+        f"length of the model was found that explains the set; {first.message}"
     )
     remedy = f"check which robot was measured; {first.remedy}"
-    whole_set = {"message": message, "remedy": remedy, "where": None, "observation": None}
-    merged = first.model_copy(update=whole_set)
-    return [merged, *[finding for finding in findings if finding not in of_rows]]
+    changed = first.model_copy(update={"message": message, "remedy": remedy})
+    return [changed, *[finding for finding in findings if finding is not first]]
 
 
 def _leave_out_effects(findings: Iterable[Finding], suspects: Iterable[Finding]) -> list[Finding]:

@@ -22,7 +22,7 @@ from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import PAST_DO_NOT_USE, length_text
 
 _EQUAL: Final = 0.02
-"""Greatest difference of a given moment from that of the force, relative to its median, if one is the other."""
+"""Greatest difference of a given moment from that of the force, relative to the median moment."""
 _LEAST_LEVER: Final = 0.01
 """Least lever [m] of the force about a point that a moment of the force shows."""
 _LEAST_ROWS: Final = 4
@@ -98,8 +98,8 @@ def move_moments(robot: Robot, measurements: Measurements) -> Iterator[OtherLoad
             replace(measurements, moment=moment),
             f"the moments are about the origin of {origin}, not about the load point",
             "with the moment of the force at the load point subtracted",
-            "give the moments about the load point: subtract from each moment the cross product of load point "
-            f"and force, with the load point in the axes of {axes}",
+            "give the moments about the load point: subtract from each moment the cross product of load "
+            f"point and force, with the load point in the axes of {axes}",
         )
 
 

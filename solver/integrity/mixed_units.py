@@ -90,7 +90,7 @@ def find_mixed_units(view: View, rows: IndexArray, seen_from_flange: FloatArray)
 def _split_rows(
     view: View, rows: IndexArray, seen_from_flange: FloatArray, hypothesis: Hypothesis
 ) -> _MixedRows:
-    """Find the places of the targets on which most rows agree, as given or after the change of their unit."""
+    """Find the places on the flange on which most rows agree, as given or after the change of their unit."""
     postures = Postures(view.robot, view.robot.joint_map.model_angles(hypothesis.joints))
     position = hypothesis.length * view.measurements.position[rows]
     measured = np.isfinite(seen_from_flange[..., 0])
@@ -99,4 +99,5 @@ def _split_rows(
     distances = greatest_distances(changed, places)
     fits_as_given = greatest_distances(seen_from_flange, places) <= LARGEST_MODEL_ERROR
     fits_changed = (distances <= LARGEST_MODEL_ERROR) & ~fits_as_given
-    return _MixedRows(hypothesis, fits_as_given, fits_changed, float(distances[fits_changed].max(initial=0.0)))
+    farthest = float(distances[fits_changed].max(initial=0.0))
+    return _MixedRows(hypothesis, fits_as_given, fits_changed, farthest)

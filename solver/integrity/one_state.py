@@ -114,8 +114,8 @@ def _report_unit(
     """
     factor = figure(ratio)
     message = (
-        f"all {names[0]} positions are {factor} times the {names[1]} positions, as if the {names[0]} readings "
-        f"were in {units[0]} and the {names[1]} readings in {units[1]}"
+        f"all {names[0]} positions are {factor} times the {names[1]} positions, as if the {names[0]} "
+        f"readings were in {units[0]} and the {names[1]} readings in {units[1]}"
     )
     multiply, divide = f"multiply the {names[1]} readings by {factor}", f"divide the {names[0]} by {factor}"
     remedy = f"give both states in one unit: {multiply}, or {divide}"

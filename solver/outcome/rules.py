@@ -753,8 +753,9 @@ def _describe_point_in_base(robot: Robot, measurements: Measurements, selected: 
     if distances[nearest] > _NEAR_HOOK:
         return ""
     return (
-        f"; the stated load point seems to be a place in R0, that of the hook in '{measurements.labels[nearest]}'"
-        f", but must be in the flange frame, there about {unknowns_text('m', on_flange[0, 0].tolist())}"
+        "; the stated load point seems to be a place in R0, that of the hook in "
+        f"'{measurements.labels[nearest]}', but must be in the flange frame, there about "
+        f"{unknowns_text('m', on_flange[0, 0].tolist())}"
     )
 
 

@@ -1,4 +1,4 @@
-"""Mistakes of one state, of some rows and of the loads: the cause is named, and its remedy, carried out, works."""
+"""Mistakes of one state, of some rows and of the loads: the cause is named, and its remedy works."""
 
 import numpy as np
 import pytest
@@ -154,7 +154,9 @@ def test_forces_in_the_axes_of_the_flange_are_turned_to_r0(document, arrays, fla
     to_given = rotation if is_turned_twice else rotation.transpose(0, 2, 1)
     given = sign * np.einsum("nij,nj->ni", to_given, arrays["forces"])
     found = answer(document, arrays, forces=given)
-    cause = "the forces seem to be turned the wrong way" if is_turned_twice else "the forces are in the axes of"
+    cause = "the forces are in the axes of"
+    if is_turned_twice:
+        cause = "the forces seem to be turned the wrong way"
     assert found.startswith(cause)
     assert ("and change their sign" in found) == (sign < 0.0)
     back = rotation if not is_turned_twice else rotation.transpose(0, 2, 1)
