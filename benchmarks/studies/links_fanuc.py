@@ -6,47 +6,39 @@ The readings are no part of this project; where they are not beside the checkout
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from benchmarks.report import Figure, Part, Section
-from jointstiff.schemas.options import CrossValidation, Loss
+from jointstiff.schemas.options import CrossValidation, RunOptions
 from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.measurements import to_measurements
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.choice.held_out import (
-    WEIGHTS,
-    Folds,
-    choose_weight_index,
-    fit_first_certified,
-    fit_folds,
-    refine_path,
-    select_model,
-)
+from jointstiff.solver.choice.competition import Competition, Winner
+from jointstiff.solver.evidence.joints import JointsAlone
 from jointstiff.solver.fit.elastic import ElasticFit
+from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.part import generate_elastic_rows
-from jointstiff.solver.fit.reduced import LOSSES, Candidate, fit_loss
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.models import ELASTIC_MODELS, Columns, find_model
+from jointstiff.solver.models import ELASTIC_MODELS, Columns
 from jointstiff.solver.predict.models import ElasticPredictor, estimate_error_by_leaving_folds_out
 
 __all__ = ["held_out_compensation", "run"]
 
+_Loss = Literal["squared", "huber", "automatic"]
 CAMPAIGN = Path(__file__).parents[3] / "shared" / "data" / "fanuc_r2000ic" / "campaign.json"
 COLUMNS = Columns(6, tuple(range(6)))
-VISIBLE = np.ones(6, dtype=np.bool_)
 _MODELS = tuple(model.name for model in ELASTIC_MODELS if not model.has_base)
 SPLITS, FITTED = 20, 20
 _CHOSEN = "joints_and_links, loss chosen"
-_GAP = 1e-4  # gap of the fit of joints alone, relative to the readings
 
 
 def run(*, quick: bool, part: Part) -> list[Section]:
@@ -58,22 +50,21 @@ def run(*, quick: bool, part: Part) -> list[Section]:
 
 
 def _fanuc(robot: Robot, measurements: Measurements, *, quick: bool, part: Part) -> Section:
-    candidates: dict[str, tuple[ModelName, tuple[Loss, ...]]] = {
-        **{name: (name, ("squared",)) for name in _MODELS},
-        **{f"joints_and_links, {loss}": ("joints_and_links", (loss,)) for loss in LOSSES[1:]},
-        _CHOSEN: ("joints_and_links", LOSSES),
+    candidates: dict[str, tuple[ModelName, _Loss]] = {
+        **{name: (name, "squared") for name in _MODELS},
+        "joints_and_links, huber": ("joints_and_links", "huber"),
+        _CHOSEN: ("joints_and_links", "automatic"),
     }
     found: dict[str, list[float]] = {name: [] for name in candidates}
     shares, of_splits = list[FloatArray](), list[float]()
     for seed in part.of(2 if quick else SPLITS):
         drawn = np.random.default_rng(seed).permutation(len(measurements))
-        parts = measurements[np.sort(drawn[:FITTED])], measurements[np.sort(drawn[FITTED:])]
-        folds = Folds(Rows(robot, parts[0]), COLUMNS, VISIBLE, CrossValidation(seed=seed), None)
-        for name, (model, losses) in candidates.items():
-            compliances, elastic = _best_loss(folds, model, losses)
-            found[name].append(_compensation(robot, parts[1], compliances))
+        fitted, held_out = measurements[np.sort(drawn[:FITTED])], measurements[np.sort(drawn[FITTED:])]
+        for name, (model, loss) in candidates.items():
+            compliances, elastic = _fit(robot, fitted, model, loss, seed)
+            found[name].append(_compensation(robot, held_out, compliances))
             if name == _CHOSEN and elastic is not None:
-                shares.append(_share_of_ball(robot, parts[0], elastic, parts[1]))
+                shares.append(_share_of_ball(robot, fitted, elastic, held_out))
                 of_splits.append(1.0 / float(np.quantile(shares[-1], 0.9)))
     held = np.concatenate(shares) <= 1.0
     joints = np.array(found["joints"])
@@ -94,7 +85,7 @@ def _fanuc(robot: Robot, measurements: Measurements, *, quick: bool, part: Part)
             Figure("FANUC: readings within the ball of 90 %", 100 * float(held.mean()), "at least", 88, " %"),
         ),
         notes=(
-            "loss and weight of the penalty are chosen within the fitted part, by five folds",
+            "loss and penalty are those of a run, which chooses them by five folds of the fitted part",
             "need: the factor of the balls' radii by which they hold 90 % of a split's held-out readings",
         ),
         data=found | {"radius over need": of_splits},
@@ -113,27 +104,34 @@ def _share_of_ball(robot: Robot, fitted: Measurements, elastic: ElasticFit, held
 
 def _cross_validated(robot: Robot, measurements: Measurements) -> float:
     """Compensation [%] of the whole set by cross-validation, joints and links, loss and penalty chosen."""
-    folds = Folds(Rows(robot, measurements), COLUMNS, VISIBLE, CrossValidation(), None)
-    models = [Candidate(find_model("joints_and_links"), COLUMNS, loss) for loss in LOSSES]
-    selection = select_model(folds, {model.key: fit_folds(folds, model, WEIGHTS) for model in models})
-    return 100 * selection.find_held_out("joints_and_links").compensation
+    options = RunOptions(elasticity="joints_and_links", loss="automatic")
+    return 100 * _compete(robot, measurements, options).held_out.compensation
 
 
-def _best_loss(folds: Folds, name: ModelName, losses: Sequence[Loss]) -> tuple[FloatArray, ElasticFit | None]:
-    """Compliances (P,) of a whole set under the loss and the weight that its folds choose, and the fit."""
-    chosen = []
-    for loss in losses:
-        model = Candidate(find_model(name), COLUMNS, loss)
-        path = fit_folds(folds, model, WEIGHTS)
-        chosen.append((float(path.errors[:, choose_weight_index(path.errors, "best")].mean()), path, model))
-    _, path, model = min(chosen, key=lambda each: each[0])
-    if name == "joints":
-        form = folds.reduce_training_rows(model)
-        solution = fit_loss(form, model, path.weights[0], gap=_GAP).solution
-        return form.to_compliances(solution.x), None
-    path = refine_path(folds, model, path)
-    elastic = fit_first_certified(folds, model, path.weights[choose_weight_index(path.errors, "best") :])
-    return elastic.entries, elastic
+def _fit(
+    robot: Robot, measurements: Measurements, model: ModelName, loss: _Loss, seed: int
+) -> tuple[FloatArray, ElasticFit | None]:
+    """Fit a model as a run does that names the model: the run chooses the penalty, and a loss left open.
+
+    Returns:
+        The compliances (P,) in the order of `COLUMNS`; and the fit, None for joints alone.
+    """
+    options = RunOptions(elasticity=model, loss=loss, cross_validation=CrossValidation(seed=seed))
+    if model == "joints":
+        joints = JointsAlone(Rows(robot, measurements), Settings.from_options(options, robot))
+        of_joints = joints.estimate.compliance
+        return np.concatenate([of_joints, np.zeros(COLUMNS.width - len(of_joints))]), None
+    elastic = _compete(robot, measurements, options).elastic
+    if elastic is None:
+        raise AssertionError("a model that is named is fitted")
+    return elastic.estimate.entries, elastic.estimate
+
+
+def _compete(robot: Robot, measurements: Measurements, options: RunOptions) -> Winner:
+    """Return the winner of the competition of a run."""
+    joints = JointsAlone(Rows(robot, measurements), Settings.from_options(options, robot))
+    competition = Competition(joints, options)
+    return competition.choose_winner([competition.compute(step) for step in competition.steps()])
 
 
 def _compensation(robot: Robot, measurements: Measurements, compliances: FloatArray) -> float:
@@ -154,6 +152,5 @@ def held_out_compensation(
     robot: Robot, fitted: Measurements, held_out: Measurements, name: ModelName, *, seed: int
 ) -> float:
     """Compensation of readings that took part neither in the fit nor in the choice of the weight."""
-    folds = Folds(Rows(robot, fitted), COLUMNS, VISIBLE, CrossValidation(seed=seed), None)
-    compliances, _ = _best_loss(folds, name, ("squared",))
+    compliances, _ = _fit(robot, fitted, name, "squared", seed)
     return _compensation(robot, held_out, compliances)

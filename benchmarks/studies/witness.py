@@ -15,6 +15,7 @@ from jointstiff import identify
 from jointstiff.service.problems import CampaignError
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
+from jointstiff.simulator.own_weight import unloaded_campaign
 from jointstiff.solver.arrays import FloatArray
 
 __all__ = ["run"]
@@ -36,8 +37,9 @@ OPTIONS: Final[tuple[dict[str, Any], ...]] = (
         for elasticity in ("coupled_joints", "diagonal_links", "joints_and_base")
         for loss in ("squared", "huber")
     ),
+    {"weight": {}},
 )
-"""Options of runs: each method and loss of joints, and models of each shape of cone."""
+"""Options of runs: each method and loss of joints, models of each shape of cone, and own weight."""
 
 
 def run(*, quick: bool, part: Part) -> list[Section]:
@@ -67,7 +69,9 @@ def run(*, quick: bool, part: Part) -> list[Section]:
 def _named(number: int) -> bool:
     """Return whether a run of simulated readings names the solver, or is refused."""
     options = OPTIONS[number % len(OPTIONS)]
-    if options["elasticity"] == "joints":
+    if "weight" in options:
+        document = unloaded_campaign(default_arm(), configurations=20, seed=number)
+    elif options["elasticity"] == "joints":
         document = simulate_campaign(default_arm(), configurations=10, seed=number)
     else:
         document = elastic_campaign(beam_arm(default_arm()), configurations=8, seed=number)

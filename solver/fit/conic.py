@@ -773,6 +773,7 @@ def _propose_solutions_with_masses(problem: Problem[WithMasses]) -> Iterator[Sol
     A, b, cone = problem.squares.R, problem.squares.z, problem.cone
     b_norm = float(np.linalg.norm(b)) or 1.0
     program = programs.state_mass_cones(len(b), cone.blocks)
+    witness: FloatArray | None = None  # of the optimum: Clarabel's first answer
     for tolerance in _MASS_TOLERANCES:
         near, unit = np.zeros(A.shape[1]), b_norm
         for _ in ("readings", "residual"):
@@ -780,17 +781,24 @@ def _propose_solutions_with_masses(problem: Problem[WithMasses]) -> Iterator[Sol
             point = program.solve(data, tolerance)
             if point is None:
                 break
+            if witness is None:
+                witness = near + unit * point
             x = cone.move_into_set(near + unit * point)
-            yield Solution(x, _certify_with_masses(problem, x))
+            yield Solution(x, _certify_with_masses(problem, x, witness))
             near, unit = x, max(float(np.sqrt(problem.squares.loss(x))), _LEAST_UNIT * b_norm)
 
 
-def _certify_with_masses(problem: Problem[WithMasses], x: FloatArray) -> Certificate:
+def _certify_with_masses(problem: Problem[WithMasses], x: FloatArray, own: FloatArray) -> Certificate:
     """Return the certificate of a point x (p,) of the set, with A = R and b = z of the problem.
 
     For any x and y: ``‖A y − b‖² ≥ ‖A x − b‖² + 2 gᵀ(y − x)`` with g = Aᵀ(A x − b), so that the loss at x
     exceeds the least loss by ``2 (gᵀx − min gᵀy)`` at most, with the minimum over all y of the set. This
     bound, for ‖b‖ = 1, is the gap of the certificate.
+
+    Args:
+        problem: least squares over a set of cones.
+        x: (p,) point of the set.
+        own: (p,) Clarabel's own answer, a witness of the optimum.
     """
     A, b = problem.squares.R, problem.squares.z
     b_norm = float(np.linalg.norm(b)) or 1.0
@@ -799,7 +807,8 @@ def _certify_with_masses(problem: Problem[WithMasses], x: FloatArray) -> Certifi
     # The violation is zero for g in the dual cone.
     dual_violation = -2.0 * problem.cone.minimise_linear_function(g) / b_norm**2
     gap = dual_violation + 2.0 * float(g @ x) / b_norm**2
-    return Certificate(0.0, dual_violation, gap, residual / b_norm, "clarabel")
+    witness = Witness(float(np.linalg.norm(A @ (own - x))) / b_norm)
+    return Certificate(0.0, dual_violation, gap, residual / b_norm, "clarabel", witness)
 
 
 def bound_compliances(problem: Problem[WithMasses], optimum: FloatArray, rise: float) -> FloatArray:

@@ -51,6 +51,7 @@ from jointstiff.solver.fit.estimate import (
 )
 from jointstiff.solver.fit.identify import describe
 from jointstiff.solver.fit.method import Settings
+from jointstiff.solver.fit.problem import Certificate
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.triangle import solve_nonnegative
 from jointstiff.solver.mechanics.block import (
@@ -224,7 +225,7 @@ def assess(
         notes.append(f"The stiffnesses are identified without the refuted {_name_postures(joints.refuted)}.")
     root_mistakes = _report_root_mistakes(joints.noticed)
     if root_mistakes:  # after such a mistake no other check means anything
-        reasons = [*root_mistakes, *_report_solver(estimate)]
+        reasons = [*root_mistakes, *report_solver(estimate.certificates)]
         return replace(derive_assessment(estimate.joints, reasons), notes=tuple(notes))
     explanation = _choose_explanation(joints, estimate, screening)
     reasons = list(_list_reasons(joints, estimate, prediction, explanation, unloading))
@@ -1216,7 +1217,7 @@ def find_fit_problems(
         yield from _report_unexplained(fit)
         yield from _report_dropped_statements(fit)
     yield from (finding for finding in implausible if finding not in mistaken_priors)
-    yield from _report_solver(fit.estimate)
+    yield from report_solver(fit.estimate.certificates)
     yield from _report_links(fit.prediction, screening)
 
 
@@ -1310,9 +1311,9 @@ def _report_dropped_statements(fit: _AssessedFit) -> Iterator[Finding]:
         )
 
 
-def _report_solver(estimate: Estimate) -> Iterator[Finding]:
-    """Yield a finding if the solver Clarabel, run on the same problem, misses the certified optimum."""
-    for certificate in estimate.certificates:
+def report_solver(certificates: Sequence[Certificate]) -> Iterator[Finding]:
+    """Yield a finding if the solver Clarabel, run on the same problems, misses a certified optimum."""
+    for certificate in certificates:
         witness = certificate.witness  # comparison of Clarabel's answer with the certified one
         if witness is None or witness.agrees:
             continue

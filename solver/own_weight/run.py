@@ -27,6 +27,7 @@ from jointstiff.solver.outcome.rules import (
     derive_assessment,
     report_implausible_joints,
     report_refuted_noise,
+    report_solver,
     summarise_noticed,
 )
 from jointstiff.solver.predict.answers import build_stored_model
@@ -95,6 +96,7 @@ def identify_by_weight(
         *estimate.remarks,
         *report_implausible_joints(estimate.joints),
         *report_refuted_noise(measurements, estimate.sigma),
+        *report_solver([estimate.certificate]),
     ]
     assessment = derive_assessment(estimate.joints, findings)
     numbers = _list_numbers(robot, measurements, readings, observation, estimate)

@@ -80,6 +80,10 @@ def test_a_lying_solver_is_named_or_refused(monkeypatch, campaign, options, lie)
     assert is_named_or_refused(campaign, options)
 
 
+def test_own_weight_publishes_how_far_the_solver_is_from_the_proved_optimum():
+    assert identify(read_campaign("weight_1"), weight={}).result.certificate.solver_distance < 2e-5
+
+
 def test_the_number_stands_where_the_solver_gives_no_answer(monkeypatch):
     options = {"elasticity": "joints"}
     right = identify(read_campaign("moments"), **options).result

@@ -47,13 +47,15 @@ _BEGINNING: Final = 20_000
 _BEGINNINGS: Final = {
     kind: re.compile(pattern, re.MULTILINE | re.IGNORECASE)
     for kind, pattern in {
-        "krl": r"^\s*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF\s+\w+\s*\([^)]*\)\s*$)",
+        "krl": r"^[ \t]*(?:&ACCESS\b|(?:GLOBAL[ \t]+)?DEF[ \t]+\w+[ \t]*\([^)\n]*\)[ \t]*\r?$)",
         "fanuc": r"^/PROG\b",
-        "rapid": r"^\s*MODULE\s+\w+",
-        "ur": r"^\s*def\s+\w+\s*\([^)]*\)\s*:",
+        "rapid": r"^[ \t]*MODULE[ \t]+\w+",
+        "ur": r"^[ \t]*def[ \t]+\w+[ \t]*\([^)\n]*\)[ \t]*:",
     }.items()
 }
-"""Name of a format → pattern of a line that only programs of this format have."""
+"""Name of a format → pattern of a line that only programs of this format have.
+
+No pattern goes beyond its line: the search would take seconds in a file of empty lines."""
 
 
 def read_program(
