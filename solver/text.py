@@ -71,6 +71,46 @@ def _join_scaled(factor: float, values: Sequence[float]) -> str:
     return ", ".join(f"{factor * value:.3g}" for value in values)
 
 
+_MOST_RUNS: Final = 20
+"""Greatest number of runs of labels that a sentence names."""
+_MOST_NAMES: Final = 30
+"""Greatest number of single labels that a sentence names."""
+
+
+def list_labels(labels: Sequence[str], rows: Sequence[int]) -> str:
+    """Return the labels of rows in increasing order, such as 'c03', 'c11' to 'c19'; runs are joined.
+
+    Args:
+        labels: labels of all rows.
+        rows: indices of the rows, at least one.
+    """
+    runs: list[list[int]] = []
+    for row in rows:
+        if runs and row == runs[-1][-1] + 1:
+            runs[-1].append(row)
+        else:
+            runs.append([row])
+    texts = []
+    for run in runs[:_MOST_RUNS]:
+        first, last = f"'{labels[run[0]]}'", f"'{labels[run[-1]]}'"
+        texts.append({1: first, 2: f"{first}, {last}"}.get(len(run), f"{first} to {last}"))
+    further = sum(len(run) for run in runs[_MOST_RUNS:])
+    return ", ".join(texts) + (f" and {further} more" if further else "")
+
+
+def describe_others(observations: Sequence[str | None]) -> str:
+    """Return the end of a sentence on further findings of a kind; empty if there are none.
+
+    `observations` are the labels of the observations of these findings; None for the whole set.
+    """
+    if not observations:
+        return ""
+    names = [f"'{label}'" for label in dict.fromkeys(observations) if label is not None]
+    named = ", ".join(names[:_MOST_NAMES])
+    further = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return f" (and {len(observations)} more of this kind{f': {named}{further}' if names else ''})"
+
+
 def round_down(limit: float) -> float:
     """Round a positive number down to three significant digits, so that a lower limit stays a lower limit."""
     step = 10.0 ** (floor(log10(limit)) - 2)

@@ -44,6 +44,7 @@ from jointstiff.service.conversion.units import ANGLE, LENGTH, to_instrument
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError, RobotError
 from jointstiff.solver.integrity import inspect_measurements, inspect_unloaded
+from jointstiff.solver.integrity.values import InstrumentFrame
 from jointstiff.solver.mechanics.chain import KinematicChain
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import KnownRobot, Robot
@@ -503,6 +504,9 @@ def check_set(
     readings, measurements = convert_readings(document, robot, resolved)
     findings = list(frame_findings)
     degrees = document.units.angle == "deg"
+    frame = None
+    if resolved is not None:
+        frame = InstrumentFrame(np.array(resolved.rotation), np.array(resolved.translation))
     if measurements.unloaded_only is None:
         findings += inspect_measurements(
             robot,
@@ -511,10 +515,11 @@ def check_set(
             others=others,
             flange_fields=flange_fields,
             header_units=header_units,
+            frame=frame,
         )
     else:
         findings += inspect_unloaded(
-            robot, measurements, degrees=degrees, others=others, header_units=header_units
+            robot, measurements, degrees=degrees, others=others, header_units=header_units, frame=frame
         )
     content = compute_content_hash(document, readings, resolved)
     return PreparedSet(robot, robot_id, robot_hash, readings, measurements, findings, content)

@@ -21,7 +21,14 @@ from jointstiff.service.process import one_thread
 from jointstiff.service.resources.documents import parse_document, read_campaign
 from jointstiff.solver.errors import MeasurementError
 
-_CAUSES_OF_LONG_DEFLECTIONS: Final = frozenset(("observations_out_of_order", "deflection_implausibly_large"))
+_CAUSES_OF_LONG_DEFLECTIONS: Final = frozenset(
+    (
+        "observations_out_of_order",
+        "deflection_implausibly_large",
+        "length_unit_suspect",
+        "target_off_model",
+    )
+)
 """Codes of findings about the whole set that state why deflections are too long."""
 
 if TYPE_CHECKING:

@@ -22,10 +22,13 @@ from jointstiff.solver.integrity.against_model import (
     inspect_rigidity,
     inspect_whole_set,
 )
+from jointstiff.solver.integrity.misplaced_loads import find_load_points_in_base, find_moments_of_forces
 from jointstiff.solver.integrity.mistaken_target import inspect_equal_targets
+from jointstiff.solver.integrity.one_state import find_mistaken_state, leave_out_zeros
 from jointstiff.solver.integrity.order import inspect_loaded
 from jointstiff.solver.integrity.rounded_angles import inspect_rounded_angles
 from jointstiff.solver.integrity.values import (
+    InstrumentFrame,
     View,
     inspect_angles,
     inspect_duplicates,
@@ -36,6 +39,7 @@ from jointstiff.solver.integrity.values import (
 )
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import KnownRobot, Robot
+from jointstiff.solver.text import describe_others
 
 MAX_FINDINGS_PER_CODE: Final = 10
 """Greatest number of findings of one kind; the last one states the number of further findings."""
@@ -71,6 +75,7 @@ def inspect_measurements(
     others: Iterable[KnownRobot] = (),
     flange_fields: Sequence[str] = (),
     header_units: Collection[str] = (),
+    frame: InstrumentFrame | None = None,
 ) -> list[Finding]:
     """Return findings on the usual mistakes of a day of measurements.
 
@@ -86,13 +91,18 @@ def inspect_measurements(
             the distance.
         flange_fields: fields that a remedy names if lengths in the flange frame seem to have another unit.
         header_units: quantities, such as length, whose units the headers of files state.
+        frame: frame in which positions were read; None if they were given in R0.
 
     Returns:
         The findings, at most `MAX_FINDINGS_PER_CODE` of each kind.
     """
-    posted = View(robot, measurements, degrees, flange_fields, header_units)
-    findings = [*inspect_values(posted), *inspect_equal_targets(posted)]
-    mistakes_in_loaded = inspect_loaded(posted)
+    given = View(robot, measurements, degrees, flange_fields, header_units, frame)
+    missed, posted = leave_out_zeros(given)
+    if not posted.measurements.present.any():
+        return missed
+    findings = [*missed, *inspect_values(posted), *inspect_equal_targets(posted)]
+    mistaken_state = find_mistaken_state(posted)
+    mistakes_in_loaded = [mistaken_state] if mistaken_state else inspect_loaded(posted)
     if mistakes_in_loaded:
         # These loaded readings are no positions of these postures: nothing can be compared with them.
         findings = [finding for finding in findings if finding.code != "deflection_implausibly_large"]
@@ -110,7 +120,12 @@ def inspect_measurements(
     findings += [*suspects, *inspect_repeats(view)]
     if good_rows.any():
         findings += [*inspect_rigidity(view, good_rows), *inspect_drift(view, good_rows)]
-        findings += inspect_response(view, good_rows) if can_compare_deflections else ()
+        misplaced = find_moments_of_forces(view) or find_load_points_in_base(view)
+        if misplaced:
+            findings.append(misplaced)
+        elif can_compare_deflections:
+            findings += inspect_response(view, good_rows)
+        findings = _leave_out_exchanged_rows(findings)
     findings += [*inspect_encoders(view), *inspect_rounded_angles(view)]
     return _limit_kinds(findings)
 
@@ -122,6 +137,7 @@ def inspect_unloaded(
     degrees: bool,
     others: Iterable[KnownRobot] = (),
     header_units: Collection[str] = (),
+    frame: InstrumentFrame | None = None,
 ) -> list[Finding]:
     """Return findings on the positions without load of a set in which some were not read under load.
 
@@ -134,11 +150,15 @@ def inspect_unloaded(
         degrees: whether the angles were posted in degrees.
         others: robots that may have been measured instead.
         header_units: quantities, such as length, whose units the headers of files state.
+        frame: frame in which positions were read; None if they were given in R0.
     """
     unloaded_only = measurements.unloaded_only
     was_read = measurements.present if unloaded_only is None else measurements.present | unloaded_only
-    view = View(robot, replace(measurements, present=was_read), degrees, header_units=header_units)
-    findings: list[Finding] = []
+    read = replace(measurements, present=was_read)
+    given = View(robot, read, degrees, header_units=header_units, frame=frame)
+    findings, view = leave_out_zeros(given)
+    if not view.measurements.present.any():
+        return findings
     for check in (
         inspect_angles,
         inspect_rare_targets,
@@ -169,17 +189,38 @@ def _inspect_positions(view: View, others: Iterable[KnownRobot]) -> tuple[list[F
     return suspects, good_rows
 
 
+def _leave_out_exchanged_rows(findings: list[Finding]) -> list[Finding]:
+    """Return findings without those on angles of rows whose unloaded and loaded readings are exchanged.
+
+    The unloaded readings of such a row were read under load, so that no angle explains their places.
+    """
+    exchanged = {each.where for each in findings if each.code == "deflection_against_force"}
+    kept = []
+    for finding in findings:
+        is_small = finding.code == "target_off_model" and finding.weight == "use_with_care"
+        if finding.where is None or not is_small or finding.where not in exchanged:
+            kept.append(finding)
+    return kept
+
+
 def _suspect_robot(findings: list[Finding]) -> list[Finding]:
-    """Add to the first finding about targets away from their places that no single mistake explains them."""
-    codes = [finding.code for finding in findings]
-    first = codes.index("target_off_model")
+    """State first in the first finding about an observation that no single mistake explains the places.
+
+    Findings about the whole set, such as on one target, have a cause and stay. The findings on the other
+    observations stay, too: live campaigns leave out their observations.
+    """
+    of_rows = [each for each in findings if each.code == "target_off_model" and each.where is not None]
+    if not of_rows:
+        return findings
+    first = of_rows[0]
     message = (
-        f"{findings[first].message}. No single change of units, signs, or order of the angles, of the "
-        "frame or of one length of the model was found that explains the set: another robot may have been "
-        "measured, zeros of joints may be off, or its description has several mistakes"
+        "another robot may have been measured, zeros of joints may be off, or the robot's description has "
+        "several mistakes: no single change of units, signs, or order of the angles, of the frame or of one "
+        f"length of the model was found that explains the set; {first.message}"
     )
-    changed = findings[first].model_copy(update={"message": message})
-    return [*findings[:first], changed, *findings[first + 1 :]]
+    remedy = f"check which robot was measured; {first.remedy}"
+    changed = first.model_copy(update={"message": message, "remedy": remedy})
+    return [changed, *[finding for finding in findings if finding is not first]]
 
 
 def _leave_out_effects(findings: Iterable[Finding], suspects: Iterable[Finding]) -> list[Finding]:
@@ -189,15 +230,15 @@ def _leave_out_effects(findings: Iterable[Finding], suspects: Iterable[Finding])
 
 
 def _limit_kinds(findings: Iterable[Finding]) -> list[Finding]:
-    """Return at most `MAX_FINDINGS_PER_CODE` findings of each kind; the last one states how many more."""
+    """Return at most `MAX_FINDINGS_PER_CODE` findings of each kind; the last one names the others."""
     findings_by_code: dict[FindingCode, list[Finding]] = {}
     for finding in findings:
         findings_by_code.setdefault(finding.code, []).append(finding)
     shown: list[Finding] = []
     for same_code in findings_by_code.values():
         shown += same_code[:MAX_FINDINGS_PER_CODE]
-        further = len(same_code) - MAX_FINDINGS_PER_CODE
-        if further > 0:
-            message = f"{shown[-1].message} (and {further} more of this kind)"
+        further = [finding.observation for finding in same_code[MAX_FINDINGS_PER_CODE:]]
+        if further:
+            message = shown[-1].message + describe_others(further)
             shown[-1] = shown[-1].model_copy(update={"message": message})
     return shown

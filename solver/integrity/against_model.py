@@ -29,6 +29,7 @@ from jointstiff.solver.integrity.exchanged import (
     find_exchanged_targets,
     report_exchanged_targets,
 )
+from jointstiff.solver.integrity.misplaced_loads import move_moments, turn_forces_with_flange
 from jointstiff.solver.integrity.mistaken_target import find_mistaken_target
 from jointstiff.solver.integrity.mistakes import (
     EXPLAINED,
@@ -47,6 +48,7 @@ from jointstiff.solver.integrity.mistakes import (
     report_trial,
     sample_rows,
 )
+from jointstiff.solver.integrity.mixed_units import find_mixed_units
 from jointstiff.solver.integrity.order import inspect_order
 from jointstiff.solver.integrity.turned_forces import (
     describe_axes,
@@ -133,6 +135,9 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     # Some targets are far from their usual places: find the mistake that explains this.
     usual_places = find_consensus_places(seen_from_flange)
     agrees = greatest_distances(seen_from_flange, usual_places) <= LARGEST_MODEL_ERROR
+    mixed_units = None if agrees.all() else find_mixed_units(view, rows, seen_from_flange)
+    if mixed_units is not None:
+        return [mixed_units], ~may_be_checked
     sample = sample_rows(rows)
     best = find_best_trial(view, sample)
     explained_count, posted_share = int(best.explained.sum()), float(agrees.mean())
@@ -1063,6 +1068,7 @@ def _find_mistake_of_the_set(
         return exchanged
     if springs.unexplained > WORTH_A_SEARCH and (
         mistaken := _find_forces_of_other_rows(view, block, springs)
+        or _find_other_loads(view, block, springs)
         or _find_turned_forces(view, block, springs)
     ):
         return mistaken
@@ -1185,6 +1191,42 @@ def _find_turned_forces(view: View, block: RegressorBlock, springs: Springs) -> 
         f"of the deflections unexplained, and {describe_axes(axes)} {100.0 * turned.unexplained:.3g} %",
         "give the forces in the axes of R0; forces in the axes of a tracker's frame that is stated need "
         f"`forces` `tracker` in the `frame`; {PAST_DO_NOT_USE}",
+        "do_not_use",
+    )
+
+
+def _find_other_loads(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
+    """Return the finding about loads that were stated in another way, which halves the unexplained share.
+
+    The loads must explain the deflections better than forces in any fixed axes.
+    """
+    measurements = block.measurements
+    if len(measurements) < LEAST_OBSERVATIONS_OF_TURN:
+        return None
+    limit = min(BETTER * springs.unexplained, UNEXPLAINED)
+    fits = []
+    for other in (
+        *turn_forces_with_flange(view.robot, measurements),
+        *move_moments(view.robot, measurements),
+    ):
+        fit = Springs.fit(get_whole_block(view.robot, other.measurements))
+        if fit.unexplained < limit:
+            fits.append((fit, other))
+    if not fits:
+        return None
+    best, loads = min(fits, key=lambda pair: pair[0].unexplained)
+    axes = find_axes_of_forces(view.robot, measurements)
+    in_fixed_axes = Springs.fit(get_whole_block(view.robot, turn_forces(measurements, axes)))
+    if in_fixed_axes.unexplained <= best.unexplained:
+        return None
+    reversed_too = best.work < 0.0
+    change = f"{loads.change} and reversed" if reversed_too else loads.change
+    remedy = f"{loads.remedy}, and change their sign" if reversed_too else loads.remedy
+    return view.build_finding(
+        "frame_mistaken",
+        f"{loads.cause}: joint compliances leave {100.0 * springs.unexplained:.3g} % of the deflections "
+        f"unexplained, and {change}, {100.0 * best.unexplained:.3g} %",
+        f"{remedy}; {PAST_DO_NOT_USE}",
         "do_not_use",
     )
 

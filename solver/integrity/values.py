@@ -65,6 +65,14 @@ _NUMBERS_OF_CHANCE: Final = 3
 
 
 @dataclass(frozen=True, eq=False)
+class InstrumentFrame:
+    """Frame in which positions were read: ``p = R p' + t`` in R0."""
+
+    rotation: FloatArray  #: R (3, 3)
+    translation: FloatArray  #: t (3,) [m]
+
+
+@dataclass(frozen=True, eq=False)
 class View:
     """Measurement set to be checked: N observations of T targets of a robot with n joints."""
 
@@ -73,6 +81,19 @@ class View:
     degrees: bool = False  #: whether the angles were posted in degrees
     flange_fields: Sequence[str] = ()  #: fields of lengths in the flange frame, to be named in remedies
     header_units: Collection[str] = ()  #: quantities, such as length, whose units the headers of files state
+    frame: InstrumentFrame | None = None  #: frame of the readings; None if they were given in R0
+
+    def as_read(self, positions: FloatArray) -> FloatArray:
+        """Return positions (..., 3) in R0 [m] in the frame in which they were read."""
+        if self.frame is None:
+            return positions
+        return np.asarray((positions - self.frame.translation) @ self.frame.rotation)
+
+    def to_base(self, positions: FloatArray) -> FloatArray:
+        """Return positions (..., 3) in the frame of the readings [m] in R0."""
+        if self.frame is None:
+            return positions
+        return np.asarray(positions @ self.frame.rotation.T + self.frame.translation)
 
     def build_finding(
         self,
@@ -264,7 +285,8 @@ def inspect_rare_targets(view: View) -> Iterator[Finding]:
     """Report targets that were read in hardly any observation: their names may be misspelt."""
     present = view.measurements.present
     observation_counts = present.sum(axis=0)
-    for target in np.flatnonzero(observation_counts < RARE_TARGET_SHARE * len(present)):
+    is_rare = (observation_counts > 0) & (observation_counts < RARE_TARGET_SHARE * len(present))
+    for target in np.flatnonzero(is_rare):
         yield view.build_finding(
             "target_name_suspect",
             f"target '{view.measurements.targets[target]}' is read in only {observation_counts[target]} of "
@@ -336,16 +358,19 @@ def inspect_flange_lengths(view: View) -> Iterator[Finding]:
     largest, (near, far) = float(np.linalg.norm(points, axis=1).max()), FLANGE_LENGTHS
     if near <= largest <= far or not largest:
         return
+    subject = "load points and targets" if len(points) > len(measurements.load_point) else "load points"
     effect = (
-        f"the load points and targets are up to {length_text(largest)} from the origin of the flange "
-        f"frame ({length_text(near)} to {length_text(far)} is plausible)"
+        f"the {subject} are up to {length_text(largest)} from the origin of the flange frame "
+        f"({length_text(near)} to {length_text(far)} is plausible)"
     )
     if view.compares_places:  # the positions show whether all lengths have another unit
         farthest = float(np.linalg.norm(measurements.position[view.measured], axis=1).max())
         finding = view.build_finding(
             "length_unit_suspect",
             f"{effect}, while the targets were read up to {length_text(farthest)} from the origin of R0",
-            f"state `load_point` and positions in the flange frame in `units.length`; {PAST_DO_NOT_USE}",
+            f"give the {subject} in the flange frame in the unit of all other lengths: "
+            f"{'divide' if largest > far else 'multiply'} them by 1000 if they are in "
+            f"{'mm' if largest > far else 'm'}; {PAST_DO_NOT_USE}",
             "do_not_use",
         )
     else:

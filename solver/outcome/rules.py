@@ -54,7 +54,13 @@ from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.problem import Certificate
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.triangle import solve_nonnegative
-from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, Term, fitted_errors, targets_in_flange
+from jointstiff.solver.mechanics.block import (
+    STANDARD_GRAVITY,
+    Term,
+    fitted_errors,
+    targets_in_flange,
+    unloaded_postures,
+)
 from jointstiff.solver.mechanics.measurements import (
     ASSUMED_FORCE_SCALE,
     ASSUMED_LOAD_POINT,
@@ -65,6 +71,7 @@ from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import (
     PAST_CARE,
     PAST_DO_NOT_USE,
+    describe_others,
     figure,
     length_text,
     stiffness_text,
@@ -133,6 +140,14 @@ _BY_STATUS: Final[dict[str, Verdict]] = {
 }
 _NOT_LINEAR: Final = frozenset({"play", "curved_springs"})
 """Causes that readings at one size of the load may not distinguish."""
+_LARGEST_CAUSES: Final = {"m": 10.0, "rad": 0.02, "m/m": 0.01}
+"""Largest plausible size of a cause by its unit: of a load point elsewhere, of play, of the arm's growth."""
+_LARGEST_BY_LOAD: Final = 3.0
+"""Largest plausible size of a forgotten force, relative to the largest force."""
+_LEAST_IN_BASE: Final = 1.0
+"""Distance [m] from the flange beyond which a stated load point may be a place in R0."""
+_NEAR_HOOK: Final = 0.2
+"""Distance [m] of a stated load point from the hook in R0 up to which it seems to be this place."""
 _READ_HALF: Final = (
     "not linear: read two postures again at half the load; play stays the same, a hardening spring "
     "deflects by more than half"
@@ -350,7 +365,9 @@ def _report_explanation(joints: JointsAlone, explanation: _Explanation) -> Itera
         most = MAX_CAUSES - fitted_count
         # The causes were fitted with the scatter that tests count, so that the joints alone are, too.
         tested = describe(joints.identified.tested)
-        yield report_causes(explanation.causes, tested, explanation.wrong, most=most)
+        yield report_causes(
+            explanation.causes, tested, explanation.wrong, most=most, loads=(joints.robot, measurements)
+        )
     yield from report_fitted_causes(measurements)
     if not explanation.spoils_stiffnesses:
         # The arms with which the stiffnesses are compared were fitted by joints alone.
@@ -661,7 +678,12 @@ def _find_whole_turns(robot: Robot, angles: FloatArray) -> FloatArray:
 
 
 def report_causes(
-    causes: Sequence[Cause], estimate: Estimate, wrong: Sequence[str] = (), *, most: int = MAX_CAUSES
+    causes: Sequence[Cause],
+    estimate: Estimate,
+    wrong: Sequence[str] = (),
+    *,
+    most: int = MAX_CAUSES,
+    loads: tuple[Robot, Measurements] | None = None,
 ) -> Finding:
     """Return the finding that joints and causes explain the readings better than joints alone.
 
@@ -673,17 +695,69 @@ def report_causes(
         estimate: estimate by joints alone.
         wrong: labels of single postures whose readings are wrong, which were left out.
         most: largest number of causes that a run may fit in addition to those that it fits already.
+        loads: robot and measurements, by which the sizes of causes are judged; None if all are plausible.
     """
     selected = _SelectedCauses.group(causes)
     change = _measure_changes(causes, estimate)
     is_mistake = selected.make_links_unnecessary and change.is_harmful
+    weight: Verdict = "do_not_use" if is_mistake else "use_with_care"
+    change_text = f"compliances change by up to {100 * change.largest:.2g} %"
+    remedies: list[str] = []
+    if loads is not None:
+        selected = selected.leave_out_absurd(loads[1])
+        if not all(selected.steps):
+            return _report_unknown_cause(causes, weight, change_text)
+        point_in_base = _describe_point_in_base(*loads, selected)
+        if point_in_base:
+            change_text += point_in_base
+            remedies.insert(0, "give the load point in the flange frame, not its place in R0")
     fitted = selected.choose_to_fit(most)
     return Finding(
         code="alternative_explains_better",
-        weight="do_not_use" if is_mistake else "use_with_care",
-        message=f"{selected.describe(wrong)}; compliances change by up to {100 * change.largest:.2g} %",
-        remedy="; ".join(dict.fromkeys(selected.list_remedies(wrong))),
+        weight=weight,
+        message=f"{selected.describe(wrong)}; {change_text}",
+        remedy="; ".join(dict.fromkeys([*remedies, *selected.list_remedies(wrong)])),
         action=AdvisedAction.of("fit_causes", wrong, causes=fitted) if fitted else None,
+    )
+
+
+def _report_unknown_cause(causes: Sequence[Cause], weight: Verdict, change_text: str) -> Finding:
+    """Return the finding that an error explains the readings, but no error of a plausible size does."""
+    p_value = max(cause.p_value for cause in causes)
+    return Finding(
+        code="alternative_explains_better",
+        weight=weight,
+        message="the loads as given do not explain the readings: with another error of the loads, the joints "
+        f"would explain them significantly better (F test, p = {p_value:.1g}), but no error of a plausible "
+        f"size does; {change_text}",
+        remedy="check axes, signs and units of the forces, the point about which moments are given, and the "
+        "load point",
+    )
+
+
+def _describe_point_in_base(robot: Robot, measurements: Measurements, selected: _SelectedCauses) -> str:
+    """Return the end of a sentence on a load point that was stated in R0; empty if no cause shows this.
+
+    With the fitted error, the hook of an observation is in R0 where the load point was stated.
+    """
+    points = measurements.load_point
+    is_stated_once = np.ptp(points, axis=0).max() <= SAME_PLACE
+    is_far = float(np.linalg.norm(points[0])) > _LEAST_IN_BASE
+    errors = [
+        cause.unknowns for step in selected.steps for cause in step if cause.suspect.name == "load_point"
+    ]
+    if not errors or not is_stated_once or not is_far:
+        return ""
+    on_flange = np.broadcast_to(points[0] + errors[0], (len(measurements), 1, 3))
+    in_base = unloaded_postures(robot, measurements).to_base(on_flange)[:, 0]
+    distances = np.linalg.norm(in_base - points[0], axis=1)
+    nearest = int(distances.argmin())
+    if distances[nearest] > _NEAR_HOOK:
+        return ""
+    return (
+        "; the stated load point seems to be a place in R0, that of the hook in "
+        f"'{measurements.labels[nearest]}', but must be in the flange frame, there about "
+        f"{unknowns_text('m', on_flange[0, 0].tolist())}"
     )
 
 
@@ -701,6 +775,20 @@ class _SelectedCauses:
     def group(cls, causes: Sequence[Cause]) -> _SelectedCauses:
         """Group causes by their step, whose order they have already."""
         return cls([list(step) for _, step in groupby(causes, key=lambda cause: cause.step)])
+
+    def leave_out_absurd(self, measurements: Measurements) -> _SelectedCauses:
+        """Return the causes of a plausible size; a step that has none of them is empty."""
+        largest_force = float(np.linalg.norm(measurements.force, axis=1).max())
+        limits = _LARGEST_CAUSES | {"N": _LARGEST_BY_LOAD * largest_force or np.inf}
+        steps = []
+        for step in self.steps:
+            plausible = []
+            for cause in step:
+                limit = limits.get(cause.suspect.term.unit, np.inf)
+                if np.linalg.norm(cause.unknowns) <= limit:
+                    plausible.append(cause)
+            steps.append(plausible)
+        return _SelectedCauses(steps)
 
     @property
     def make_links_unnecessary(self) -> bool:
@@ -1076,10 +1164,10 @@ def _list_observations(labels: Sequence[str], group: Sequence[Finding]) -> tuple
 
 
 def _summarise_findings(group: Sequence[Finding], action: AdvisedAction | None) -> Finding:
-    """Return a group's first finding with an action, and the number of other findings in the message."""
-    first, other_count = group[0], len(group) - 1
-    more = f" (and {other_count} more of this kind)" if other_count else ""
-    return first.model_copy(update={"message": first.message + more, "action": action})
+    """Return a group's first finding with an action, and the observations of the others in the message."""
+    first, others = group[0], group[1:]
+    message = first.message + describe_others([finding.observation for finding in others])
+    return first.model_copy(update={"message": message, "action": action})
 
 
 @dataclass(frozen=True, eq=False)

@@ -211,10 +211,11 @@ def test_readings_that_do_not_fit_the_robot_are_written_only_despite_errors(fold
         "correct the limits of the robot"
     ) in shown
     assert (
-        "do not use: c02: target 'P11' is 3.79 m away from its median position on the flange; "
-        "up to 20 mm is plausible. No single change of units, signs, or order of the angles, of the "
-        "frame or of one length of the model was found that explains the set: another robot may have been "
-        "measured, zeros of joints may be off, or its description has several mistakes; "
+        "do not use: c02: another robot may have been measured, zeros of joints may be off, or the robot's "
+        "description has several mistakes: no single change of units, signs, or order of the angles, of the "
+        "frame or of one length of the model was found that explains the set; "
+        "target 'P11' is 3.79 m away from its median position on the flange; "
+        "up to 20 mm is plausible; check which robot was measured; "
         "check the angles and their order, the joint map and the robot's model; "
         "check that positions are in R0 and in `units.length`; if the numbers are right, state "
         "`--despite-errors` to use the result"

@@ -132,7 +132,7 @@ def test_a_load_point_in_the_wrong_unit_is_blamed_on_itself():
         "length_unit_suspect", "do_not_use", "check the unit of `load_point`"
     )  # fmt: skip
     assert finding.message == (
-        "the load points and targets are up to 120 µm from the origin of the flange frame (2 mm to 10 m "
+        "the load points are up to 120 µm from the origin of the flange frame (2 mm to 10 m "
         "is plausible), "
         "while the targets were read up to 3.52 m from the origin of R0"
     )

@@ -113,7 +113,7 @@ def test_a_side_with_exchanged_columns_makes_a_comparison_not_for_use(deflected)
     )
     assert said[2] == (
         "the model angle of joint_2 is -1.045 rad, outside its limits [-0.6981, 1.222] rad "
-        "(and 4 more of this kind)"
+        "(and 4 more of this kind: 'c13', 'c14', 'c15', 'c18')"
     )
     assert [(warning.code, warning.weight) for warning in result.warnings] == [
         *[("joint_outside_limits", "use_with_care")] * 5,

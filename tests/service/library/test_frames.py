@@ -320,6 +320,10 @@ def test_forgotten_forces_are_named():
         (positions("loaded") - positions("unloaded"), "the loaded readings seem to be deflections"),
         (
             positions("loaded")[..., [1, 2, 0]],
+            "give z, x, y of all loaded readings as x, y, z, and leave all other readings as they are",
+        ),
+        (
+            positions("loaded") @ np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]]),
             "check that unloaded and loaded readings are of the same posture",
         ),
     ],
