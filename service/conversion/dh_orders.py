@@ -1,4 +1,4 @@
-"""The order of the columns of a Denavit-Hartenberg table without names, checked by the numbers in the columns.
+"""The order of the columns of a Denavit-Hartenberg table without names, checked by the numbers.
 
 Tables print a, alpha, d and theta in many orders. Lengths in a column of angles are beyond a turn, and angles
 in a column of lengths are multiples of a right angle, or have a sign of degrees.

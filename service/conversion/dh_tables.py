@@ -131,7 +131,7 @@ def convert_dh_rows(
         _refuse_names_without_units(table.rows)
     _refuse_names_of_joint_before(table.rows, convention)
     if not (table.has_names or names_state_units):
-        _refuse_wrong_order(rows, columns or (), convention, units)
+        _refuse_wrong_order(rows, columns or (), units)
     converted = [_convert_row(row, units, number) for number, row in enumerate(table.rows)]
     _refuse_impossible_numbers(converted, table.rows, units)
     if not (table.has_names or names_state_units or units_are_stated):
@@ -142,7 +142,6 @@ def convert_dh_rows(
 def _refuse_wrong_order(
     rows: Any,  # noqa: ANN401 - rows of a table
     columns: str | Sequence[str],
-    convention: str,
     units: Mapping[str, str],
 ) -> None:
     """Raise a `RobotError` if rows without names seem to have their columns in another order than stated."""
@@ -152,7 +151,7 @@ def _refuse_wrong_order(
         refuse_wrong_order(_list_cells(rows), stated, units, _parse_any_cell)
 
 
-def _parse_any_cell(cell: object, size: float, is_length: bool) -> float | None:  # noqa: FBT001 - of `Parse`
+def _parse_any_cell(cell: object, size: float, is_length: bool) -> float | None:
     """Return the value of a cell in m or rad, zero for an empty cell; None if the cell has no number."""
     return 0.0 if _is_missing(cell, is_limit=False) else _parse_cell(cell, size, is_length=is_length)
 

@@ -59,7 +59,7 @@ def list_other_dimensions(first: Robot, second: Robot) -> list[OtherDimension]:
     differing = list[OtherDimension]()
     sizes_of_second = {each.name: each.size for each in measure_arm(second)}
     for dimension in measure_arm(first):
-        # A length without a counterpart belongs to axes that are parallel in one arm only: their angle differs.
+        # A length without a counterpart is of axes that are parallel in one arm only: their angle differs.
         if dimension.name in sizes_of_second:
             size = sizes_of_second[dimension.name]
             compared = OtherDimension(dimension.name, dimension.size, size, dimension.is_angle)

@@ -48,7 +48,7 @@ WIDTH = 150
 CLOSE = 1e-4
 """Relative difference of two numbers that counts."""
 CLOSE_FORCES = 0.02
-"""Relative difference of a planned force that counts: the optimum is so flat that another processor's rounding
+"""Relative difference of a planned force that counts: the optimum is so flat that rounding elsewhere
 turns a force by 0.5°, while the efficiency is the same to five digits."""
 ZERO_LENGTH = 1e-12
 """Length [m] that is rounding of zero."""

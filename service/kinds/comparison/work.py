@@ -286,14 +286,15 @@ def _report_other_model(robots: Sequence[Robot], names: Sequence[str]) -> list[F
     more = len(differing) - len(dimensions)
     and_more = f", and {more} more differ" if more else ""
     first_name, second_name = names
+    robot_names = f"'{first_name}' and '{second_name}'"
     return [
         Finding(
             code="robot_models_differ",
             weight="do_not_use",
             message=f"the robots are of different models, so that ratios of their joints mean nothing: "
-            f"'{first_name}' and '{second_name}': {'; '.join(dimensions)}{and_more}",
-            remedy="compare two campaigns of one robot, or of two robots of one model; if both arms are of one "
-            "model, give the second campaign the `robot` of the first, and identify it again",
+            f"{robot_names}: {'; '.join(dimensions)}{and_more}",
+            remedy="compare two campaigns of one robot, or of two robots of one model; if both arms are of "
+            "one model, give the second campaign the `robot` of the first, and identify it again",
         )
     ]
 

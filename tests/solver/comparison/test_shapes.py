@@ -38,7 +38,7 @@ def moved(spring_arm):
 SAME_MODEL = {
     "other base": moved(ARM),
     "other signs": replace(ARM, axis_directions=-ARM.axis_directions),
-    "other tool": replace(ARM, flange_translation=ARM.flange_translation + [0.3, 0.1, -0.2]),
+    "other tool": replace(ARM, flange_translation=ARM.flange_translation + np.array([0.3, 0.1, -0.2])),
     "calibrated": with_link_errors(ARM, length=2e-3, angle=np.radians(0.1), seed=4),
 }
 
