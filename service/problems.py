@@ -927,7 +927,7 @@ def _find_listing(error: Mapping[str, Any]) -> str | None:
 
 def _is_no_id(error: Mapping[str, Any]) -> bool:
     """Return whether a text in the field of an id is no id, but perhaps a name."""
-    kinds = {"string_pattern_mismatch", "string_too_long", "string_type"}
+    kinds = {"string_pattern_mismatch", "string_too_long"}
     return error["type"] in kinds and _find_listing(error) is not None
 
 

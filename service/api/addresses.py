@@ -58,6 +58,9 @@ def advise_address(request: Request) -> str:
         parts.insert(0, "v1")
     if len(parts) > 2 and parts[1] in {kind.collection for kind in KINDS}:
         parts[1] = "jobs"  # jobs of all kinds have their addresses there
+    ends_in_verb = request.method == "POST" and len(parts) > 2 and find_verb(parts[-1]) is not None
+    if ends_in_verb and (by_verb := _advise_verb(parts[::-1])) is not None:
+        return by_verb
     contexts = list(iter_route_contexts(list(request.app.routes)))
     paths = [context.path for context in contexts if isinstance(context.original_route, Route)]
     templates = [path.strip("/").split("/") for path in paths if path is not None]
@@ -96,7 +99,7 @@ _REQUESTS_OF_VERBS: Final = {
 def _advise_verb(parts: Sequence[str]) -> str | None:
     """Return what to send in place of a request to an address with a verb; None without a known verb."""
     collections = {ROOMS[kind.name].command: kind.collection for kind in KINDS if kind.name in ROOMS}
-    for part in parts[1:]:
+    for part in parts:
         verb = find_verb(part) or part
         if verb in _REQUESTS_OF_VERBS:
             return _REQUESTS_OF_VERBS[verb]
