@@ -60,6 +60,16 @@ def _build_function(name: str) -> Callable[..., None]:
 class _Commands(typer.core.TyperGroup):
     """Group of all commands; it builds those in `_LATE_COMMANDS` when they are called."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - Typer's Click is private
+        """Parse the words before the command; an unknown option is answered with where options belong."""
+        try:
+            return super().parse_args(ctx, args)
+        except Exception as error:
+            from jointstiff.service.cli.failures import reword_usage_error
+
+            reword_usage_error(error, None, self._list_flags)
+            raise
+
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - Typer's Click is private
         """Return (name, command, remaining arguments); build a command of `_LATE_COMMANDS` first."""
         if args and args[0] in _LATE_COMMANDS:

@@ -19,6 +19,17 @@ if TYPE_CHECKING:
 
 
 _ARGUMENT_IN_TEXT: Final = re.compile(r"`(\w+)`")
+_EXTRA_ARGUMENTS: Final = re.compile(r"Got unexpected extra arguments?\b")
+"""Message of Typer about more arguments than the command has."""
+_MORE_FILES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "identify": "Give one campaign: `jointstiff compare` takes two, `jointstiff fleet` takes many",
+        "compare": "Give one or two campaigns: `jointstiff fleet` takes many",
+    }
+)
+"""Command → what to do with more files than the command has."""
+_SHORT_OPTIONS: Final[Mapping[str, str]] = MappingProxyType({"-h": "--help", "-v": "--version"})
+"""Short options of other programs → ours."""
 _FOLDER: Final = re.compile(r"file ('.*'|\".*\") is a directory\.", re.DOTALL)
 """Message of Typer about a folder in place of a file; it has the name as Python writes a text."""
 _NONE: Final[Mapping[str, str]] = MappingProxyType({})
@@ -38,7 +49,9 @@ def name_meant_command(error: Any, words: Sequence[str], commands: Sequence[str]
         return
     unknown = f"No such command {words[0]!r}"
     verb = find_verb(words[0])
-    if words[0] in {"trend", "history"}:
+    if words[0] in {"help", "version"}:
+        error.message = f"{unknown}. Did you mean 'jointstiff --{words[0]}'?"
+    elif words[0] in {"trend", "history"}:
         error.message = f"{unknown}. The trend of a robot is on its page: `jointstiff serve`"
     elif verb in commands:
         error.message = f"{unknown}. Did you mean '{verb}'?"
@@ -62,9 +75,16 @@ def reword_usage_error(
         _name_wrong_value(error)
     is_unknown_option = hasattr(error, "possibilities") and hasattr(error, "option_name")
     if is_unknown_option:
-        is_field = _name_meant_field(error, command)
-        if not is_field and command is not None:
+        if error.option_name in _SHORT_OPTIONS:
+            error.possibilities = [_SHORT_OPTIONS[error.option_name]]
+        elif command is None:
+            error.message += (
+                ". Give the options of a command after its name: jointstiff COMMAND FILE --OPTION"
+            )
+        elif not _name_meant_field(error, command):
             _name_other_command(error, command, list_flags())
+    elif command in _MORE_FILES and _EXTRA_ARGUMENTS.match(str(getattr(error, "message", ""))):
+        error.message += f". {_MORE_FILES[command or '']}"
 
 
 def _name_wrong_value(error: typer.BadParameter) -> None:

@@ -286,6 +286,12 @@ _OTHER_DOCUMENTS: Final = (
     ),
     ({"sweeps"}, "a set of sweeps", "use `jointstiff geometry FILE`"),
     ({"robot", "measurement_set"}, "a campaign", "use `jointstiff identify FILE`"),
+    (
+        {"model", "name"},
+        "a robot without readings",
+        "measure the robot first: `jointstiff plan FILE` plans what to measure, and `jointstiff import "
+        "READINGS --robot FILE` makes a campaign of the readings",
+    ),
 )
 """Kinds of documents: keys by which a document of the kind is recognised, its name, and the remedy."""
 

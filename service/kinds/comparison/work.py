@@ -354,6 +354,7 @@ def _add_comparison_of_sides(
     """
     leading_runs = {name: side_runs[0].run for name, side_runs in runs_by_side.items()}
     assessments = [_get_assessment_of_side(run, name) for name, run in leading_runs.items()]
+    _refuse_same_readings([runs_by_side[name][0] for name in _SIDES])
     first, second = (_make_solver_side(inputs, runs_by_side[name]) for name in _SIDES)
     side_comparison = compare_sides(
         first,
@@ -379,6 +380,23 @@ def _add_comparison_of_sides(
         warnings.append(_OTHER_MODEL)
     warnings += _report_unlike_observations(side_comparison)
     return result.model_copy(update={"assessment": assessment, "warnings": warnings, **compared})
+
+
+def _refuse_same_readings(leading_runs: Sequence[MeasuredRun]) -> None:
+    """Refuse two sides with the same readings, whose ratios are 1 and have no meaning.
+
+    Raises:
+        RequestError: the sets are equal, and the runs have the same options.
+    """
+    first, second = leading_runs
+    contents = [each.prepared.content for each in leading_runs]
+    options = [each.run.request.model_dump(exclude={"measurement_set_id"}) for each in (first, second)]
+    if contents[0] == contents[1] and options[0] == options[1]:
+        raise RequestError(
+            "both campaigns have the same robot and the same readings, so that each ratio is 1",
+            where="run_ids",
+            remedy="give two different campaigns; or give one campaign, to compare methods",
+        )
 
 
 def _list_warnings_of_sides(leading_runs: Mapping[SideName, Run]) -> list[Finding]:

@@ -58,9 +58,11 @@ def folder(tmp_path_factory):
     in_millimetres = [[1e3 * part for part in corner] for corner in AREA["area"]]
     (folder / "far.json").write_text(json.dumps(AREA | {"area": in_millimetres}))
     (folder / "monday").mkdir()
-    (folder / "monday" / "m.json").write_text(json.dumps(campaign("pull", 8, 2)))
+    (folder / "monday" / "m.json").write_text(json.dumps(campaign("pull", 8, 3)))
+    (folder / "other.json").write_text(json.dumps(campaign("pull", 8, 4)))
     (folder / "readings.csv").write_text(READINGS)
     (folder / "all.csv").write_text(table_of(campaign("pull", 8, 2)))
+    (folder / "arm.json").write_text(json.dumps(campaign("pull", 8, 2)["robot"]))
     (folder / "path.src").write_text(PROGRAM)
     (folder / "path.ls").write_text(PROGRAM)
     (folder / "lin.src").write_text(PROGRAM.replace(FIRST_MOVE, ""))
@@ -159,6 +161,36 @@ def folder(tmp_path_factory):
             "it is a file. Give the command first: jointstiff identify pull.json",
             "identify pull.json",
         ),
+        (
+            "compare pull.json pull.json",
+            "both campaigns have the same robot and the same readings, so that each ratio is 1 remedy: give "
+            "two different campaigns; or give one campaign, to compare methods",
+            "compare pull.json",
+        ),
+        (
+            "identify pull.json monday/m.json",
+            "`jointstiff compare` takes two, `jointstiff fleet` takes many",
+            "fleet pull.json monday/m.json",
+        ),
+        (
+            "compare pull.json monday/m.json other.json",
+            "Give one or two campaigns: `jointstiff fleet` takes many",
+            "fleet pull.json monday/m.json other.json",
+        ),
+        (
+            "identify arm.json",
+            "arm.json is a robot without readings remedy: measure the robot first: `jointstiff plan FILE` "
+            "plans what to measure, and `jointstiff import READINGS --robot FILE` makes a campaign of the readings",
+            "import all.csv --robot arm.json --encoders motor --load-point 0,0,120 --yes --output made.json "
+            "--overwrite",
+        ),
+        (
+            "--method complete_pose identify pull.json",
+            "Give the options of a command after its name: jointstiff COMMAND FILE --OPTION",
+            "identify pull.json --method complete_pose",
+        ),
+        ("identify -h", "No such option: -h (Possible options: --help)", "identify --help"),
+        ("help", "Did you mean 'jointstiff --help'?", "--help"),
         ("identify pull.json --weight 3", "No such option", "identify pull.json --weighting uniform"),
         (
             "predict pull.json postures.csv",
