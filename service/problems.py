@@ -882,7 +882,7 @@ _WORDS_OF_VERBS: Final = MappingProxyType(
         "gearbox": "backlash gear gears weight_step",
         "geometry": "dh kinematic_calibration kinematics",
         "import": "convert csv excel load load_csv open parse read read_csv read_excel upload",
-        "map": "compliance_map heatmap stiffness_map workspace",
+        "map": "compliance_map heatmap stiffness_map work_area",
         "measure": "acquire live record",
         "plan": "design doe optimal_design planning schedule",
         "predict": "apply deflect deflection deflections forecast prediction predict_deflection",

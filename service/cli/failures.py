@@ -142,9 +142,7 @@ _STATED_IN_CAMPAIGN: Final[Mapping[str, str]] = MappingProxyType(
         "--load-point-target": "measurement_set.load_point_target",
         "--flange-target": "measurement_set.flange_targets",
         "--sigma": "measurement_set.noise.sigma",
-        "--noise": "measurement_set.noise",
         "--ground": "measurement_set.noise.grounds",
-        "--frame": "measurement_set.frame",
     }
 )
 """Option of `import` → where the campaign states its value."""

@@ -180,7 +180,8 @@ def folder(tmp_path_factory):
         (
             "identify arm.json",
             "arm.json is a robot without readings remedy: measure the robot first: `jointstiff plan FILE` "
-            "plans what to measure, and `jointstiff import READINGS --robot FILE` makes a campaign of the readings",
+            "plans what to measure, and `jointstiff import READINGS --robot FILE` makes a campaign of the "
+            "readings",
             "import all.csv --robot arm.json --encoders motor --load-point 0,0,120 --yes --output made.json "
             "--overwrite",
         ),
