@@ -129,7 +129,8 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "configurations_differ": "Configurations of one label differ in posture, load or load point.",
             "encoder_against_difference": "An encoder behind a gearbox does not show the deflection that the "
             "encoders in the loop remove (p < 0.001). *Use with care.*",
-            "robot_models_differ": "The robots of the two sets have different kinematics.",
+            "robot_models_differ": "The robots of the two sets have different kinematics, such as after a "
+            "calibration; lengths that differ by over 10 mm, or angles by over 1°: *do not use*.",
         },
         "Prediction, map, plan": {
             "prediction_implausible": "A deflection is above 20 mm, or above 20 times the greatest "

@@ -677,7 +677,9 @@ def _find_remedy(error: Mapping[str, Any], parameters: Sequence[str]) -> str | N
     if error["type"] == "missing" and (remedy := _find_remedy_of_units(error["loc"])):
         return remedy
     return (
-        _find_remedy_of_unread(error)
+        _find_remedy_of_ids(error)
+        or _find_remedy_of_fields_of_sets(error)
+        or _find_remedy_of_unread(error)
         or _find_remedy_of_limits(error)
         or _find_remedy_of_numbers(error)
         or _find_remedy_of_objects(error)
@@ -825,6 +827,8 @@ def reword_fault(error: Mapping[str, Any], parameters: Sequence[str] = ()) -> st
         parameters: names of the query parameters of the route, to suggest a name for an unknown parameter.
     """
     message = str(error["msg"])
+    if _is_no_id(error):
+        return "must be an id, which has at most 64 letters, digits, - and _; a name is no id"
     for pattern, wording in _WORDING:
         if match := pattern.fullmatch(message):
             message = match.expand(wording)
@@ -865,6 +869,89 @@ NAMES_ELSEWHERE: Final = MappingProxyType(
     }
 )
 """Name of an option in other packages → its name here, where the words are not alike."""
+
+
+_WORDS_OF_VERBS: Final = MappingProxyType(
+    {
+        "identify": "analyse analyze calculate calibrate calibration compute estimate evaluate fit "
+        "identification joint_stiffness optimise optimize regress run solve start stiffness train",
+        "compare": "comparison diff difference ratio versus",
+        "compensate": "compensation offline_compensation program",
+        "correct": "correction correct_poses",
+        "fleet": "batch identify_all",
+        "gearbox": "backlash gear gears weight_step",
+        "geometry": "dh kinematic_calibration kinematics",
+        "import": "convert csv excel load load_csv open parse read read_csv read_excel upload",
+        "map": "compliance_map heatmap stiffness_map work_area",
+        "measure": "acquire live record",
+        "plan": "design doe optimal_design planning schedule",
+        "predict": "apply deflect deflection deflections forecast prediction predict_deflection",
+        "process": "machining milling",
+        "rehearse": "rehearsal validate",
+        "report": "pdf print summary",
+        "robots": "arms catalog catalogue list",
+        "serve": "api daemon server service web",
+    }
+)
+"""Command → words of other packages for the same work, where these are no commands here."""
+_VERBS_ELSEWHERE: Final = {word: verb for verb, words in _WORDS_OF_VERBS.items() for word in words.split()}
+
+
+def find_verb(word: str) -> str | None:
+    """Return the command that a word means, such as `identify` for `fit`; None for an unknown word."""
+    name = word.casefold().replace("-", "_")
+    return name if name in _WORDS_OF_VERBS else _VERBS_ELSEWHERE.get(name)
+
+
+_BELONGS_TO_SET: Final = frozenset(
+    ("encoders", "flange_targets", "forces", "frame", "load_point", "noise", "observations", "sigma")
+)
+"""Fields of a measurement set, and words for them, that are mistaken for options of a run."""
+_LISTINGS: Final = MappingProxyType(
+    {
+        "measurement_set_id": "GET /v1/measurement-sets",
+        "measurement_set_ids": "GET /v1/measurement-sets",
+        "robot_id": "GET /v1/robots",
+        "run_id": "GET /v1/jobs?kind=run",
+        "run_ids": "GET /v1/jobs?kind=run",
+    }
+)
+"""Field with the id of a resource → request that lists the ids with the names."""
+
+
+def _find_listing(error: Mapping[str, Any]) -> str | None:
+    """Return the request that lists the ids for the field of a fault; None if the field has no id."""
+    fields = [part for part in error["loc"] if isinstance(part, str)]
+    return _LISTINGS.get(fields[-1]) if fields else None
+
+
+def _is_no_id(error: Mapping[str, Any]) -> bool:
+    """Return whether a text in the field of an id is no id, but perhaps a name."""
+    kinds = {"string_pattern_mismatch", "string_too_long"}
+    return error["type"] in kinds and _find_listing(error) is not None
+
+
+def _find_remedy_of_ids(error: Mapping[str, Any]) -> str | None:
+    """Return the remedy for a missing id, or for a name in the place of an id; None for other faults."""
+    listing = _find_listing(error)
+    if error["type"] == "missing" and listing is not None:
+        return f"add this field, with an id, not a name: {listing} lists the ids with the names"
+    if _is_no_id(error):
+        return f"give the id: {listing} lists the ids with the names"
+    return None
+
+
+def _find_remedy_of_fields_of_sets(error: Mapping[str, Any]) -> str | None:
+    """Return the remedy for an unknown field that a campaign states elsewhere; None for other faults."""
+    if error["type"] != "extra_forbidden" or not error["loc"]:
+        return None
+    name = str(error["loc"][-1])
+    if name == "robot" and "robot_id" not in error.get("fields", ()):
+        return "remove this field: a campaign names its robot, and a measurement set belongs to one robot"
+    if name in _BELONGS_TO_SET:
+        place = "in `noise` of the measurement set" if name == "sigma" else "in the measurement set"
+        return f"remove this field: it is stated {place}, when the campaign is made"
+    return None
 
 
 _COMMAND_IN_TEXT: Final = re.compile(

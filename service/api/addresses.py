@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from difflib import get_close_matches
 from typing import Final
 
-from fastapi.routing import iter_route_contexts
+from fastapi.routing import RouteContext, iter_route_contexts
 from starlette.requests import Request
 from starlette.routing import BaseRoute, Match, Mount, Route
 from starlette.types import Scope
 
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.kinds.rooms import ROOMS
+from jointstiff.service.problems import find_verb
 
 METHODS: Final = ("DELETE", "GET", "PATCH", "POST", "PUT")
 """Methods that routes may have; HEAD and OPTIONS are answered for all of them."""
@@ -56,7 +58,10 @@ def advise_address(request: Request) -> str:
         parts.insert(0, "v1")
     if len(parts) > 2 and parts[1] in {kind.collection for kind in KINDS}:
         parts[1] = "jobs"  # jobs of all kinds have their addresses there
-    contexts = iter_route_contexts(list(request.app.routes))
+    ends_in_verb = request.method == "POST" and len(parts) > 2 and find_verb(parts[-1]) is not None
+    if ends_in_verb and (by_verb := _advise_verb(parts[::-1])) is not None:
+        return by_verb
+    contexts = list(iter_route_contexts(list(request.app.routes)))
     paths = [context.path for context in contexts if isinstance(context.original_route, Route)]
     templates = [path.strip("/").split("/") for path in paths if path is not None]
     # The files of a job have addresses of one more part.
@@ -65,8 +70,42 @@ def advise_address(request: Request) -> str:
         for template in templates:
             if (meant := _fill_in(template, likely)) is not None:
                 return f"use the address {meant}"
-    collections = sorted({f"/v1/{parts[1]}" for parts in templates if len(parts) == 2 and parts[0] == "v1"})
+    if (by_verb := _advise_verb(parts)) is not None:
+        return by_verb
+    described = [context.path for context in contexts if _is_described(context)]
+    collections = sorted({path for path in described if path and path.count("/") == 2 and path[:4] == "/v1/"})
     return f"use one of the addresses {', '.join(collections)}"
+
+
+def _is_described(context: RouteContext) -> bool:
+    """Return whether a route is in the description of the API."""
+    route = context.original_route
+    return isinstance(route, Route) and route.include_in_schema
+
+
+_REQUESTS_OF_VERBS: Final = {
+    "identify": "send the campaign with POST /v1/campaigns, which answers its run; identify a stored "
+    'measurement set with POST /v1/runs {"measurement_set_id": …}',
+    "import": "send the files with POST /v1/imports",
+    "predict": "predict by a stored run with POST /v1/deflections",
+    "trend": "get the trend of a robot with GET /v1/robots/{id}/trend",
+    "measure": "send readings as they are measured to POST /v1/measurement-sets",
+    "report": "get the files of a job with GET /v1/jobs/{id}, whose `links` name them",
+    "robots": "list the robots with GET /v1/robots, and the arms of the catalogue with GET /v1/catalogue",
+}
+"""Verb that is no collection → what to send."""
+
+
+def _advise_verb(parts: Sequence[str]) -> str | None:
+    """Return what to send in place of a request to an address with a verb; None without a known verb."""
+    collections = {ROOMS[kind.name].command: kind.collection for kind in KINDS if kind.name in ROOMS}
+    for part in parts:
+        verb = find_verb(part) or part
+        if verb in _REQUESTS_OF_VERBS:
+            return _REQUESTS_OF_VERBS[verb]
+        if verb in collections:
+            return f"send POST to /v1/{collections[verb]}"
+    return None
 
 
 def _fill_in(template: list[str], parts: list[str]) -> str | None:

@@ -60,11 +60,27 @@ def _build_function(name: str) -> Callable[..., None]:
 class _Commands(typer.core.TyperGroup):
     """Group of all commands; it builds those in `_LATE_COMMANDS` when they are called."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - Typer's Click is private
+        """Parse the words before the command; an unknown option is answered with where options belong."""
+        try:
+            return super().parse_args(ctx, args)
+        except Exception as error:
+            from jointstiff.service.cli.failures import reword_usage_error
+
+            reword_usage_error(error, None, self._list_flags)
+            raise
+
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - Typer's Click is private
         """Return (name, command, remaining arguments); build a command of `_LATE_COMMANDS` first."""
         if args and args[0] in _LATE_COMMANDS:
             self.commands[args[0]] = _build_late_command(args[0])
-        name, command, rest = super().resolve_command(ctx, args)
+        try:
+            name, command, rest = super().resolve_command(ctx, args)
+        except Exception as error:
+            from jointstiff.service.cli.failures import name_meant_command
+
+            name_meant_command(error, args, list(self.commands))
+            raise
         if command is not None:
             _refuse_repeated_options(command, rest)
         return name, command, rest
@@ -76,11 +92,24 @@ class _Commands(typer.core.TyperGroup):
         except Exception as error:
             from jointstiff.service.cli.failures import print_known_error, reword_usage_error
 
-            reword_usage_error(error, ctx.invoked_subcommand)
+            reword_usage_error(error, ctx.invoked_subcommand, self._list_flags)
             exit_with_status = print_known_error(error, self._list_option_names(ctx))
             if exit_with_status is None:
                 raise
             raise exit_with_status from error
+
+    def _list_flags(self) -> dict[str, dict[str, str]]:
+        """Return the options of each command, by command and option, with the form of their values."""
+        flags = dict[str, dict[str, str]]()
+        for name in self.commands:
+            command: Any = _build_late_command(name) if name in _LATE_COMMANDS else self.commands[name]
+            flags[name] = {
+                flag: parameter.metavar or ""
+                for parameter in command.params
+                for flag in parameter.opts
+                if flag.startswith("--")
+            }
+        return flags
 
     def _list_option_names(self, ctx: Any) -> dict[str, str]:  # noqa: ANN401 - Typer's Click is private
         """Return the options of the command that was run, such as `--robot`, in backquotes, by argument."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from ast import literal_eval
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
@@ -19,21 +19,72 @@ if TYPE_CHECKING:
 
 
 _ARGUMENT_IN_TEXT: Final = re.compile(r"`(\w+)`")
+_EXTRA_ARGUMENTS: Final = re.compile(r"Got unexpected extra arguments?\b")
+"""Message of Typer about more arguments than the command has."""
+_MORE_FILES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "identify": "Give one campaign: `jointstiff compare` takes two, `jointstiff fleet` takes many",
+        "compare": "Give one or two campaigns: `jointstiff fleet` takes many",
+    }
+)
+"""Command → what to do with more files than the command has."""
+_SHORT_OPTIONS: Final[Mapping[str, str]] = MappingProxyType({"-h": "--help", "-v": "--version"})
+"""Short options of other programs → ours."""
 _FOLDER: Final = re.compile(r"file ('.*'|\".*\") is a directory\.", re.DOTALL)
 """Message of Typer about a folder in place of a file; it has the name as Python writes a text."""
 _NONE: Final[Mapping[str, str]] = MappingProxyType({})
 
 
-def reword_usage_error(error: Any, command: str | None) -> None:  # noqa: ANN401 - Typer's Click is private
+def name_meant_command(error: Any, words: Sequence[str], commands: Sequence[str]) -> None:  # noqa: ANN401
+    """Name the command that is meant in Typer's message about an unknown command.
+
+    Args:
+        error: error of Typer; others are left as they are.
+        words: words of the command line, of which the first is no command.
+        commands: names of the commands.
+    """
+    from jointstiff.service.problems import find_verb
+
+    if not isinstance(getattr(error, "message", None), str) or not words or words[0] in commands:
+        return
+    unknown = f"No such command {words[0]!r}"
+    verb = find_verb(words[0])
+    if words[0] in {"help", "version"}:
+        error.message = f"{unknown}. Did you mean 'jointstiff --{words[0]}'?"
+    elif words[0] in {"trend", "history"}:
+        error.message = f"{unknown}. The trend of a robot is on its page: `jointstiff serve`"
+    elif verb in commands:
+        error.message = f"{unknown}. Did you mean '{verb}'?"
+    elif Path(words[0]).is_file():
+        error.message = f"{unknown}: it is a file. Give the command first: jointstiff identify {words[0]}"
+
+
+def reword_usage_error(
+    error: Any,  # noqa: ANN401 - Typer's Click is private
+    command: str | None,
+    list_flags: Callable[[], Mapping[str, Mapping[str, str]]],
+) -> None:
     """Give an error of Typer a message that says what to do; leave other errors as they are.
 
-    `command` is the name of the command that was called.
+    Args:
+        error: error of Typer.
+        command: name of the command that was called.
+        list_flags: function that returns command → option → form of its value, of all commands.
     """
     if isinstance(error, typer.BadParameter):
         _name_wrong_value(error)
     is_unknown_option = hasattr(error, "possibilities") and hasattr(error, "option_name")
     if is_unknown_option:
-        _name_meant_field(error, command)
+        if error.option_name in _SHORT_OPTIONS:
+            error.possibilities = [_SHORT_OPTIONS[error.option_name]]
+        elif command is None:
+            error.message += (
+                ". Give the options of a command after its name: jointstiff COMMAND FILE --OPTION"
+            )
+        elif not _name_meant_field(error, command):
+            _name_other_command(error, command, list_flags())
+    elif command in _MORE_FILES and _EXTRA_ARGUMENTS.match(str(getattr(error, "message", ""))):
+        error.message += f". {_MORE_FILES[command or '']}"
 
 
 def _name_wrong_value(error: typer.BadParameter) -> None:
@@ -51,10 +102,57 @@ def _name_wrong_value(error: typer.BadParameter) -> None:
         error.message = words if fault["type"] == "value_error" else f"'{fault['input']}' {words}"
 
 
-def _name_meant_field(error: Any, command: str | None) -> None:  # noqa: ANN401 - Typer's Click is private
+_MAX_COMMANDS: Final = 3
+"""Number of commands with an option that an error names."""
+
+
+def _name_other_command(
+    error: Any,  # noqa: ANN401 - Typer's Click is private
+    command: str,
+    flags: Mapping[str, Mapping[str, str]],
+) -> None:
+    """Name the commands that have an option, in the message about an option that the command has not.
+
+    What is stated for an import is in the campaign afterwards, so that no later command has an option for it.
+    """
+    flag = error.option_name
+    if flag in flags.get(command, {}):  # an abbreviation, or a value that is refused elsewhere
+        return
+    having = [name for name, known in flags.items() if flag in known]
+    if not having:
+        return
+    error.possibilities = None  # options with similar letters
+    if "import" in having and flag in _STATED_IN_CAMPAIGN:
+        value = " ".join(filter(None, [flag, flags["import"][flag]]))
+        error.message += (
+            f". The campaign states it: import the readings again, `jointstiff import READINGS {value}`, or "
+            f"change `{_STATED_IN_CAMPAIGN[flag]}` in the campaign's file"
+        )
+        return
+    shown = ", ".join(f"`jointstiff {name}`" for name in having[:_MAX_COMMANDS])
+    more = f" and {len(having) - _MAX_COMMANDS} more commands" if len(having) > _MAX_COMMANDS else ""
+    error.message += f". {flag} is an option of {shown}{more}"
+
+
+_STATED_IN_CAMPAIGN: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "--robot": "robot",
+        "--encoders": "measurement_set.encoders",
+        "--load-point": "measurement_set.load_point",
+        "--load-point-target": "measurement_set.load_point_target",
+        "--flange-target": "measurement_set.flange_targets",
+        "--sigma": "measurement_set.noise.sigma",
+        "--ground": "measurement_set.noise.grounds",
+    }
+)
+"""Option of `import` → where the campaign states its value."""
+
+
+def _name_meant_field(error: Any, command: str | None) -> bool:  # noqa: ANN401 - Typer's Click is private
     """Name what is meant in the message about an unknown option, if the command's request has such a field.
 
-    The message names the option of the field; a field without an option is stated in a file of options.
+    The message names the option of the field; a field without an option is stated in a file of options. The
+    answer is whether the request has such a field.
     """
     from jointstiff.service.cli.fields import field_options, option_flag
     from jointstiff.service.kinds.rooms import ROOMS, import_kind
@@ -62,17 +160,18 @@ def _name_meant_field(error: Any, command: str | None) -> None:  # noqa: ANN401 
 
     kind_name = next((name for name, room in ROOMS.items() if room.command == command), None)
     if kind_name is None:
-        return
+        return False
     message_class = import_kind(kind_name).options
     stated = error.option_name.lstrip("-").replace("-", "_")
     name = NAMES_ELSEWHERE.get(stated, stated)
     if name not in message_class.model_fields:
-        return
+        return False
     if name in dict(field_options(message_class)):
         error.possibilities = [option_flag(message_class, name)]
     else:
         error.possibilities = None
         error.message += f". State `{name}` in a JSON file, and give the file by --options"
+    return True
 
 
 def print_known_error(error: Exception, option_names: Mapping[str, str]) -> typer.Exit | None:

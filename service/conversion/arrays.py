@@ -14,11 +14,11 @@ import numpy.typing as npt
 from jointstiff.schemas.measurement import Units
 from jointstiff.service.conversion.robots import refuse_far_point
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
+from jointstiff.service.conversion.urdf_links import find_base, find_flange
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.errors import MeasurementError, RobotError
+from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.urdf import (
-    XmlElement,
     check_root,
     parse_xml,
     refuse_unknown_link,
@@ -772,45 +772,18 @@ def convert_urdf(text: str, base: str | None, flange: str | None) -> dict[str, A
     Without `base`, the root link is the base; without `flange`, the only tip link is the flange.
 
     Raises:
-        RobotError: the text is not a URDF, a link does not exist, or several may be the base or the flange.
+        RobotError: the text is not a URDF, a link does not exist, several may be the base or the flange, or
+            the only tip belongs to a gripper.
     """
     document = parse_xml(text)
     check_root(document)
-    roots = _list_links_outside_joints(document, "child")
     for link, role in ((base, "base"), (flange, "flange")):
         if link is not None:
             names = [each.attributes.get("name", "") for each in document.find_children("link")]
             refuse_unknown_link(names, link, role)
-    root = _get_only_link(roots, "base") if base is None else base
-    tips = _list_links_outside_joints(document, "parent")
-    tip = _get_only_link(tips, "flange") if flange is None else flange
+    root = find_base(document) if base is None else base
+    tip = find_flange(document) if flange is None else flange
     return {"format": "urdf", "urdf": text, "base": root, "flange": tip}
-
-
-def _list_links_outside_joints(document: XmlElement, role: str) -> list[str]:
-    """Return the links of a URDF that have a `role`, `child` or `parent`, in no joint.
-
-    A link that is the child of no joint may be the base; a link that is the parent of no joint, the flange.
-    """
-    elements = [joint.find_only_child(role, "joint") for joint in document.find_children("joint")]
-    joined = {element.attributes.get("link") for element in elements if element}
-    links = [link.attributes.get("name", "") for link in document.find_children("link")]
-    return [link for link in links if link not in joined]
-
-
-def _get_only_link(links: Sequence[str], name: str) -> str:
-    """Return the one link that may be the `name`, base or flange, of a URDF.
-
-    Raises:
-        RobotError: there are no such links, or several.
-    """
-    if len(links) != 1:
-        raise RobotError(
-            f"the URDF has {len(links)} links that may be the {name}: {', '.join(links[:8])}",
-            where=name,
-            remedy="leave only one of these links in the URDF, with the joints that lead to the link",
-        )
-    return links[0]
 
 
 def convert_pinocchio_model(model: Any, flange: str | None) -> tuple[dict[str, Any], list[dict[str, Any]]]:  # noqa: ANN401

@@ -11,8 +11,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from jointstiff.schemas.fields import Message
+from jointstiff.service.conversion.dh_orders import refuse_wrong_order
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.solver.errors import RobotError
+from jointstiff.solver.mechanics.chain import LARGEST_LENGTH, LARGEST_OFFSET, LARGEST_TWIST
 
 _CONVENTIONS: Final = {
     "mdh": "modified",
@@ -30,6 +32,13 @@ _CONVENTIONS: Final = {
 """Word for a convention in books and other packages, in lower case → our word."""
 _COLUMNS: Final = ("a", "alpha", "d", "theta", "lower", "upper", "speed")
 _LENGTHS: Final = frozenset("ad")
+_LARGEST: Final = {
+    "a": LARGEST_LENGTH,
+    "alpha": LARGEST_TWIST,
+    "d": LARGEST_OFFSET,
+    "theta": LARGEST_TWIST,
+}
+"""Column → greatest number that a robot may have [m or rad]."""
 _NAMES: Final = {
     "a": "a",
     "alpha": "alpha",
@@ -121,10 +130,54 @@ def convert_dh_rows(
     if (table.has_names or names_state_units) and not units_are_stated:
         _refuse_names_without_units(table.rows)
     _refuse_names_of_joint_before(table.rows, convention)
+    if not (table.has_names or names_state_units):
+        _refuse_wrong_order(rows, columns or (), units)
     converted = [_convert_row(row, units, number) for number, row in enumerate(table.rows)]
+    _refuse_impossible_numbers(converted, table.rows, units)
     if not (table.has_names or names_state_units or units_are_stated):
         _refuse_doubtful_units(converted, units)
     return model | {"rows": converted}
+
+
+def _refuse_wrong_order(
+    rows: Any,  # noqa: ANN401 - rows of a table
+    columns: str | Sequence[str],
+    units: Mapping[str, str],
+) -> None:
+    """Raise a `RobotError` if rows without names seem to have their columns in another order than stated."""
+    names = [_read_column(name) for name in _split_columns(columns)]
+    stated = ["" if name is None else name.name for name in names]
+    if "r" not in stated:  # the letter of Khalil's tables, whose d is our a
+        refuse_wrong_order(_list_cells(rows), stated, units, _parse_any_cell)
+
+
+def _parse_any_cell(cell: object, size: float, is_length: bool) -> float | None:
+    """Return the value of a cell in m or rad, zero for an empty cell; None if the cell has no number."""
+    return 0.0 if _is_missing(cell, is_limit=False) else _parse_cell(cell, size, is_length=is_length)
+
+
+def _refuse_impossible_numbers(
+    converted: Sequence[Mapping[str, Any]], rows: Sequence[_Row], units: Mapping[str, str]
+) -> None:
+    """Refuse a length or an angle that no arm has, in the unit in which it was stated.
+
+    Raises:
+        RobotError: names the number.
+    """
+    for number, (values, row) in enumerate(zip(converted, rows, strict=True)):
+        for name, largest in _LARGEST.items():
+            quantity = "length" if name in _LENGTHS else "angle"
+            unit = row.units.get(name, units[quantity])
+            value = values.get(name, 0.0) / (LENGTH | ANGLE)[unit]
+            most = largest / (LENGTH | ANGLE)[unit]
+            if most * (1.0 + 1e-9) < abs(value) < math.inf:
+                other = "m, rad" if unit in {"mm", "deg"} else "mm, deg"
+                raise RobotError(
+                    f"{name} of row {number + 1} is {value:.6g} {unit}, beyond ±{most:.6g} {unit}",
+                    where=f"rows[{number}].{name}",
+                    remedy="check the number, the name of its column and its unit: js.robot(rows, "
+                    f"convention=…, units='{other}')",
+                )
 
 
 class _Table(NamedTuple):

@@ -172,6 +172,11 @@ if not TYPE_CHECKING:  # a misspelt name is an error in an editor
 
         if any(room.command == name for room in ROOMS.values()):
             return getattr(import_module("jointstiff.service.library.here").Here(), name)
+        from jointstiff.service.problems import find_verb
+
+        verb = {"import": "read"}.get(find_verb(name) or "", find_verb(name))
+        if verb in __all__ and not name.startswith("_"):
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}. Did you mean: {verb!r}?")
         module = sys.modules[__name__]  # for Python's own suggestion of a name
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=module)
 

@@ -279,6 +279,7 @@ def _read_urdf_fields(text: str, base: str | None, flange: str | None) -> dict[s
         CampaignError: this is no URDF, or several links may be the base or the flange.
     """
     from jointstiff.service.conversion.arrays import convert_urdf
+    from jointstiff.service.conversion.urdf_links import SeveralLinksError
 
     try:
         if not text.lstrip().startswith("<"):
@@ -286,12 +287,9 @@ def _read_urdf_fields(text: str, base: str | None, flange: str | None) -> dict[s
         with as_campaign_error("robot"):
             return {"name": "robot", "model": convert_urdf(text, base, flange)}
     except CampaignError as error:
-        link = (error.problem.where or "").removeprefix("robot.")
-        if {"base": base, "flange": flange}.get(
-            link, ""
-        ) is not None:  # another fault, or a link that is stated
+        if not isinstance(error.__cause__, SeveralLinksError):
             raise
-        remedy = f"name the link: jointstiff.robot(urdf, {link}='LINK')"
+        remedy = f"name the link of the flange: jointstiff.robot(urdf, flange='{error.__cause__.link}')"
         raise CampaignError(error.problem.model_copy(update={"remedy": remedy})) from error
 
 

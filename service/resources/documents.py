@@ -286,6 +286,12 @@ _OTHER_DOCUMENTS: Final = (
     ),
     ({"sweeps"}, "a set of sweeps", "use `jointstiff geometry FILE`"),
     ({"robot", "measurement_set"}, "a campaign", "use `jointstiff identify FILE`"),
+    (
+        {"model", "name"},
+        "a robot without readings",
+        "measure the robot first: `jointstiff plan FILE` plans what to measure, and `jointstiff import "
+        "READINGS --robot FILE` makes a campaign of the readings",
+    ),
 )
 """Kinds of documents: keys by which a document of the kind is recognised, its name, and the remedy."""
 
@@ -338,14 +344,18 @@ def _read_calibration_file(path: Path) -> RobotDocument:
 def read_robot(text: str, where: str = "robot") -> RobotDocument:
     """Return the robot in a file, or else the catalogue's arm `text`.
 
-    The file has a robot, a campaign, a URDF, or the calibration of a Universal Robots arm. `where` is the
-    argument or option that holds the text, for errors.
+    The file has a robot, a campaign, a URDF, or the calibration of a Universal Robots arm. The link behind
+    `#`, as in `arm.urdf#tool0`, is the flange of a URDF. `where` is the argument or option that holds the
+    text, for errors.
 
     Raises:
         CampaignError: the file contains no robot, or neither a file nor an arm has this name.
     """
     from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
 
+    file, mark, flange = text.rpartition("#")
+    if mark and not Path(text).exists() and Path(file).suffix.lower() in URDF_ENDINGS:
+        return parse_document(read_urdf_file(Path(file), flange=flange), RobotDocument)
     if Path(text).is_file() and Path(text).suffix.lower() in URDF_ENDINGS:
         return parse_document(read_urdf_file(Path(text)), RobotDocument)
     if Path(text).is_file() and Path(text).suffix.lower() in CALIBRATION_ENDINGS:

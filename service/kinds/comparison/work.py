@@ -35,6 +35,7 @@ from jointstiff.solver.comparison.campaigns import (
     compare_sides,
     models_differ,
 )
+from jointstiff.solver.comparison.shapes import list_other_dimensions
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.fitted_causes import fit_causes
 from jointstiff.solver.evidence.refuted import leave_out, list_refuted
@@ -66,6 +67,8 @@ _OTHER_MODEL: Final = Finding(
     message="the robots differ in their kinematics or joint map",
     remedy="check that both robots are of the same model; ratios compare joints with the same name",
 )
+_MAX_DIMENSIONS: Final = 3
+"""Number of differing dimensions of two robots that a finding names."""
 UNCONSTRAINED: Final[Mapping[str, Any]] = {"positive": False, "stiffness_bounds": {}, "stiffness_order": []}
 """Values of a run's options that remove all constraints."""
 _SIDES: Final[tuple[SideName, SideName]] = ("first", "second")
@@ -267,6 +270,35 @@ def _report_unlike_observations(side_comparison: Comparison) -> list[Finding]:
     ]
 
 
+def _report_other_model(robots: Sequence[Robot], names: Sequence[str]) -> list[Finding]:
+    """Return a finding if two robots are not of one model, so that their joints are not alike.
+
+    `names` are those of the robots. Robots of one model may differ by a calibration, frames and tools.
+    """
+    differing = list_other_dimensions(*robots)
+    if not differing:
+        return []
+    dimensions = []
+    for each in differing[:_MAX_DIMENSIONS]:
+        factor, unit = (np.degrees(1.0), "°") if each.is_angle else (1e3, " mm")
+        first, second = (figure(factor * size, ".4g") for size in (each.first, each.second))
+        dimensions.append(f"the {each.name} is {first}{unit} and {second}{unit}")
+    more = len(differing) - len(dimensions)
+    and_more = f", and {more} more differ" if more else ""
+    first_name, second_name = names
+    robot_names = f"'{first_name}' and '{second_name}'"
+    return [
+        Finding(
+            code="robot_models_differ",
+            weight="do_not_use",
+            message=f"the robots are of different models, so that ratios of their joints mean nothing: "
+            f"{robot_names}: {'; '.join(dimensions)}{and_more}",
+            remedy="compare two campaigns of one robot, or of two robots of one model; if both arms are of "
+            "one model, give the second campaign the `robot` of the first, and identify it again",
+        )
+    ]
+
+
 def _list_comparison_reasons(side_comparison: Comparison) -> list[Finding]:
     """Return reasons against a comparison: a wrong unit, no common observations, or unknown ratios."""
     reasons = []
@@ -322,6 +354,7 @@ def _add_comparison_of_sides(
     """
     leading_runs = {name: side_runs[0].run for name, side_runs in runs_by_side.items()}
     assessments = [_get_assessment_of_side(run, name) for name, run in leading_runs.items()]
+    _refuse_same_readings([runs_by_side[name][0] for name in _SIDES])
     first, second = (_make_solver_side(inputs, runs_by_side[name]) for name in _SIDES)
     side_comparison = compare_sides(
         first,
@@ -331,17 +364,39 @@ def _add_comparison_of_sides(
         shared=SharedErrors(load=request.same_load, cell=request.same_cell),
     )
     names = first.robot.joint_names
+    sets = inputs.named_sets([side.measurement_set_id for side in result.sides], "run_ids")
+    of_other_model = _report_other_model(
+        (first.robot, second.robot), [measured_set.robot_name for measured_set in sets]
+    )
     reasons = [
+        *of_other_model,
         *_list_comparison_reasons(side_comparison),
         *_report_differing_encoders(side_comparison.apart, names),
     ]
     assessment = assess_with_run("comparison", reasons, combine_assessments(assessments))
     compared = _describe_comparison(side_comparison, names, assessment.verdict)
     warnings = _list_warnings_of_sides(leading_runs)
-    if models_differ(first.robot, second.robot):
+    if models_differ(first.robot, second.robot) and not of_other_model:
         warnings.append(_OTHER_MODEL)
     warnings += _report_unlike_observations(side_comparison)
     return result.model_copy(update={"assessment": assessment, "warnings": warnings, **compared})
+
+
+def _refuse_same_readings(leading_runs: Sequence[MeasuredRun]) -> None:
+    """Refuse two sides with the same readings, whose ratios are 1 and have no meaning.
+
+    Raises:
+        RequestError: the sets are equal, and the runs have the same options.
+    """
+    first, second = leading_runs
+    contents = [each.prepared.content for each in leading_runs]
+    options = [each.run.request.model_dump(exclude={"measurement_set_id"}) for each in (first, second)]
+    if contents[0] == contents[1] and options[0] == options[1]:
+        raise RequestError(
+            "both campaigns have the same robot and the same readings, so that each ratio is 1",
+            where="run_ids",
+            remedy="give two different campaigns; or give one campaign, to compare methods",
+        )
 
 
 def _list_warnings_of_sides(leading_runs: Mapping[SideName, Run]) -> list[Finding]:

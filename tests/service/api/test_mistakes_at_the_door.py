@@ -98,7 +98,71 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
         "a run has no such file.*report.html",
         get("/v1/jobs/{run}/files/report.html"),
     ),
+    "verb identify": (
+        request("POST", "/v1/identify", json=CAMPAIGN),
+        404,
+        "no address /v1/identify.*send the campaign with POST /v1/campaigns, which answers its run; identify "
+        'a stored measurement set with POST /v1/runs {"measurement_set_id": …}$',
+        post_campaign(),
+    ),
+    "word of other packages": (
+        request("POST", "/v1/runs/fit", json=RUN),
+        404,
+        'stored measurement set with POST /v1/runs {"measurement_set_id": …}$',
+        post_run(),
+    ),
+    "verb compare": (
+        request("POST", "/v1/compare", json={"run_ids": ["{run}", "{other}"]}),
+        404,
+        "send POST to /v1/comparisons$",
+        request("POST", "/v1/comparisons", json={"run_ids": ["{run}", "{other}"]}),
+    ),
+    "verb predict": (
+        request("POST", "/v1/predict", json={"run_id": "{run}"}),
+        404,
+        "predict by a stored run with POST /v1/deflections$",
+        predicted("deg"),
+    ),
+    "a trend of its own": (
+        get("/v1/trend"),
+        404,
+        r"get the trend of a robot with GET /v1/robots/\{id\}/trend$",
+        get("/v1/robots/{robot}/trend"),
+    ),
     # Ids
+    "name with blanks for an id": (
+        post_run(measurement_set_id="pull, 6 configurations, motor encoders"),
+        422,
+        r"measurement_set_id: must be an id, which has at most 64 letters, digits, - and _; a name is no "
+        r"id \| give the id: GET /v1/measurement-sets lists the ids with the names$",
+        get("/v1/measurement-sets"),
+    ),
+    "name of a robot for an id": (
+        request("POST", "/v1/measurement-sets", json=CAMPAIGN["measurement_set"] | {"robot_id": "KR 210"}),
+        422,
+        r"a name is no id \| give the id: GET /v1/robots lists the ids with the names$",
+        request("POST", "/v1/measurement-sets", json=CAMPAIGN["measurement_set"] | {"robot_id": "{robot}"}),
+    ),
+    "field without id": (
+        request("POST", "/v1/runs", json={"measurement_set": "pull"}),
+        422,
+        r"measurement_set_id: required field is missing \| add this field, with an id, not a name: "
+        "GET /v1/measurement-sets lists the ids with the names$",
+        post_run(),
+    ),
+    "robot of a run": (
+        post_run(robot="simulated 6R"),
+        422,
+        r"robot: unknown field \| remove this field: a campaign names its robot, and a measurement set "
+        "belongs to one robot$",
+        post_run(),
+    ),
+    "load point of a run": (
+        post_run(load_point=[0, 0, 0.1]),
+        422,
+        r"load_point: unknown field \| remove this field: it is stated in the measurement set",
+        post_run(),
+    ),
     "id of nothing": (
         get("/v1/jobs/123"),
         404,
@@ -494,3 +558,11 @@ def test_an_id_of_a_deleted_resource_of_another_kind_is_not_explained(client):
     client.request("PATCH", f"/v1/robots/{robot}", json={"deleted": True})
     refused = client.request("GET", f"/v1/measurement-sets/{robot}").json()
     assert refused["detail"] == f"there is no measurement set '{robot}'"
+
+
+def test_addresses_that_are_not_in_the_description_are_not_listed(local):
+    described = local.get("/openapi.json").json()["paths"]
+    remedy = local.get("/v1/welding").json()["remedy"]
+    listed = remedy.removeprefix("use one of the addresses ").split(", ")
+    assert set(listed) <= described.keys()
+    assert set(listed) == {path for path in described if re.fullmatch(r"/v1/[^/]+", path)}

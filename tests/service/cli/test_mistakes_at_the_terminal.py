@@ -29,6 +29,20 @@ AREA = {
 }
 
 
+def table_of(document):
+    """Return a campaign's readings as a table of text, with the states as columns."""
+    observations = document["measurement_set"]["observations"]
+    targets = [reading["target"] for reading in observations[0]["readings"]]
+    header = ["label", *(f"J{i} [rad]" for i in range(1, 7)), *(f"F{axis} [N]" for axis in "xyz")]
+    states = ("unloaded", "loaded")
+    header += [f"{target} {state} {axis} [m]" for target in targets for state in states for axis in "xyz"]
+    rows = [header]
+    for each in observations:
+        places = [reading[state] for reading in each["readings"] for state in states]
+        rows.append([each["label"], *each["joints"], *each["force"], *(c for place in places for c in place)])
+    return "\n".join(";".join(map(str, row)) for row in rows)
+
+
 CORRECTED = "--tool 0,0,250,0,0,0 --force 0,0,-500 -o rows.csv --overwrite"
 COMPENSATED = "--force 0,0,-500 --accuracy-option off -o program.src --overwrite"
 FIRST_MOVE = "PTP {A1 2,A2 40,A3 -48,A4 0,A5 60,A6 0}\n"
@@ -44,8 +58,11 @@ def folder(tmp_path_factory):
     in_millimetres = [[1e3 * part for part in corner] for corner in AREA["area"]]
     (folder / "far.json").write_text(json.dumps(AREA | {"area": in_millimetres}))
     (folder / "monday").mkdir()
-    (folder / "monday" / "m.json").write_text(json.dumps(campaign("pull", 8, 2)))
+    (folder / "monday" / "m.json").write_text(json.dumps(campaign("pull", 8, 3)))
+    (folder / "other.json").write_text(json.dumps(campaign("pull", 8, 4)))
     (folder / "readings.csv").write_text(READINGS)
+    (folder / "all.csv").write_text(table_of(campaign("pull", 8, 2)))
+    (folder / "arm.json").write_text(json.dumps(campaign("pull", 8, 2)["robot"]))
     (folder / "path.src").write_text(PROGRAM)
     (folder / "path.ls").write_text(PROGRAM)
     (folder / "lin.src").write_text(PROGRAM.replace(FIRST_MOVE, ""))
@@ -114,6 +131,67 @@ def folder(tmp_path_factory):
             "plan pull.json --readings 1 --candidates 50",
         ),
         ("identify pull.json --resample many", "many", "identify pull.json --resample 6:10"),
+        (
+            "identify pull.json --robot KR210",
+            "No such option: --robot. The campaign states it: import the readings again, `jointstiff import "
+            "READINGS --robot ROBOT`, or change `robot` in the campaign's file",
+            "import all.csv --robot pull.json --encoders motor --load-point 0,0,120 --sigma 0.02 --yes "
+            "--output again.json --overwrite",
+        ),
+        (
+            "compare pull.json --encoders secondary",
+            "`jointstiff import READINGS --encoders <motor|secondary>`, or change "
+            "`measurement_set.encoders` in the campaign's file",
+            "compare pull.json",
+        ),
+        (
+            "identify pull.json --goal 15%",
+            "--goal is an option of `jointstiff plan`, `jointstiff measure`",
+            "plan pull.json --goal 15% --candidates 200",
+        ),
+        ("fit pull.json", "No such command 'fit'. Did you mean 'identify'?", "identify pull.json"),
+        ("calibrate pull.json", "Did you mean 'identify'?", "identify pull.json"),
+        (
+            "diff pull.json monday/m.json",
+            "Did you mean 'compare'?",
+            "compare pull.json monday/m.json",
+        ),
+        (
+            "pull.json",
+            "it is a file. Give the command first: jointstiff identify pull.json",
+            "identify pull.json",
+        ),
+        (
+            "compare pull.json pull.json",
+            "both campaigns have the same robot and the same readings, so that each ratio is 1 remedy: give "
+            "two different campaigns; or give one campaign, to compare methods",
+            "compare pull.json",
+        ),
+        (
+            "identify pull.json monday/m.json",
+            "`jointstiff compare` takes two, `jointstiff fleet` takes many",
+            "fleet pull.json monday/m.json",
+        ),
+        (
+            "compare pull.json monday/m.json other.json",
+            "Give one or two campaigns: `jointstiff fleet` takes many",
+            "fleet pull.json monday/m.json other.json",
+        ),
+        (
+            "identify arm.json",
+            "arm.json is a robot without readings remedy: measure the robot first: `jointstiff plan FILE` "
+            "plans what to measure, and `jointstiff import READINGS --robot FILE` makes a campaign of the "
+            "readings",
+            "import all.csv --robot arm.json --encoders motor --load-point 0,0,120 --yes --output made.json "
+            "--overwrite",
+        ),
+        (
+            "--method complete_pose identify pull.json",
+            "Give the options of a command after its name: jointstiff COMMAND FILE --OPTION",
+            "identify pull.json --method complete_pose",
+        ),
+        ("identify -h", "No such option: -h (Possible options: --help)", "identify --help"),
+        ("help", "Did you mean 'jointstiff --help'?", "--help"),
         ("identify pull.json --weight 3", "No such option", "identify pull.json --weighting uniform"),
         (
             "predict pull.json postures.csv",

@@ -1,6 +1,7 @@
 """What comparisons answer or refuse: two campaigns, methods on one, and how the terminal shows them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -175,7 +176,7 @@ class TestTwoCampaigns:
             (lambda pull: changed(pull, ("robot.name", "another")), "use", []),
             (
                 lambda _: simulate_campaign(
-                    default_arm(wrist_offset=0.02), load="pull", configurations=12, seed=3
+                    default_arm(wrist_offset=0.005), load="pull", configurations=12, seed=3
                 ),
                 "use",
                 [("robot_models_differ", None, "the robots differ in their kinematics or joint map")],
@@ -215,6 +216,33 @@ class TestTwoCampaigns:
         assert result["assessment"]["verdict"] == verdict
         reasons = result["warnings"] + result["assessment"]["reasons"]
         assert [(each["code"], each["where"], each["message"]) for each in reasons] == said
+
+    def test_ratios_of_robots_of_different_models_are_not_to_be_used(self, local, posted, run, pull):
+        """The remedy, the same robot for both campaigns, works over HTTP and in Python."""
+        longer = default_arm()
+        longer = replace(longer, axis_points=longer.axis_points + np.outer([0, 0, 0, 0, 1, 1], [0.2, 0, 0]))
+        other = simulate_campaign(longer, load="pull", configurations=12, seed=3)
+        other = changed(other, ("robot.name", "longer"))
+        made = posted_job(local, "comparison", run, posted(other, elasticity="joints")["id"]).json()["result"]
+        first, *_ = made["assessment"]["reasons"]
+        assert made["assessment"]["verdict"] == "do_not_use"
+        assert (first["code"], first["message"], first["remedy"]) == (
+            "robot_models_differ",
+            "the robots are of different models, so that ratios of their joints mean nothing: 'simulated 6R' "
+            "and 'longer': the length along the axis of joint_4 is 1310 mm and 1510 mm",
+            "compare two campaigns of one robot, or of two robots of one model; if both arms are of one "
+            "model, give the second campaign the `robot` of the first, and identify it again",
+        )
+        assert "robot_models_differ" not in [each["code"] for each in made["warnings"]]
+        in_python = js.compare(js.identify(pull, elasticity="joints"), other, methods=[])
+        assert in_python.result.assessment.verdict == "do_not_use"
+        assert "'longer'" in str(in_python)
+        mended = other | {"robot": pull["robot"]}
+        compared = posted_job(local, "comparison", run, posted(mended, elasticity="joints")["id"]).json()
+        codes = [each["code"] for each in compared["result"]["assessment"]["reasons"]]
+        assert "robot_models_differ" not in codes
+        compared = js.compare(pull, mended, methods=[]).result
+        assert "robot_models_differ" not in [each.code for each in compared.assessment.reasons]
 
     def test_runs_are_of_two_sets_by_loads_of_their_own_and_of_joints(self, local, posted, run):
         def compared(*ids):

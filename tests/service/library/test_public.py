@@ -535,3 +535,33 @@ def test_a_misspelt_verb_has_what_python_needs_to_name_the_right_one():
     with pytest.raises(AttributeError, match="no attribute 'identfy'") as caught:
         js.identfy  # noqa: B018
     assert (caught.value.name, caught.value.obj) == ("identfy", js)
+
+
+@pytest.mark.parametrize(
+    ("word", "verb"),
+    [
+        ("fit", "identify"),
+        ("calibrate", "identify"),
+        ("read_csv", "read"),
+        ("forecast", "predict"),
+        ("diff", "compare"),
+        ("kinematics", "geometry"),
+    ],
+)
+def test_a_verb_of_other_packages_is_answered_with_ours(word, verb):
+    with pytest.raises(AttributeError, match=rf"no attribute '{word}'\. Did you mean: '{verb}'\?$"):
+        getattr(js, word)
+    assert callable(getattr(js, verb))
+
+
+@pytest.mark.parametrize(
+    ("option", "place"),
+    [("robot", "a campaign names its robot"), ("load_point", "it is stated in the measurement set")],
+)
+def test_what_a_campaign_states_is_no_option_of_a_run(option, place):
+    campaign = js.datasets.load("pull")
+    with pytest.raises(
+        js.CampaignError, match=f"{option}: unknown field; remedy: remove this field: {place}"
+    ):
+        js.identify(campaign, **{option: [0.0, 0.0, 0.1]})
+    assert js.identify(campaign).result is not None

@@ -314,10 +314,12 @@ function linksOf(urdf: string) {
   const all = names("robot > link", "name");
   const [parents, children] = [new Set(names("joint > parent", "link")), new Set(names("joint > child", "link"))];
   const leaves = all.filter((link) => !parents.has(link));
+  const named = (name: RegExp) => all.find((link) => name.test(link));
   return {
     all,
     root: all.find((link) => !children.has(link)) ?? "",
-    leaf: leaves.find((link) => /flange|tool0|tcp/i.test(link)) ?? leaves.at(-1) ?? "",
+    // Behind the flange a gripper may follow, whose fingers are leaves: of several leaves, the user chooses.
+    leaf: named(/(^|_)tool0$/i) ?? named(/(^|_)flange$/i) ?? (leaves.length === 1 ? (leaves[0] ?? "") : ""),
   };
 }
 
@@ -346,7 +348,10 @@ function UrdfEditor({ given, change }: { given: UrdfText; change: (given: UrdfTe
               label={words[end]}
               value={given[end]}
               change={(chosen) => change({ ...given, [end]: chosen })}
-              options={links.all.map((name) => ({ value: name, label: name }))}
+              options={[
+                ...(given[end] ? [] : [{ value: "", label: words.linkChoose }]),
+                ...links.all.map((name) => ({ value: name, label: name })),
+              ]}
             />
           ))}
         </div>

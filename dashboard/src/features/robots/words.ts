@@ -25,6 +25,7 @@ export const robotWords = {
   urdfHint: "Xacro already expanded. Meshes are not needed.",
   base: "Base link",
   flange: "Flange link",
+  linkChoose: "Choose the link",
   urdfBad: "This is not well-formed XML yet.",
   draw: "The drawing shows mistakes at once",
   save: "Save robot",
