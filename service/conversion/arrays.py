@@ -719,11 +719,11 @@ def _exchange_axes(name: str, array: FloatArray, wanted: Sequence[int | None]) -
 
     In `wanted`, None is an axis of any length.
     """
+    if array.ndim != len(wanted):  # an array of ten axes has millions of orders
+        return None
     for order in permutations(range(array.ndim)):
         shape = tuple(array.shape[axis] for axis in order)
-        fits = len(shape) == len(wanted) and all(
-            length in (None, given) for given, length in zip(shape, wanted, strict=True)
-        )
+        fits = all(length in (None, given) for given, length in zip(shape, wanted, strict=True))
         if fits and list(order) != sorted(order):
             call = f"{name}.T" if array.ndim == 2 else f"{name}.transpose{order}"
             return _OtherOrder("axes seem to be exchanged", call)
@@ -734,7 +734,7 @@ def _split_rows(
     name: str, array: FloatArray, count: int, targets: int | None, components: int
 ) -> _OtherOrder | None:
     """Return the split of rows of single readings into N observations; None if they do not fit."""
-    per_observation = array.size // (count * components)
+    per_observation = array.size // (max(count, 1) * components)
     is_whole = per_observation > 1 and array.size == count * per_observation * components
     if not is_whole or len(array) != count * per_observation or targets not in (None, per_observation):
         return None
