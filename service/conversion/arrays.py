@@ -631,12 +631,22 @@ _DECIMAL_COMMA: Final = re.compile(
 """Message of numpy about a text that is a number with a decimal comma."""
 
 
+_THOUSANDS: Final = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+"""Number whose comma may separate thousands."""
+
+
 def _refuse_decimal_comma(fault: str, name: str) -> None:
     """Raise a `MeasurementError` if the text that numpy could not convert has a decimal comma."""
     found = _DECIMAL_COMMA.fullmatch(fault)
     if found is None:
         return
     whole, decimals = found.groups()
+    if _THOUSANDS.fullmatch(f"{whole},{decimals}"):
+        raise MeasurementError(
+            f"`{name}` has texts with a comma, such as '{whole},{decimals}': a decimal comma, or thousands?",
+            where=name,
+            remedy="read the table with pandas.read_csv(…, decimal=',') or pandas.read_csv(…, thousands=',')",
+        )
     raise MeasurementError(
         f"`{name}` has texts with a decimal comma, such as '{whole},{decimals}'",
         where=name,
