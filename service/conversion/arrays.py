@@ -631,12 +631,22 @@ _DECIMAL_COMMA: Final = re.compile(
 """Message of numpy about a text that is a number with a decimal comma."""
 
 
+_THOUSANDS: Final = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+"""Number whose comma may separate thousands."""
+
+
 def _refuse_decimal_comma(fault: str, name: str) -> None:
     """Raise a `MeasurementError` if the text that numpy could not convert has a decimal comma."""
     found = _DECIMAL_COMMA.fullmatch(fault)
     if found is None:
         return
     whole, decimals = found.groups()
+    if _THOUSANDS.fullmatch(f"{whole},{decimals}"):
+        raise MeasurementError(
+            f"`{name}` has texts with a comma, such as '{whole},{decimals}': a decimal comma, or thousands?",
+            where=name,
+            remedy="read the table with pandas.read_csv(…, decimal=',') or pandas.read_csv(…, thousands=',')",
+        )
     raise MeasurementError(
         f"`{name}` has texts with a decimal comma, such as '{whole},{decimals}'",
         where=name,
@@ -719,11 +729,11 @@ def _exchange_axes(name: str, array: FloatArray, wanted: Sequence[int | None]) -
 
     In `wanted`, None is an axis of any length.
     """
+    if array.ndim != len(wanted):  # an array of ten axes has millions of orders
+        return None
     for order in permutations(range(array.ndim)):
         shape = tuple(array.shape[axis] for axis in order)
-        fits = len(shape) == len(wanted) and all(
-            length in (None, given) for given, length in zip(shape, wanted, strict=True)
-        )
+        fits = all(length in (None, given) for given, length in zip(shape, wanted, strict=True))
         if fits and list(order) != sorted(order):
             call = f"{name}.T" if array.ndim == 2 else f"{name}.transpose{order}"
             return _OtherOrder("axes seem to be exchanged", call)
@@ -734,7 +744,7 @@ def _split_rows(
     name: str, array: FloatArray, count: int, targets: int | None, components: int
 ) -> _OtherOrder | None:
     """Return the split of rows of single readings into N observations; None if they do not fit."""
-    per_observation = array.size // (count * components)
+    per_observation = array.size // (max(count, 1) * components)
     is_whole = per_observation > 1 and array.size == count * per_observation * components
     if not is_whole or len(array) != count * per_observation or targets not in (None, per_observation):
         return None

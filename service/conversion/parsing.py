@@ -68,12 +68,16 @@ def parse(message: type[Parsed], content: bytes, section: str | None = None) -> 
 
 _NAME_OF_FILE: Final = re.compile(rb"@?[\w./\\:~ -]*[\w-]\.\w{1,8}")
 """Text that is only the name of a file, perhaps after the `@` of curl."""
-_PAIRS_OF_FORM: Final = re.compile(rb"[\w.\[\]-]+=[^\s{&]*(?:&[\w.\[\]-]+=[^\s{&]*)*$")
-"""Text of `name=value` pairs, as a web form sends them."""
+_PAIRS_OF_FORM: Final = re.compile(rb"[\w.\[\]-]+=[^\s{&]*(&[\w.\[\]-]+=[^\s{&]*)*$")
+"""Text of `name=value` pairs, as a web form sends them: `&` only separates pairs, for one way to match."""
 _SECTION_OF_TOML: Final = re.compile(rb"\[+[A-Za-z][\w.-]*\]+[ \t]*\r?\n")
 """First line of a text in TOML."""
-_COMMENT_BEFORE_JSON: Final = re.compile(rb"(?>(?://|#)[^\n]*\n\s*|/\*(?s:.*?)\*/\s*)+[\[{]")
-"""Comments of a programming language before a document; each comment is matched in one way only."""
+_COMMENT_BEFORE_JSON: Final = re.compile(rb"(?:(?>(?://|#)[^\n]*\n|/\*(?s:.*?)\*/)\s*)+[\[{]")
+"""Comments of a programming language before a document; each ends at its first end, for one way to match."""
+_LONGEST_NAME: Final = 256
+"""Bytes of a name of a file, at most."""
+_FIRST_BYTES: Final = 64 * 1024
+"""Bytes at the beginning of a text by which its form is known."""
 _QUOTED_BY_PYTHON: Final = re.compile(rb"[\[{]\s*'")
 """Beginning of a dictionary or list as `print` of Python writes it."""
 
@@ -130,13 +134,14 @@ def explain_broken_text(content: bytes, message: str) -> BrokenText | None:
             f"has further text after the end of the JSON document, at {place}",
             "remove this text; give several documents in files of their own",
         )
-    if _NAME_OF_FILE.fullmatch(text):
+    if len(text) <= _LONGEST_NAME and _NAME_OF_FILE.fullmatch(text):
         name = text.decode(errors="replace").removeprefix("@")
         return BrokenText(
             f"is only the name {name!r} of a file, not its content",
             f"send the content of the file: with curl, `--data-binary @{name}`",
         )
-    return next((broken for pattern, broken in _FORMS_OF_TEXTS if pattern.match(text)), None)
+    beginning = text[:_FIRST_BYTES]
+    return next((broken for pattern, broken in _FORMS_OF_TEXTS if pattern.match(beginning)), None)
 
 
 def _list_faults(message: type[BaseModel], error: ValidationError) -> list[dict[str, Any]]:

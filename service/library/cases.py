@@ -82,6 +82,7 @@ def make_load_cases(
         cases = list(postures)
     else:
         cases = _cases_from_arrays(postures, forces, fields.pop("moments", None), joints, units)
+        states_units = states_units or _has_headers_with_units(postures)
     request = parse_document({**fields, "cases": cases}, DeflectionOptions)
     if not states_units:
         _refuse_doubtful_angles([case.joints for case in request.cases], joints)
@@ -129,6 +130,15 @@ def _cases_from_arrays(
     if moment_rows is not None:
         columns["moment"] = to_vectors(moment_rows.values, len(q), "moments").tolist()
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _has_headers_with_units(postures: AnyPostures) -> bool:
+    """Return whether columns of postures state their unit, as `J1 [deg]` does; `units` then agrees."""
+    from jointstiff.service.importing.grammar import split_unit
+    from jointstiff.service.library.frames import read_table
+
+    table = read_table(postures, "postures")
+    return table is not None and any(split_unit(str(column.name))[1] for column in table.columns)
 
 
 def _refuse_large_angles(q: FloatArray, joints: Mapping[str, JointKind], units: Mapping[str, str]) -> None:

@@ -45,7 +45,7 @@ from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import length_text
 
 _AT_ORIGIN: Final = 0.02
-"""Distance [m] of targets from the origin of their frame at which no tracker and no base lets a flange be."""
+"""Distance [m] of targets from the origin of R0 at which no base lets a flange be."""
 MOST_READINGS: Final = 200
 """Greatest number of observations of a live campaign."""
 _PRIOR_PHRASES: Final[Mapping[Standing, str]] = {
@@ -188,14 +188,15 @@ class Declaration:
         Raises:
             MeasurementError: an observation cannot be right.
         """
-        for observation in observations:
-            _refuse_positions_at_origin(observation, LENGTH[self.header.units.length])
+        if self.resolved is None:  # a tracker may have its origin at a target
+            for observation in observations:
+                _refuse_positions_at_origin(observation, LENGTH[self.header.units.length])
         document, findings = self.build_document(observations), list(self.frame_findings)
         return check_set(document, self.robot, self.resolved, findings, robot_id=self.header.robot_id)
 
 
 def _refuse_positions_at_origin(observation: Observation, length: float) -> None:
-    """Refuse an observation whose positions are all at the origin of their frame, because of their unit.
+    """Refuse an observation whose positions are all at the origin of R0, because of their unit.
 
     Raises:
         MeasurementError: no target is farther from the origin than `_AT_ORIGIN`.

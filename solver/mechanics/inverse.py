@@ -40,6 +40,10 @@ _FAR_START: Final = 0.2
 """Least distance [rad] of a start from the first pose's posture at which its unit is doubted."""
 _NEAR_START: Final = 1.0 / 3.0
 """Greatest ratio of the distances with the other unit and with the stated unit that shows a mistaken unit."""
+_NEARER_START: Final = 0.9
+"""Greatest such ratio of a start whose numbers look like radians."""
+_LEAST_RADIANS: Final = 0.5
+"""Least greatest angle of a start in radians; a start of smaller numbers is the zero posture in degrees."""
 _ROUND: Final = 1e-6
 """Greatest distance of ten times an angle from a whole number at which the angle has one decimal."""
 _SAME_SOLUTION: Final = 1e-3
@@ -523,22 +527,28 @@ class _PostureChoice:
         distance = self._measure_from_start(start)
         if distance < _FAR_START:
             return
+        turn = 2.0 * np.pi
+        is_beyond_a_turn = np.abs(start).max() > turn  # otherwise the start may well be in radians
         for unit, stated, corrected in (
             ("radians", "degrees", np.rad2deg(start)),
             ("degrees", "radians", np.deg2rad(start)),
         ):
-            is_within_a_turn = np.abs(corrected).max() <= 2.0 * np.pi
+            is_possible = np.abs(corrected).max() <= turn if stated == "degrees" else is_beyond_a_turn
             corrected_distance = self._measure_from_start(corrected)
-            nearer = 1.0 if _has_numbers_of_radians(start) and stated == "degrees" else _NEAR_START
-            if is_within_a_turn and corrected_distance < nearer * distance:
+            looks_like_radians = stated == "degrees" and _has_numbers_of_radians(start)
+            nearer = _NEARER_START if looks_like_radians else _NEAR_START
+            if is_possible and corrected_distance < nearer * distance:
                 shown = np.rad2deg(corrected) if stated == "degrees" else corrected
                 numbers = ", ".join(f"{each:.4g}" for each in shown)
+                remedy = f"give the start in {stated}: {numbers}"
+                if corrected_distance >= _NEAR_START * distance:
+                    remedy += "; or, if it is in degrees, to a tenth of a degree"
                 raise RequestError(
                     f"the start seems to be in {unit}, not in {stated}: the nearest posture of the first "
                     f"pose differs by {np.rad2deg(distance):.3g}° in an angle; with the numbers taken as "
-                    f"{unit}, by {np.rad2deg(corrected_distance):.2g}°",
+                    f"{unit}, by {np.rad2deg(corrected_distance):.3g}°",
                     where="start",
-                    remedy=f"give the start in {stated}: {numbers}",
+                    remedy=remedy,
                 )
 
     def _measure_from_start(self, start: FloatArray) -> float:
@@ -656,10 +666,10 @@ class _PostureChoice:
 
 
 def _has_numbers_of_radians(angles: FloatArray) -> bool:
-    """Return whether angles are, in degrees, within ±π and have more than one decimal, as in radians."""
-    tenths = 10.0 * np.rad2deg(angles)
-    are_round = bool((np.abs(tenths - np.round(tenths)) < _ROUND).all())
-    return bool(np.abs(tenths).max() <= 10.0 * np.pi) and not are_round
+    """Return whether angles look, in degrees, like radians: some to ±π, with more than one decimal."""
+    numbers = np.rad2deg(angles)
+    are_round = bool((np.abs(10.0 * numbers - np.round(10.0 * numbers)) < _ROUND).all())
+    return _LEAST_RADIANS <= float(np.abs(numbers).max()) <= np.pi and not are_round
 
 
 def compute_angle_gaps(angles: FloatArray, reference: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from support.api import post
 from support.hostile_urdfs import HOSTILE
 from support.outcomes import counts, outcome_of
 
-from jointstiff.service.conversion.parsing import USE_ARRAYS
+from jointstiff.service.conversion.parsing import USE_ARRAYS, explain_broken_text
 from jointstiff.service.problems import MAX_PROBLEM_BYTES
 from jointstiff.service.security.admission import refuse_structure
 
@@ -315,3 +315,25 @@ def test_numbers_at_the_edge_of_what_is_allowed_are_never_for_use(force, sigma, 
         refused = sent(local, "/v1/runs", json.dumps(of_set | {"method": method}))
         assert refused.startswith("422 unsupported-method | ")
         assert reason in refused
+
+
+@pytest.mark.parametrize(
+    ("text", "cause"),
+    [
+        (b"a=" + b"&a=" * 1000 + b" x", None),
+        (b"a=1" + b"&b=2=3" * 1000, "is a list of `name=value` pairs, as a web form sends them"),
+        (b"/**/" * 1000 + b"x", None),
+        (b"/* a */ // b\n# c\n/**/" * 1000 + b"{", "begins with a comment, but JSON has no comments"),
+        (b"//\n" * 1_000_000 + b"x", None),
+        (b"-." * 1_000_000, None),
+    ],
+)
+def test_texts_that_match_in_many_ways_are_read_once(text, cause):
+    """A pattern that tries all ways of 70 bytes would last a second, and those of 150 bytes for ever."""
+    broken = explain_broken_text(text, "expected value at line 1 column 1")
+    assert (broken and broken.cause) == cause
+
+
+def test_a_body_that_matches_in_many_ways_is_refused_at_once(local):
+    for body in ("a=" + "&a=" * 100 + " x", "/**/" * 100 + "x"):
+        assert sent(local, "/v1/robots", body) == invalid("expected value at line 1 column 1")

@@ -189,3 +189,13 @@ def test_a_run_says_once_that_motor_encoders_were_assumed(stated, assumed):
     assert run.summary().count("encoders") == len(ENCODERS) - len(stated)
     assert f"assumed: {assumed} ± 10 mm" in run.summary()
     assert ("assumed: motor encoders" in run.details()) == (not stated)
+
+
+def test_an_array_of_many_axes_or_of_no_observation_is_refused_at_once():
+    """Twelve axes have 479 million orders."""
+    stated = {"robot": "KUKA KR 6 R900 sixx", "encoders": "motor", "load_point": (0, 0, 120)}
+    for unloaded in (np.zeros((1,) * 12), np.zeros((0, 3)), np.zeros((7, 2)), 5.0):
+        with pytest.raises(js.CampaignError, match=r"`unloaded` has the shape .* give 3 numbers"):
+            js.Campaign.from_arrays(
+                **stated, joints=np.zeros((4, 6)), unloaded=unloaded, loaded=unloaded, forces=(0, 0, -500)
+            )

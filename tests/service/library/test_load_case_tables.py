@@ -2,6 +2,7 @@
 
 import pytest
 
+from jointstiff.service.library.cases import make_load_cases
 from jointstiff.service.runs.deflection import read_load_cases
 from jointstiff.solver.errors import RequestError
 
@@ -58,3 +59,14 @@ def test_units_of_a_table_are_those_of_load_cases(units):
         RequestError, match=r"units(\.length)?: Input should be (a valid dictionary|'m' or 'mm')"
     ):
         read_load_cases(HEADER + ROW, JOINTS, units=units)
+
+
+def test_small_angles_below_headers_in_degrees_are_degrees():
+    """Angles of an arm near its zero may be radians, but not if the headers state degrees."""
+    angles = {"a": 0.25, "b": -1.75, "c": 30.0}
+    with pytest.raises(RequestError, match="they seem to be radians"):
+        make_load_cases([[*angles.values()]], JOINTS, [0, 0, -500], {"at": [0, 0, 120]})
+    headers = {"a": "a [deg]", "b": "b [deg]", "c": "c"}
+    columns = {headers[name]: [angle] for name, angle in angles.items()}
+    request = make_load_cases(columns, JOINTS, [0, 0, -500], {"at": [0, 0, 120]})
+    assert [*request.cases[0].joints] == [*angles.values()]

@@ -48,6 +48,8 @@ def test_texts_with_decimal_commas_are_named(document):
     assert f"write {joints[0][0].replace(',', '.')}: " in answer
     mended = [[text.replace(",", ".") for text in row] for row in joints]
     assert js.Campaign.from_arrays(document["robot"], mended, **given)
+    answer = refused(js.Campaign.from_arrays, document["robot"], [["1,234"] * 6], **given)
+    assert "such as '1,234': a decimal comma, or thousands?" in answer
 
 
 def test_the_least_goal_is_in_percent(document):

@@ -424,6 +424,25 @@ def test_readings_in_another_frame_are_looked_for_there():
         shown(read + 0.101 * UP, where=where)
 
 
+def test_a_tracker_may_have_its_origin_at_a_target():
+    """In R0 such positions are in a wrong unit; of a tracker's frame nothing is known."""
+    document = simulate_campaign(default_arm(), load="pull", configurations=3, seed=1)
+    stated = document["measurement_set"]
+    origin = np.array(stated["observations"][0]["readings"][0]["unloaded"])
+    stated["frame"] = {"rotation": np.eye(3).tolist(), "translation": origin.tolist()}
+    for observation in stated["observations"]:
+        (reading, *_) = observation["readings"]
+        read = {name: (np.array(reading[name]) - origin).tolist() for name in ("unloaded", "loaded")}
+        observation["readings"] = [{"target": "P10"} | read]
+    with jointstiff.measure(document, goal="15 %", source=None) as live:
+        for observation in stated["observations"]:
+            (reading,) = observation["readings"]
+            unloaded, loaded = ({"P10": 1e3 * np.array(reading[name])} for name in ("unloaded", "loaded"))
+            joints, force = np.degrees(observation["joints"]), observation["force"]
+            state = live.observe(unloaded, loaded, label=observation["label"], joints=joints, force=force)
+    assert [each.state for each in state.readings] == ["counts"] * 3
+
+
 def test_robodk_measures_targets_where_the_robot_holds_them(monkeypatch):
     """A station whose tracker sees P10 and P11 a millimetre above their places, and no other target."""
 
