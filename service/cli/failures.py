@@ -40,7 +40,7 @@ def name_meant_command(error: Any, words: Sequence[str], commands: Sequence[str]
 
     Args:
         error: error of Typer; others are left as they are.
-        words: words of the command line, of which the first is no command.
+        words: words of the command line; the first is no command.
         commands: names of the commands.
     """
     from jointstiff.service.problems import find_verb

@@ -133,14 +133,15 @@ def write_postures(files: Sequence[tuple[str, bytes]]) -> tuple[str, bytes] | No
 def _split_blocks(lines: Sequence[NumberedLine]) -> Iterator[list[NumberedLine]]:
     """Yield the lines of each block: blank lines are between blocks, and comments begin one."""
     block: list[NumberedLine] = []
+    has_data = False  # whether the block has lines that are no comments
     for number, line in lines:
         is_comment = line.lstrip().startswith(COMMENT_MARKS)
-        has_data = any(not text.lstrip().startswith(COMMENT_MARKS) for _, text in block)
         if block and (not line.strip() or (is_comment and has_data)):
             yield block
-            block = []
+            block, has_data = [], False
         if line.strip():
             block.append((number, line))
+            has_data = has_data or not is_comment
     if block:
         yield block
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -223,11 +223,12 @@ def _average_repeats(named: _NamedTable) -> _NamedTable:
         rows_of_name.setdefault(name, []).append(row)
     if len(rows_of_name) == len(named.names):
         return named
-    table = named.table
+    table, numbers = named.table, named.table.table.numbers
     groups = list(rows_of_name.values())
+    sizes_of_units = _find_units_of_coordinates(table)
     for group in groups:
-        _refuse_far_repeats(table, group)
-    means = np.array([table.table.numbers[group].mean(axis=0) for group in groups])
+        _refuse_far_repeats(table, group, sizes_of_units)
+    means = np.array([numbers[group].mean(axis=0) for group in groups])
     first_rows = replace(
         table,
         rows=tuple(table.rows[group[0]] for group in groups),
@@ -243,18 +244,31 @@ def _average_repeats(named: _NamedTable) -> _NamedTable:
     return _NamedTable(averaged, tuple(rows_of_name), was_averaged=True)
 
 
-def _refuse_far_repeats(table: NumberTable, rows: Sequence[int]) -> None:
-    """Raise an `ImportFileError` if a repeated coordinate is far from the mean of all repeats.
+def _find_units_of_coordinates(table: NumberTable) -> dict[int, float]:
+    """Return the size of the unit [m] of each column of coordinates.
 
     Coordinates are columns that headers name as positions, or of numbers of hundreds of millimetres.
     """
+    sizes = {}
     for column, meaning in enumerate(table.meanings):
-        numbers = table.table.numbers[rows, column]
         unit = guess_unit(find_size(table, [column]))
         is_position = meaning is not None and meaning.kind == "position"
-        if not is_position and (meaning is not None or unit != "mm"):
-            continue
-        farthest = METRES[unit] * float(np.abs(numbers - numbers.mean()).max())
+        if is_position or (meaning is None and unit == "mm"):
+            sizes[column] = METRES[unit]
+    return sizes
+
+
+def _refuse_far_repeats(table: NumberTable, rows: Sequence[int], sizes_of_units: Mapping[int, float]) -> None:
+    """Raise an `ImportFileError` if a repeated coordinate is far from the mean of all repeats.
+
+    Args:
+        table: numbers of a file.
+        rows: indices of the repeats.
+        sizes_of_units: size of the unit [m] of each column of coordinates.
+    """
+    for column, size in sizes_of_units.items():
+        numbers = table.table.numbers[rows, column]
+        farthest = size * float(np.abs(numbers - numbers.mean()).max())
         if farthest > _MOST_REPEAT:
             raise ImportFileError(
                 table.grid.place(table.rows[rows[0]], column),

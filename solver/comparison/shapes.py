@@ -53,7 +53,7 @@ class OtherDimension:
 def list_other_dimensions(first: Robot, second: Robot) -> list[OtherDimension]:
     """Return the dimensions that show that two robots are not of one model; those that differ most are first.
 
-    Both robots have the same joints. The list is empty for robots of one model, of which one may be
+    Both robots have the same joints. The list is empty for robots of one model; one of them may be
     calibrated, or described in other frames, or carry another tool.
     """
     differing = list[OtherDimension]()

@@ -74,7 +74,7 @@ def find_mixed_units(view: View, rows: IndexArray, seen_from_flange: FloatArray)
         return view.build_finding(
             hypothesis.code,
             f"in {count}, {hypothesis.cause}: {message_of_fit}",
-            f"{hypothesis.remedy.partition(';')[0]}, in these observations alone",
+            f"multiply the lengths of these observations alone by {hypothesis.length:g}",
             "do_not_use",
         )
     quantity, other, code = OTHER_UNITS[hypothesis.unit]
