@@ -15,7 +15,7 @@ from functools import cache
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -389,11 +389,14 @@ def _enter_frames(readings: Readings) -> js.Campaign:
 
 
 def _enter_file(readings: Readings) -> js.Campaign:
+    return _propose_file(readings).accept().campaign
+
+
+def _propose_file(readings: Readings) -> js.ProposedReadings | js.ImportedReadings:
     with TemporaryDirectory() as folder:
         file = Path(folder) / "readings.csv"
         _tabulate(readings).to_csv(file, sep=";", index=False)
-        found = js.read(file, robot=readings.robot, load_point=tuple(_to_length(readings)), encoders="motor")
-        return found.accept().campaign
+        return js.read(file, robot=readings.robot, load_point=tuple(_to_length(readings)), encoders="motor")
 
 
 DOORS: Mapping[str, Callable[[Readings], js.Campaign]] = {
@@ -401,6 +404,14 @@ DOORS: Mapping[str, Callable[[Readings], js.Campaign]] = {
     "frames": _enter_frames,
     "a file": _enter_file,
 }
+
+
+_PROPOSED: Final = "proposed"
+"""Code of the sentence by which a proposal names the meaning of a file, where the run has no reason."""
+_TURNED: Final = ("y z x", "a tracker's frame")
+"""Mistakes that turn R0: a proposal names the frame, and turns the readings back."""
+_IN_A_FRAME: Final = "in a frame of the instrument"
+"""Words of a proposal for a file whose positions are not in R0."""
 
 
 def list_sentences(door: str, readings: Readings) -> list[tuple[str, str]]:
@@ -413,6 +424,8 @@ def list_sentences(door: str, readings: Readings) -> list[tuple[str, str]]:
     if run.result is None:
         return [("failed", str(run.error))]
     reasons = run.result.assessment.reasons
+    if door == "a file" and not reasons:
+        return [(_PROPOSED, str(_propose_file(readings)))]
     return [(each.code, f"{each.where or ''} {each.message}; {each.remedy}") for each in reasons]
 
 
@@ -428,6 +441,8 @@ def judge(name: str, arm: str, reasons: list[tuple[str, str]]) -> str:
         return "wrong"
     if not reasons:
         return "silent"
+    if reasons[0][0] == _PROPOSED:
+        return "named" if name in _TURNED and _IN_A_FRAME in reasons[0][1] else "silent"
     code, sentence = reasons[0]
     is_named = code in codes and all(word.format(arm=arm) in sentence for word in mistake.words)
     return "named" if is_named else "other words"
@@ -482,4 +497,7 @@ def _judge_cases(cases: list[tuple[str, str, str]], *, loaded: bool) -> Section:
 
 def _judge_right(reasons: list[tuple[str, str]]) -> str:
     """Return whether the reasons of right readings name a cause."""
-    return "wrong" if any(code in (*_CAUSES, "refused", "failed") for code, _ in reasons) else "named"
+    turned = any(code == _PROPOSED and _IN_A_FRAME in sentence for code, sentence in reasons)
+    return (
+        "wrong" if turned or any(code in (*_CAUSES, "refused", "failed") for code, _ in reasons) else "named"
+    )
