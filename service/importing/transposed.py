@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
-from jointstiff.service.importing.grammar import Vocabulary, find_any_unit, split_unit
+from jointstiff.service.importing.grammar import Vocabulary, find_any_unit, lacks_number, split_unit
 from jointstiff.service.importing.grid import Grid, Row, looks_like_a_number
 
 _LEAST_JOINTS: Final = 3
@@ -51,6 +51,7 @@ def _list_quantities(rows: Sequence[Row], words: Vocabulary) -> list[Row]:
     widths = {len(row.cells) for row in named}
     if len(widths) != 1 or len(titles) > _MOST_TITLES or min(widths) <= _LEAST_POSTURES:
         return []
+    words.add_names_of_table([row.cells[0] for row in named])
     meanings = [words.find(row.cells[0]) for row in named]
     joint_count = sum(meaning is not None and meaning.kind == "joint" for meaning in meanings)
     other_count = len(named) - joint_count
@@ -59,15 +60,15 @@ def _list_quantities(rows: Sequence[Row], words: Vocabulary) -> list[Row]:
 
 
 def _is_quantity(row: Row) -> bool:
-    """Return whether a row begins with a name and has numbers, perhaps behind a unit."""
+    """Return whether a row begins with a name and has numbers, perhaps behind a unit.
+
+    A posture without a reading has no number here.
+    """
     first, *others = row.cells
-    numbers = others[1:] if others and _is_unit(others[0]) else others
-    return (
-        bool(first)
-        and not looks_like_a_number(first)
-        and len(numbers) > 0
-        and all(looks_like_a_number(cell) for cell in numbers)
-    )
+    cells = others[1:] if others and _is_unit(others[0]) else others
+    numbers = [cell for cell in cells if not lacks_number(cell)]
+    is_named = bool(first) and not looks_like_a_number(first)
+    return is_named and bool(numbers) and all(map(looks_like_a_number, numbers))
 
 
 def _is_unit(cell: str) -> bool:
