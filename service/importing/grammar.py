@@ -8,7 +8,7 @@ from __future__ import annotations
 import glob
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
@@ -355,6 +355,30 @@ def _name_joint_of_maker(name: str) -> str:
     return " ".join(kept or words)
 
 
+def _group_paths(names: Iterable[str]) -> dict[tuple[str, ...], dict[str, str]]:
+    """Return form → joint → folded path of names with slashes or dots; a form has `*` in the joint's place."""
+    found: dict[tuple[str, ...], dict[str, str]] = {}
+    for name in names:
+        parts = [part for part in _PATH_SEPARATOR.split(name) if part]
+        if not 1 < len(parts) <= _MOST_PARTS:
+            continue
+        for place, part in enumerate(parts):
+            form = (*parts[:place], "*", *parts[place + 1 :])
+            found.setdefault(form, {})[_name_joint_in_path(part)] = fold_word(name)
+    return found
+
+
+def _name_joint_in_path(part: str) -> str:
+    """Return the name of a joint, a part of a path: `joint 1` of a number with a word for a joint."""
+    number = None if part.isdecimal() else joint_number(part)
+    return _name_joint_of_maker(part) if number is None else f"joint {number}"
+
+
+def _has_word(form: Iterable[str], words: Collection[str]) -> bool:
+    """Return whether a part of a path has one of some words."""
+    return any(word in words for part in form for word in fold_word(part).split())
+
+
 def is_planned(header: str) -> bool:
     """Return whether a header names a coordinate that was not measured, such as `X nominal` or `Zsoll`."""
     name = fold_word(split_unit(header)[0])
@@ -610,6 +634,24 @@ def split_along_target(target: str) -> tuple[str, int]:
     return name, "xyz".index(axis)
 
 
+_PATH_SEPARATOR: Final = re.compile(r"[/.]")
+_MOST_PARTS: Final = 8
+"""Parts of the path of a joint."""
+_NUMBERED_JOINTS: Final = (
+    [f"joint {number}" for number in range(1, 8)],
+    [f"joint {number}" for number in range(1, 7)],
+    [f"joint {number}" for number in range(6)],
+)
+"""Joints of seven axes, and of six, by their numbers."""
+_NO_ANGLES: Final = frozenset(
+    ("velocity", "velocities", "vel", "effort", "efforts", "torque", "torques", "current", "currents",
+     "acceleration", "accelerations", "acc", "temperature", "error", "errors", "x", "y", "z")
+)  # fmt: skip
+"""Words of a path whose numbers are no angles."""
+_PLANNED_ANGLES: Final = frozenset(("desired", "target", "reference", "command", "commanded", "goal"))
+"""Words of a path whose angles were not measured."""
+
+
 class Vocabulary:
     """Grammar of headers, with words and meanings that the caller states, and names of a robot's joints."""
 
@@ -618,6 +660,7 @@ class Vocabulary:
 
         `joints` are the names of the robot's joints, which columns may have; empty without a robot.
         """
+        self._names = tuple(joints)
         self._joints = {fold_word(name): number for number, name in enumerate(joints)}
         self._forces: dict[str, int] = {}  # header without its unit → axis
         self.states = options.state_words
@@ -648,6 +691,25 @@ class Vocabulary:
         for joints in _WORDS["makers"].values():
             if name_of_joint.keys() >= set(joints):
                 self._joints.update({name_of_joint[joint]: number for number, joint in enumerate(joints)})
+        self._add_joints_in_paths(names)
+
+    def _add_joints_in_paths(self, names: Iterable[str]) -> None:
+        """Know paths with the names of all joints, such as `/joint_states/elbow_joint/position`.
+
+        Paths of one form differ in the joint only. Of several forms that of measured angles counts; none if
+        this is not clear.
+        """
+        orders = [*_WORDS["makers"].values(), *_NUMBERED_JOINTS]
+        orders.append([_name_joint_in_path(name) for name in self._names])
+        found = []
+        for form, path_of_joint in _group_paths(names).items():
+            joints = next((each for each in orders if each and path_of_joint.keys() >= set(each)), None)
+            if joints is not None and not _has_word(form, _NO_ANGLES):
+                found.append((form, {path_of_joint[joint]: axis for axis, joint in enumerate(joints)}))
+        measured = [each for each in found if not _has_word(each[0], _PLANNED_ANGLES)]
+        chosen = measured if len(found) > 1 else found
+        if len(chosen) == 1:
+            self._joints.update(chosen[0][1])
 
     def meaning(self, header: str, *, guessed: bool) -> Meaning:
         """Return the meaning of a header: as the caller states it, else as the grammar understands it.
