@@ -21,7 +21,7 @@ MAX_FAULTS = 20
 Delimiter = Literal["comma", "semicolon", "tab", "whitespace"]
 DecimalMark = Literal["point", "comma"]
 State = Literal["unloaded", "loaded", "deflection", "unloaded_after"]
-TableFormat = Literal["text", "xlsx", "mat", "hdf5", "parquet"]
+TableFormat = Literal["text", "xlsx", "mat", "npz", "hdf5", "parquet"]
 MissingField = Literal[
     "joints",
     "force",

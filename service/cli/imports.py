@@ -1190,11 +1190,16 @@ def _make_finding_lines(answer: ImportAnswer) -> Iterator[Line]:
         yield Line(f"  {weight}: {place}{finding.message}{remedy}", style)
 
 
+_FORMATS: Final = MappingProxyType(
+    {"xlsx": "Excel", "mat": "MATLAB", "npz": "NumPy", "hdf5": "HDF5", "parquet": "Parquet"}
+)
+
+
 def _describe_format(file: FilePreview) -> str:
     """Describe encoding, delimiter, decimal mark and number of rows of a file, or the sheet of a workbook."""
     rows = f"{file.row_count} row{'s' if file.row_count != 1 else ''}"
     if file.format != "text":
-        kind = {"xlsx": "Excel", "mat": "MATLAB", "hdf5": "HDF5", "parquet": "Parquet"}[file.format]
+        kind = _FORMATS[file.format]
         place = f", {'sheet' if file.format == 'xlsx' else 'group'} {file.sheet!r}" if file.sheet else ""
         return f"{kind}{place}, {rows}"
     cells = f"{file.delimiter} between cells, " if file.delimiter else ""

@@ -1,4 +1,4 @@
-"""Files of arrays as tables: .mat, HDF5 and Parquet; their libraries run in a process of its own."""
+"""Files of arrays as tables: .mat, .npz, HDF5 and Parquet; their libraries run in a process of its own."""
 
 from __future__ import annotations
 
@@ -16,7 +16,12 @@ from jointstiff.service.importing.grid import ArrayFormat, CellKind, Grid, Row
 from jointstiff.service.importing.matrices import Matrix
 
 _WORDS: Final = MappingProxyType(
-    {"mat": "a MATLAB file", "hdf5": "an HDF5 file", "parquet": "a Parquet file"}
+    {
+        "mat": "a MATLAB file",
+        "npz": "an archive of NumPy",
+        "hdf5": "an HDF5 file",
+        "parquet": "a Parquet file",
+    }
 )
 LIBRARIES: Final = MappingProxyType({"hdf5": "h5py", "parquet": "pyarrow"})
 """Library of a format that the extra `tables` installs."""

@@ -178,9 +178,10 @@ _TYPES_BY_PART: Final = (
 )
 
 
-ArrayFormat = Literal["mat", "hdf5", "parquet"]
+ArrayFormat = Literal["mat", "npz", "hdf5", "parquet"]
+_NPZ: Final = "an archive of NumPy (.npz)"
 ARRAYS: Final[Mapping[str, ArrayFormat]] = MappingProxyType(
-    {"a MATLAB file": "mat", "an HDF5 file": "hdf5", "a Parquet file": "parquet"}
+    {"a MATLAB file": "mat", _NPZ: "npz", "an HDF5 file": "hdf5", "a Parquet file": "parquet"}
 )
 """Type of a file of arrays → format; MATLAB writes HDF5 since version 7.3."""
 _SIGNATURES_OF_ARRAYS: Final = (
@@ -224,6 +225,8 @@ def _archive_type(content: bytes) -> str | None:
             names = {part.filename for part in archive.infolist()}
     except (zipfile.BadZipFile, OSError, ValueError, RuntimeError, LookupError, OverflowError):
         return WORKBOOK
+    if names and all(name.endswith(".npy") for name in names):
+        return _NPZ
     known = next((words for part, words in _TYPES_BY_PART if part in names), None)
     return known or (WORKBOOK if any("xl/" in name for name in names) else "a ZIP archive")
 

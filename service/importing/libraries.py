@@ -1,4 +1,4 @@
-"""Read files of arrays by their libraries, in a process of its own with limits: scipy, h5py, pyarrow.
+"""Read files of arrays by their libraries, in a process of its own with limits: scipy, numpy, h5py, pyarrow.
 
 These libraries trust a file: few bytes unpack to gigabytes, and a damaged file can end the process.
 `python -P -m jointstiff.service.importing.libraries FORMAT OPTIONS` reads a file from its standard input and
@@ -12,11 +12,13 @@ import json
 import os
 import sys
 import warnings
+import zipfile
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import IO, Any, Final
 
 import numpy as np
 
+from jointstiff.service.importing import limits
 from jointstiff.service.importing.child import limit_this_process
 from jointstiff.service.importing.columns import (
     ByteCount,
@@ -29,6 +31,8 @@ from jointstiff.service.importing.columns import (
 
 _MAX_NAMES: Final = 64
 """Names of tables from which one has to be chosen."""
+_SHOWN: Final = 60
+"""Characters of a name in a message."""
 _MAX_DEPTH: Final = 3
 """Structs in structs of MATLAB."""
 
@@ -37,7 +41,7 @@ def main(kind: str, wanted: list[str] | None, *, every_length: bool) -> dict[str
     """Return tables of the file in the standard input by name; `tables` has the names if one must be chosen.
 
     Args:
-        kind: `mat`, `hdf5` or `parquet`.
+        kind: `mat`, `npz`, `hdf5` or `parquet`.
         wanted: names of the tables to return; None for the only one.
         every_length: whether arrays with another number of rows than most columns are returned, too.
     """
@@ -70,7 +74,43 @@ def _read_tables(kind: str, content: bytes, *, every_length: bool) -> Tables:
         from jointstiff.service.importing.parquet import read_parquet
 
         return read_parquet(content)
+    if kind == "npz":
+        return _read_npz(content, every_length=every_length)
     return _read_matlab(content, every_length=every_length)
+
+
+def _read_npz(content: bytes, *, every_length: bool) -> Tables:
+    """Return the one table of an archive of NumPy, of its arrays; pickled objects are never read.
+
+    Raises:
+        MemoryError: the arrays are too large, or too many.
+        UnreadableError: an array has objects of Python.
+    """
+    archive = zipfile.ZipFile(io.BytesIO(content))
+    members = archive.infolist()
+    if len(members) > limits.MAX_OBJECTS:
+        raise MemoryError
+    count = ByteCount()
+    arrays = []
+    for member in members:
+        with archive.open(member) as stream:
+            arrays.append(_read_npy(member.filename.removesuffix(".npy"), stream, count))
+    return {"": lambda: tabulate(arrays, every_length=every_length)}
+
+
+def _read_npy(name: str, stream: IO[bytes], count: ByteCount) -> NamedArray:
+    """Return an array of NumPy, whose header states its size before it is read; errors as of `_read_npz`."""
+    version = np.lib.format.read_magic(stream)
+    is_first = version == (1, 0)
+    read_header = np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
+    shape, is_by_columns, dtype = read_header(stream)
+    if dtype.hasobject:
+        reason = f"the array {name[:_SHOWN]!r} has pickled objects of Python, which may be harmful"
+        raise UnreadableError(reason, "save arrays of numbers or of texts")
+    size = int(np.prod(shape, dtype=object)) * dtype.itemsize
+    count.take(size)
+    values = np.frombuffer(stream.read(size), dtype).reshape(shape, order="F" if is_by_columns else "C")
+    return NamedArray(name, None if dtype.names else values)
 
 
 def _read_matlab(content: bytes, *, every_length: bool) -> Tables:
