@@ -14,7 +14,8 @@ from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import find_known_unit, is_joint
 from jointstiff.service.importing.grid import Grid, Row, decode, too_large_error
 
-_LEAST_ROWS: Final = 3
+LEAST_ROWS: Final = 3
+"""Objects of a table."""
 _COORDINATES: Final = 3
 _MOST_DEPTH: Final = 6
 _CAMPAIGNS: Final = frozenset(("measurement_set", "observations", "robot_id", "poses"))
@@ -22,7 +23,18 @@ _CAMPAIGNS: Final = frozenset(("measurement_set", "observations", "robot_id", "p
 _NAMES: Final = ("name", "target", "id", "label")
 """Fields of an object that name it among others."""
 
-_Record = dict[str, str]
+NumberedObject = tuple[int, Mapping[str, Any]]
+"""Line of an object, or its number, and the object."""
+_LISTS_OF_NAMES: Final = frozenset(("joint_names", "names", "name"))
+"""Fields with the names of the joints in their order."""
+_ANGLES: Final = frozenset(("position", "positions", "joints", "joint_positions", "angles", "q"))
+"""Fields with the angles of named joints."""
+
+
+class NumberText(str):
+    """Number as a document writes it, with all its digits."""
+
+    __slots__ = ()
 
 
 def read_json_rows(file: str, content: bytes) -> Grid | None:
@@ -33,13 +45,25 @@ def read_json_rows(file: str, content: bytes) -> Grid | None:
     """
     text, encoding = decode(file, content)
     objects = _read_lines(text)
-    if len(objects) < _LEAST_ROWS:
+    if len(objects) < LEAST_ROWS:
         objects = _read_array(text)
-    if len(objects) < _LEAST_ROWS:
+    if len(objects) < LEAST_ROWS:
         return None
+    return build_grid_of_objects(file, encoding, objects, "JSON")
+
+
+def build_grid_of_objects(
+    file: str, encoding: str, objects: Sequence[NumberedObject], language: str
+) -> Grid:
+    """Return the objects of a document in a language, such as JSON, as a table with a row for each.
+
+    Raises:
+        ImportFileError: the table is too large, or a name is too long.
+    """
     records = [dict(_flatten(each, "", 0)) for _, each in objects]
     headers = list(dict.fromkeys(header for record in records for header in record))
-    if len(headers) > limits.MAX_COLUMNS or len(headers) * len(records) > limits.MAX_CELLS:
+    is_large = len(headers) > limits.MAX_COLUMNS or len(headers) * len(records) > limits.MAX_CELLS
+    if is_large or len(records) > limits.MAX_ROWS:
         raise too_large_error(file, 1)
     for header in headers:
         if len(header) > limits.MAX_CELL_LENGTH:
@@ -49,14 +73,14 @@ def read_json_rows(file: str, content: bytes) -> Grid | None:
     for (line, _), record in zip(objects, records, strict=True):
         cells = tuple(record.get(header, "")[: limits.MAX_CELL_LENGTH] for header in headers)
         rows.append(Row(line, cells))
-    note = f"{len(records)} objects of JSON were read as rows"
+    note = f"{len(records)} objects of {language} were read as rows"
     preview = FilePreview(file=file, format="text", encoding=encoding, assumptions=[note])
     return Grid(preview, tuple(rows))
 
 
-def _read_lines(text: str) -> list[tuple[int, Mapping[str, Any]]]:
+def _read_lines(text: str) -> list[NumberedObject]:
     """Return the object in each line of a text, with its line; none if a line is no object."""
-    objects = list[tuple[int, Mapping[str, Any]]]()
+    objects = list[NumberedObject]()
     for number, line in enumerate(text.splitlines(), 1):
         if not line.strip():
             continue
@@ -70,20 +94,50 @@ def _read_lines(text: str) -> list[tuple[int, Mapping[str, Any]]]:
     return objects
 
 
-def _read_array(text: str) -> list[tuple[int, Mapping[str, Any]]]:
-    """Return the objects of the array that a document is or has; none of another document."""
+def _read_array(text: str) -> list[NumberedObject]:
+    """Return the objects of the array that a document of JSON is or has; none of another document."""
     try:
         document = from_json(text)
     except ValueError:
         return []
+    return list(enumerate(find_objects(document), 1))
+
+
+def find_objects(document: object) -> list[dict[str, Any]]:
+    """Return the objects of the array that a document is or has, or that its own names name; else none."""
     if isinstance(document, dict):
         if not _CAMPAIGNS.isdisjoint(document):
             return []
+        document = _find_array(document) or _turn_columns(document) or _list_named(document)
+    return document if isinstance(document, list) and _is_array_of_objects(document) else []
+
+
+def _find_array(document: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the only array of objects of a document, or of the only object in it; else none."""
+    for _ in range(_MOST_DEPTH):
         arrays = [each for each in document.values() if _is_array_of_objects(each)]
-        document = arrays[0] if len(arrays) == 1 else _turn_columns(document)
-    if not _is_array_of_objects(document):
+        inner = [each for each in document.values() if isinstance(each, dict)]
+        if len(arrays) == 1:
+            return list(arrays[0])
+        if arrays or len(inner) != 1:
+            break
+        document = inner[0]
+    return []
+
+
+def _list_named(document: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the objects of a document, or of the only object in it, with their names as labels.
+
+    The objects have the same fields, as postures have; of other documents nothing is returned.
+    """
+    objects = {str(key): each for key, each in document.items() if isinstance(each, dict)}
+    if len(objects) == 1:
+        inner = next(iter(objects.values()))
+        objects = {str(key): each for key, each in inner.items() if isinstance(each, dict)}
+    fields = {tuple(sorted(map(str, each))) for each in objects.values()}
+    if len(objects) < LEAST_ROWS or len(fields) != 1:
         return []
-    return [(number, each) for number, each in enumerate(document, 1)]
+    return [{"label": name, **each} for name, each in objects.items()]
 
 
 def _turn_columns(document: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -108,13 +162,48 @@ def _flatten(value: object, name: str, depth: int) -> Iterator[tuple[str, str]]:
     if depth > _MOST_DEPTH or value is None:
         return
     if isinstance(value, Mapping):
-        for key, each in value.items():
+        for key, each in _name_by_list(value).items():
             yield from _flatten(each, _join(name, str(key)), depth + 1)
     elif isinstance(value, Sequence) and not isinstance(value, str):
         for key, each in zip(_name_elements(value, name), value, strict=True):
             yield from _flatten(each, key, depth + 1)
     else:
         yield name, _write(value)
+
+
+def _name_by_list(value: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an object in which a list of names, as ROS writes it, names the numbers of other lists.
+
+    Angles have the names of the joints; the field of other numbers, such as velocities, has them in it.
+    """
+    keys = [key for key in value if str(key).casefold() in _LISTS_OF_NAMES]
+    key = next((key for key in keys if _is_list_of_names(value[key])), None)
+    if key is None:
+        return dict(value)
+    names = value[key]
+    named: dict[str, Any] = {}
+    for field, each in value.items():
+        is_of_names = isinstance(each, list) and len(each) == len(names) and all(map(_is_number, each))
+        if is_of_names and str(field).casefold() in _ANGLES:
+            named |= dict(zip(names, each, strict=True))
+        elif is_of_names:
+            named[field] = dict(zip(names, each, strict=True))
+        elif field != key:
+            named[field] = each
+    return named
+
+
+def _is_list_of_names(value: object) -> bool:
+    """Return whether a value is a list of different texts."""
+    is_list = isinstance(value, list) and len(value) > _COORDINATES
+    if not is_list or not all(isinstance(each, str) and not _is_number(each) for each in value):
+        return False
+    return len(set(value)) == len(value)
+
+
+def _is_number(value: object) -> bool:
+    """Return whether a value is a number, or the text of one."""
+    return isinstance(value, int | float | NumberText)
 
 
 def _join(name: str, key: str) -> str:
@@ -131,7 +220,7 @@ def _name_elements(values: Sequence[Any], name: str) -> list[str]:
         found = [next((str(each[key]) for key in _NAMES if key in each), "") for each in values]
         if all(found) and len(set(found)) == len(found):
             return found
-    are_numbers = all(isinstance(each, int | float) for each in values)
+    are_numbers = all(map(_is_number, values))
     if are_numbers and len(values) == _COORDINATES and not is_joint(base):
         return [f"{base} {axis}{ending}" for axis in "xyz"]
     word = base if is_joint(base) or not base.casefold().startswith("joint") else "joint"

@@ -57,6 +57,7 @@ from jointstiff.service.importing.rows import (
     Value,
 )
 from jointstiff.service.importing.weight_steps import is_step_table, read_step_table
+from jointstiff.service.importing.yaml_rows import read_yaml_rows
 
 _USE_FEWER: Final = (
     "leave out rows, such as repeated readings of a posture, or identify all rows in Python from arrays, "
@@ -506,9 +507,13 @@ def _read_text_grids(
         ImportFileError: the file is of another type, or cannot be read.
     """
     is_text = kind in (None, grid.JSON)  # a matrix without a name begins as a list of JSON does
-    rows_of_json = read_json_rows(file.name, file.content) if kind == grid.JSON else None
-    if rows_of_json is not None:
-        return [rows_of_json]
+    objects = None
+    if kind == grid.JSON:
+        objects = read_json_rows(file.name, file.content)
+    elif kind is None:
+        objects = read_yaml_rows(file.name, file.content)
+    if objects is not None:
+        return [objects]
     matrices = _find_matrices(file) if is_text else []
     if every_length and matrices:
         return build_grids_of_matrices(file.name, matrices)
