@@ -52,9 +52,7 @@ def read_json_rows(file: str, content: bytes) -> Grid | None:
     return build_grid_of_objects(file, encoding, objects, "JSON")
 
 
-def build_grid_of_objects(
-    file: str, encoding: str, objects: Sequence[NumberedObject], language: str
-) -> Grid:
+def build_grid_of_objects(file: str, encoding: str, objects: Sequence[NumberedObject], language: str) -> Grid:
     """Return the objects of a document in a language, such as JSON, as a table with a row for each.
 
     Raises:

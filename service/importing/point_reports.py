@@ -1,14 +1,15 @@
 """Measured points in the report of a coordinate measuring machine, read as a list of points.
 
 These are DMIS output (`FA(P1)=FEAT/POINT,CART,…`, ISO 22093), the text reports of PC-DMIS (`DIM … LOCATION OF
-POINT …`), and lines such as `P1 X 12.3 Y 4.5 Z 6.7`. Nominal values are never read.
+POINT …`), lines such as `P1 X 12.3 Y 4.5 Z 6.7`, and names above lines of X, Y and Z, as Metrolog prints them.
+Nominal values are never read.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final
 
@@ -39,6 +40,16 @@ _TRIPLE: Final = re.compile(
     re.IGNORECASE,
 )
 _DIGIT: Final = re.compile(r"\d")
+_AXIS_LINE: Final = re.compile(
+    r"\s*([XYZ])[\s:=]+([-+\u2212]?\d[\d.,]{0,30})(?:\s*\[?(mm|cm|m|in|inch)\]?)?\s*", re.IGNORECASE
+)
+"""A line with the one coordinate of a point along an axis."""
+_AXIS_START: Final = re.compile(r"\s*([XYZ])(?:[\s:=]+[-+\u2212.\d]|\s*$)", re.IGNORECASE)
+"""A line that begins with an axis and a number."""
+_STATED_UNIT: Final = re.compile(
+    r"\b(?:units?|unités?|einheit(?:en)?|maßeinheit|unità|unidad(?:es)?)\s{0,9}[:=]?\s{0,9}\[?(mm|cm|m|in|inch)\b",
+    re.IGNORECASE,
+)
 
 
 @dataclass(frozen=True)
@@ -71,7 +82,7 @@ def read_point_report(file: str, text: str) -> PointReport | None:
         return _read_dmis(file, lines)
     if any(_DIMENSION.match(line) for line in lines):
         return _read_dimensions(file, lines)
-    return _read_triples(file, lines)
+    return _read_triples(file, lines) or _read_named_lines(file, lines)
 
 
 def _read_dmis(file: str, lines: Sequence[str]) -> PointReport:
@@ -183,6 +194,54 @@ def _read_triples(file: str, lines: Sequence[str]) -> PointReport | None:
     if unclear:
         raise _unclear_line(file, unclear[0], lines[unclear[0] - 1])
     return PointReport(tuple(points), None)
+
+
+def _read_named_lines(file: str, lines: Sequence[str]) -> PointReport | None:
+    """Return the points whose names are above lines of X, Y and Z; None if there are fewer than three.
+
+    Raises:
+        ImportFileError: a point lacks a coordinate, or units differ.
+    """
+    filled = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
+    matches = {number: found for number, line in filled if (found := _AXIS_LINE.fullmatch(line))}
+    starts = [
+        place for place, (number, _) in enumerate(filled) if place and _find_axis(matches.get(number)) == "X"
+    ]
+    points: list[ReportedPoint] = []
+    used = set[int]()  # lines of points
+    for place in starts:
+        number, name = filled[place - 1]
+        own_lines = [line for line, _ in filled[place : place + len(_AXES)]]
+        found = [matches.get(line) for line in own_lines]
+        if number not in matches and tuple(map(_find_axis, found)) == _AXES:
+            texts = tuple(match[2] for match in found if match)
+            used.update([number, *own_lines])
+            points.append(ReportedPoint(number, name.strip().rstrip(":").strip(), texts))
+    if len(points) < _LEAST_POINTS:
+        return None
+    odd = next(
+        ((number, line) for number, line in filled if number not in used and _AXIS_START.match(line)), None
+    )
+    if odd is not None:
+        reason = f"{quote(odd[1].strip())} belongs to no point with a name and one X, Y and Z"
+        raise ImportFileError(Place(file, odd[0]), reason, "complete the point, or remove its lines")
+    others = [line for number, line in filled if number not in used]
+    stated = [found[1] for line in others if (found := _STATED_UNIT.search(line))]
+    stated += [match[3] for match in matches.values() if match[3]]
+    return PointReport(_shorten_names(points), _choose_unit(file, [unit.upper() for unit in stated]))
+
+
+def _find_axis(match: re.Match[str] | None) -> str:
+    """Return the axis of a line; empty for another line."""
+    return match[1].upper() if match else ""
+
+
+def _shorten_names(points: Sequence[ReportedPoint]) -> tuple[ReportedPoint, ...]:
+    """Return the points without the first words of their names if all have them, such as `POINT`."""
+    words = [point.name.split() for point in points]
+    while all(len(each) > 1 for each in words) and len({each[0] for each in words}) == 1:
+        words = [each[1:] for each in words]
+    return tuple(replace(point, name=" ".join(each)) for point, each in zip(points, words, strict=True))
 
 
 def _choose_unit(file: str, units: Sequence[str]) -> str | None:
