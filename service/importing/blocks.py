@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from jointstiff.schemas.imports import Delimiter, FilePreview
-from jointstiff.service.importing.errors import ImportFileError, Place
+from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grid import (
     COMMENT_MARKS,
     Grid,
@@ -22,6 +22,7 @@ from jointstiff.service.importing.grid import (
     split_line,
     strip_comment_mark,
 )
+from jointstiff.service.importing.joint_positions import name_angles
 
 _LEAST_NUMBERS: Final = 3
 """Numbers of a row of data, at least."""
@@ -34,6 +35,13 @@ _MOST_NOT_ALIKE: Final = 0.34
 _COORDINATES: Final = 3
 _SIGN: Final = re.compile(r"(?<![\w.])([^\W\d]\w{0,15})[=:](?=[ \t]{0,3}[-+]?\d)")
 """A name with its sign before a number."""
+_UNIT_BEHIND: Final = re.compile(
+    r"(?<![\w.])([^\W\d]\w{0,15})[=:][ \t]{0,3}([-+]?\d[\d.,]{0,30})[ \t]{0,3}(mm|m|deg|°|rad)(?!\w)"
+)
+"""A name, its sign and number, and a unit."""
+_SEPARATOR: Final = re.compile(r"[;|]|,(?=\s)")
+_ADORNMENT: Final = " \t-=*~_<>+"
+"""Signs around a title."""
 _NUMBER: Final = re.compile(r"[-+]?\d+(?:[.,]\d+)?")
 
 
@@ -80,6 +88,21 @@ def read_blocks(file: str, content: bytes, delimiter: Delimiter | None) -> list[
     filled = [line for line in lines if line[1].strip() and not line[1].lstrip().startswith(COMMENT_MARKS)]
     if not filled:
         return []
+    return _read_split_blocks(file, encoding, lines, filled, delimiter) or _read_log(file, encoding, lines)
+
+
+def _read_split_blocks(
+    file: str,
+    encoding: str,
+    lines: Sequence[NumberedLine],
+    filled: Sequence[NumberedLine],
+    delimiter: Delimiter | None,
+) -> list[Grid]:
+    """Return the tables of blocks between blank lines, or else below titles; `filled` are lines with texts.
+
+    Raises:
+        ImportFileError: a posture has other rows than the others.
+    """
     for split in (_split_blocks, _split_at_titles):
         try:
             chosen = _choose_lines_of_numbers(filled) or filled
@@ -93,6 +116,81 @@ def read_blocks(file: str, content: bytes, delimiter: Delimiter | None) -> list[
         if grids:
             return grids
     return []
+
+
+def _read_log(file: str, encoding: str, lines: Sequence[NumberedLine]) -> list[Grid]:
+    """Return one table of a log with a joint position as robots write it, and lines of targets below it.
+
+    Raises:
+        ImportFileError: a posture has other rows than the others.
+    """
+    angles = {number: named for number, line in lines if (named := name_angles(line)) is not None}
+    if len(angles) < _LEAST_BLOCKS:
+        return []
+    plain = [(number, angles.get(number) or _write_plainly(line)) for number, line in lines]
+    parts = list(_split_at_titles(plain)) or _split_at(plain, angles)
+    try:
+        blocks = [_read_block(file, part, "whitespace") for part in parts]
+    except ImportFileError:
+        return []
+    with_data = [block for block in blocks if block.rows]
+    if not with_data or any(_COORDINATES not in block.shape for block in with_data):
+        return []
+    return _join_postures(
+        FilePreview(file=file, format="text", encoding=encoding), _order_rows(file, with_data)
+    )
+
+
+def _order_rows(file: str, blocks: Sequence[_Block]) -> list[_Block]:
+    """Return blocks whose rows have the order of those of the first block, by the words of the rows.
+
+    Blocks with other numbers of rows, or with a row twice, are returned unchanged.
+
+    Raises:
+        ImportFileError: a block with as many rows has a row with other words.
+    """
+    order = _list_words(blocks[0])
+    ordered = list[_Block]()
+    for block in blocks:
+        words = _list_words(block)
+        if len(set(words)) < len(words) or len(words) != len(order):
+            return list(blocks)
+        row_of_words = dict(zip(words, block.rows, strict=True))
+        other = next((each for each in words if each not in order), None)
+        if other is not None:
+            place = Place(file, row_of_words[other][0].line)
+            reason = f"the first block has no row {quote(' '.join(other))}"
+            raise ImportFileError(place, reason, "give all postures the same rows")
+        ordered.append(_Block(block.titles, tuple(row_of_words[each] for each in order)))
+    return ordered
+
+
+def _list_words(block: _Block) -> list[tuple[str, ...]]:
+    """Return the texts of each row of data that are no numbers."""
+    return [tuple(cell for cell in row.cells if not looks_like_a_number(cell)) for row, _ in block.rows]
+
+
+def _split_at(lines: Sequence[NumberedLine], starts: Collection[int]) -> list[list[NumberedLine]]:
+    """Return the lines of each block, which begin at the lines with some numbers; no blank lines."""
+    blocks = list[list[NumberedLine]]()
+    for number, line in lines:
+        if number in starts:
+            blocks.append([])
+        if blocks and line.strip():
+            blocks[-1].append((number, line))
+    return blocks
+
+
+def _write_plainly(line: str) -> str:
+    """Return a line with blanks for separators and signs: `T1: X=1.5 mm; Y=…` gives `T1: X[mm] 1.5 Y…`.
+
+    A title is returned without the signs that adorn it, as in `--- Pose 1 ---`.
+    """
+    if line.lstrip().startswith(COMMENT_MARKS):
+        return line
+    if len(_NUMBER.findall(line)) < _LEAST_NUMBERS:
+        return line.strip(_ADORNMENT)
+    return _SIGN.sub(r"\1 ", _UNIT_BEHIND.sub(r"\1[\3] \2", _SEPARATOR.sub(" ", line)))
 
 
 def _choose_lines_of_numbers(lines: Sequence[NumberedLine]) -> list[NumberedLine]:
@@ -283,6 +381,7 @@ def _name_columns(rows: Sequence[tuple[Row, Row | None]]) -> list[str]:
         before = " ".join(cell for cell in common if cell not in own_names)
         return [f"{before.rstrip(':')} {name}".strip() for name in own_names]
     words = " ".join(common)
+    words = words.rstrip(":")
     if is_headed and above is not None:
         return [f"{words} {above.cells[column]}".strip() for column in columns]
     if len(columns) == _COORDINATES and words:

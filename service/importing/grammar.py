@@ -356,7 +356,7 @@ def _name_joint_of_maker(name: str) -> str:
 
 
 def _group_paths(names: Iterable[str]) -> dict[tuple[str, ...], dict[str, str]]:
-    """Return form → joint → folded path of names with slashes or dots; a form has `*` in the joint's place."""
+    """Return form → joint → folded path of names with slashes or dots; `*` is the joint's place in a form."""
     found: dict[tuple[str, ...], dict[str, str]] = {}
     for name in names:
         parts = [part for part in _PATH_SEPARATOR.split(name) if part]

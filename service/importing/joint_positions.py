@@ -44,6 +44,15 @@ def read_joint_positions(text: str) -> list[JointPosition]:
     return []
 
 
+def name_angles(line: str) -> str | None:
+    """Return a line with a joint position of KRL or RAPID as `A1[deg] 10.5 A2[deg] -20 …`; None without one."""
+    for read in (_read_krl, _read_rapid, _read_logged):
+        position = next(read(line), None)
+        if position is not None:
+            return " ".join(f"A{axis}[deg] {angle}" for axis, angle in enumerate(position.angles, 1))
+    return None
+
+
 def _read_rapid(text: str) -> Iterator[JointPosition]:
     """Yield the positions of `jointtarget` and of `MoveAbsJ` with numbers."""
     return _read_brackets(text, _RAPID)

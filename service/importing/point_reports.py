@@ -1,8 +1,8 @@
 """Measured points in the report of a coordinate measuring machine, read as a list of points.
 
 These are DMIS output (`FA(P1)=FEAT/POINT,CART,…`, ISO 22093), the text reports of PC-DMIS (`DIM … LOCATION OF
-POINT …`), lines such as `P1 X 12.3 Y 4.5 Z 6.7`, and names above lines of X, Y and Z, as Metrolog prints them.
-Nominal values are never read.
+POINT …`), lines such as `P1 X 12.3 Y 4.5 Z 6.7`, and names above lines of X, Y and Z, as of Metrolog. Nominal
+values are never read.
 """
 
 from __future__ import annotations

@@ -507,11 +507,7 @@ def _read_text_grids(
         ImportFileError: the file is of another type, or cannot be read.
     """
     is_text = kind in (None, grid.JSON)  # a matrix without a name begins as a list of JSON does
-    objects = None
-    if kind == grid.JSON:
-        objects = read_json_rows(file.name, file.content)
-    elif kind is None:
-        objects = read_yaml_rows(file.name, file.content)
+    objects = _read_objects(file, kind) if is_text else None
     if objects is not None:
         return [objects]
     matrices = _find_matrices(file) if is_text else []
@@ -527,6 +523,16 @@ def _read_text_grids(
         if blocks:
             return blocks
     return [read_text(file.name, file.content, options.delimiter, are_marks_literal=every_length)]
+
+
+def _read_objects(file: SourceFile, kind: str | None) -> Grid | None:
+    """Return the objects of a file of JSON or YAML as a table; None of another text.
+
+    Raises:
+        ImportFileError: the text is damaged, or the table is too large.
+    """
+    read = read_json_rows if kind == grid.JSON else read_yaml_rows
+    return read(file.name, file.content)
 
 
 def _find_matrices(file: SourceFile) -> list[Matrix]:
