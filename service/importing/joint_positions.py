@@ -45,7 +45,7 @@ def read_joint_positions(text: str) -> list[JointPosition]:
 
 
 def name_angles(line: str) -> str | None:
-    """Return a line with a joint position of KRL or RAPID as `A1[deg] 10.5 A2[deg] -20 …`; None without one."""
+    """Return a line with a joint position of KRL or RAPID as `A1[deg] 10.5 A2[deg] -20 …`, or None."""
     for read in (_read_krl, _read_rapid, _read_logged):
         position = next(read(line), None)
         if position is not None:

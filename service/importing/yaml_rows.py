@@ -51,10 +51,9 @@ def read_yaml_rows(file: str, content: bytes) -> Grid | None:
         ImportFileError: the name and the lines are those of YAML, but the text cannot be read as objects.
     """
     text, encoding = decode(file, content)
-    start = text[:_MOST_LENGTH]
-    is_named = file.lower().endswith(_ENDINGS) and len(_FIELD.findall(start)) >= LEAST_ROWS
-    is_list_of_objects = len(_ITEM.findall(start)) >= LEAST_ROWS
-    if not (is_named or is_list_of_objects) or read_joint_states(text):
+    has_fields = len(_FIELD.findall(text[:_MOST_LENGTH])) >= LEAST_ROWS
+    is_named = has_fields and file.lower().endswith(_ENDINGS)
+    if not (is_named or looks_like_yaml(text)) or read_joint_states(text):
         return None
     try:
         objects = _read_objects(text)
@@ -68,6 +67,11 @@ def read_yaml_rows(file: str, content: bytes) -> Grid | None:
         reason = f"the YAML has no list of {LEAST_ROWS} objects or more, one for each posture"
         raise ImportFileError(Place(file), reason, _SAVE_AS_TABLE)
     return None
+
+
+def looks_like_yaml(text: str) -> bool:
+    """Return whether a text has a list of objects as YAML writes it."""
+    return len(_ITEM.findall(text[:_MOST_LENGTH])) >= LEAST_ROWS
 
 
 def _are_records(objects: Sequence[NumberedObject]) -> bool:

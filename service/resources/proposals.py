@@ -32,6 +32,11 @@ from jointstiff.service.importing.rewriting import (
     write_readings,
 )
 from jointstiff.service.importing.uncertainties import add_uncertainties
+from jointstiff.service.importing.unread import (
+    advise_on_files_without_rows,
+    describe_turned_table,
+    explain_fault,
+)
 from jointstiff.service.resources.columns_left import (
     ColumnsLeft,
     find_constant_force,
@@ -500,6 +505,11 @@ def _find_proposal(
     """
     found = propose([each.table for each in tables], robots)
     if found.best is None:
+        words = Vocabulary(request, robots[0].robot.joint_names)
+        if turned := describe_turned_table([each.grid for each in tables], words):
+            raise _NoProposalError(
+                f"{found.reason}; {turned}", "give each posture a row: exchange rows and columns"
+            )
         raise _NoProposalError(found.reason)
     if reason := _find_contradiction(found.best, request):
         raise _NoProposalError(reason)
@@ -578,12 +588,12 @@ def _read_numbers(files: Sequence[SourceFile], request: ImportRequest, joints: S
         is_settled_by_option = fault.option is not None
         if is_settled_by_option:
             raise _NoProposalError(str(fault), fault=fault) from fault
-        raise _describe_fault(fault) from fault
+        raise _describe_fault(explain_fault(files, fault)) from fault
     if not found.tables:
         raise _NoProposalError("the files have no rows of numbers")
     if found.without:
         reason = f"{', '.join(found.without)} has no rows of numbers"
-        raise _NoProposalError(reason, "leave this file out, or export it as a table")
+        raise _NoProposalError(reason, advise_on_files_without_rows(files, found.without))
     try:
         refuse_unknown_headers(found.tables, request)
         words = Vocabulary(request, joints)
