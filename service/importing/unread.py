@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 from contextlib import suppress
 from typing import Final
 
-from jointstiff.service.importing.errors import ImportFileError, Place
+from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grammar import Vocabulary
 from jointstiff.service.importing.grid import Grid, decode, file_type
 from jointstiff.service.importing.reading import SourceFile
-from jointstiff.service.importing.yaml_rows import looks_like_yaml
 
 _DECIMAL: Final = re.compile(r"\d[.,]\d")
 _READINGS: Final = 9
@@ -36,20 +35,6 @@ def _has_readings(file: SourceFile) -> bool:
         text, _ = decode(file.name, file.content)
         return len(_DECIMAL.findall(text)) >= _READINGS
     return True
-
-
-def explain_fault(files: Sequence[SourceFile], fault: ImportFileError) -> ImportFileError:
-    """Return the fault of a file, or the fault that the file is YAML which was not read."""
-    file = next((file for file in files if file.name == fault.place.file), None)
-    if file is None or fault.option is not None or file_type(file.content, file.name) is not None:
-        return fault
-    with suppress(ImportFileError):
-        if looks_like_yaml(decode(file.name, file.content)[0]):
-            reason = (
-                f"the text looks like YAML, but is no list of postures with the same fields ({fault.reason})"
-            )
-            return ImportFileError(Place(file.name), reason, "correct the list, or export it as CSV")
-    return fault
 
 
 def describe_turned_table(grids: Iterable[Grid], words: Vocabulary) -> str:

@@ -37,9 +37,10 @@ _SAVE_AS_TABLE: Final = "write a list of postures with the same fields, or expor
 class _RefusedError(Exception):
     """Error that a document has something that is never read: line and reason."""
 
-    def __init__(self, line: int, reason: str) -> None:
+    def __init__(self, line: int, reason: str, *, is_certain: bool = False) -> None:
         super().__init__(line, reason)
         self.line, self.reason = line, reason
+        self.is_certain = is_certain  # whether the text is YAML, whatever the name of its file is
 
 
 def read_yaml_rows(file: str, content: bytes) -> Grid | None:
@@ -48,17 +49,18 @@ def read_yaml_rows(file: str, content: bytes) -> Grid | None:
     Anchors and aliases, by which few bytes become many, are refused.
 
     Raises:
-        ImportFileError: the name and the lines are those of YAML, but the text cannot be read as objects.
+        ImportFileError: name and lines are those of YAML, but the text cannot be read as objects; or a
+            list of objects has an anchor or an alias.
     """
     text, encoding = decode(file, content)
     has_fields = len(_FIELD.findall(text[:_MOST_LENGTH])) >= LEAST_ROWS
     is_named = has_fields and file.lower().endswith(_ENDINGS)
-    if not (is_named or looks_like_yaml(text)) or read_joint_states(text):
+    if not (is_named or _looks_like_yaml(text)) or read_joint_states(text):
         return None
     try:
         objects = _read_objects(text)
     except _RefusedError as error:
-        if is_named:
+        if is_named or error.is_certain:
             raise ImportFileError(Place(file, error.line), error.reason, _SAVE_AS_TABLE) from None
         return None
     if len(objects) >= LEAST_ROWS and (is_named or _are_records(objects)):
@@ -69,7 +71,7 @@ def read_yaml_rows(file: str, content: bytes) -> Grid | None:
     return None
 
 
-def looks_like_yaml(text: str) -> bool:
+def _looks_like_yaml(text: str) -> bool:
     """Return whether a text has a list of objects as YAML writes it."""
     return len(_ITEM.findall(text[:_MOST_LENGTH])) >= LEAST_ROWS
 
@@ -132,7 +134,8 @@ class _Builder:
 
         line = event.start_mark.line + 1
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
-            raise _RefusedError(line, "the YAML has an anchor or an alias, which is not read")
+            reason = "the YAML has an anchor or an alias, which is not read"
+            raise _RefusedError(line, reason, is_certain=True)
         self._count += 1
         if self._count > _MOST_VALUES or len(self._open) > _MOST_DEPTH:
             raise _RefusedError(line, "the YAML has too many values, or lists in lists")

@@ -35,7 +35,6 @@ from jointstiff.service.importing.uncertainties import add_uncertainties
 from jointstiff.service.importing.unread import (
     advise_on_files_without_rows,
     describe_turned_table,
-    explain_fault,
 )
 from jointstiff.service.resources.columns_left import (
     ColumnsLeft,
@@ -588,7 +587,7 @@ def _read_numbers(files: Sequence[SourceFile], request: ImportRequest, joints: S
         is_settled_by_option = fault.option is not None
         if is_settled_by_option:
             raise _NoProposalError(str(fault), fault=fault) from fault
-        raise _describe_fault(explain_fault(files, fault)) from fault
+        raise _describe_fault(fault) from fault
     if not found.tables:
         raise _NoProposalError("the files have no rows of numbers")
     if found.without:

@@ -188,9 +188,9 @@ def test_yaml_that_is_no_list_of_postures_is_refused_in_a_sentence(text, said):
     assert said in refusals(("a.yaml", text.encode()))[0]
 
 
-def test_a_refused_text_that_looks_like_yaml_is_named_so(tmp_path):
+def test_a_list_of_yaml_with_an_anchor_is_refused_whatever_its_name_is(tmp_path):
     text = write_yaml(RECORDS).replace("joint_names: [", "joint_names: &names [", 1)
-    assert "the text looks like YAML" in refuse({"a.txt": text}, tmp_path, UR)
+    assert "a.txt:2: the YAML has an anchor or an alias" in refuse({"a.txt": text}, tmp_path, UR)
 
 
 # ---- turned sheets
