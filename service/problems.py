@@ -762,6 +762,11 @@ def _find_remedy_of_unread(error: Mapping[str, Any]) -> str | None:
     place = error["loc"]
     if "observations" not in place or error["type"] not in {"finite_number", "float_type", "list_type"}:
         return None
+    if place[-1:] == ("readings",):
+        return (
+            'give a list of objects, such as [{"target": "P10", "unloaded": [1.2, 0.3, 0.8], "loaded": '
+            "[1.2, 0.3, 0.799]}]"
+        )
     remedy = _REMEDIES[error["type"]]
     if "readings" in place:
         return f"{remedy}; leave out the reading of a target that was not read"

@@ -43,6 +43,11 @@ def advise_method(request: Request) -> str:
     if request.method == "DELETE" and "PATCH" in methods:
         return 'send PATCH with {"deleted": true}'
     if request.method == "PUT" and "PATCH" in methods:
+        if "/measurement-sets/" in request.url.path:
+            return (
+                "post the corrected set with POST /v1/measurement-sets, as readings of a stored set never "
+                "change; PATCH changes its name and notes"
+            )
         return "send PATCH with the fields to change"
     collection = request.url.path.rpartition("/")[2]
     kind = next((kind for kind in KINDS if kind.collection == collection), None)
@@ -56,7 +61,7 @@ def advise_address(request: Request) -> str:
     parts = [part for part in request.url.path.split("/") if part]
     if parts[:1] != ["v1"]:
         parts.insert(0, "v1")
-    if len(parts) > 2 and parts[1] in {kind.collection for kind in KINDS}:
+    if len(parts) > 2 and parts[1] in {"campaigns", *(kind.collection for kind in KINDS)}:
         parts[1] = "jobs"  # jobs of all kinds have their addresses there
     ends_in_verb = request.method == "POST" and len(parts) > 2 and find_verb(parts[-1]) is not None
     if ends_in_verb and (by_verb := _advise_verb(parts[::-1])) is not None:

@@ -6,7 +6,7 @@ import os
 import signal
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
 
@@ -23,6 +23,9 @@ from jointstiff.service.settings import Settings
 
 if TYPE_CHECKING:
     from jointstiff.schemas.run import Run
+
+_LARGEST_NOISE: Final = 1e-2
+"""Largest noise of a coordinate [m]: a greater number was meant in mm or µm."""
 
 
 def examples(
@@ -62,9 +65,7 @@ def simulate(
     ] = 1500.0,
     sigma: Annotated[
         float,
-        typer.Option(
-            min=0.0, max=1e-2, help="Standard deviation of the noise of each coordinate, in metres."
-        ),
+        typer.Option(min=0.0, help="Standard deviation of the noise of each coordinate, in metres."),
     ] = 2e-5,
     encoders: Annotated[
         Literal["motor", "secondary"],
@@ -78,6 +79,9 @@ def simulate(
     from jointstiff.simulator.own_weight import unloaded_campaign
 
     refuse_existing(file, overwrite=overwrite)
+    if sigma > _LARGEST_NOISE:
+        hint = f"{sigma:g} m is no noise of readings; give metres, such as 2e-5 for 20 µm; at most 0.01"
+        raise typer.BadParameter(hint, param_hint="--sigma")
     arm = default_arm(encoders)
     if load == "own_weight":
         load_text = "own weight"

@@ -709,11 +709,31 @@ def _refuse_missing_numbers(name: str, array: FloatArray, rows: Iterable[int]) -
     numbers = ", ".join(map(str, lacking[:_MOST_NAMED]))
     more = f" and {len(lacking) - _MOST_NAMED} more" if len(lacking) > _MOST_NAMED else ""
     noun = "observation" if len(lacking) == 1 else "observations"
+    if len(lacking) == len(array) > 1:
+        raise _describe_empty_columns(name, array)
     raise MeasurementError(
         f"`{name}` lacks numbers in {noun} {numbers}{more} (counted from 1)",
         where=name,
         remedy="give these numbers, or leave out such rows of all arrays: "
         f"array[np.isfinite({name}).all(axis=1)]",
+    )
+
+
+def _describe_empty_columns(name: str, array: FloatArray) -> MeasurementError:
+    """Return the error that no row (N, …) of an array is complete: columns of texts were read as numbers."""
+    columns = array.reshape(len(array), -1)
+    empty = np.flatnonzero(~np.isfinite(columns).any(axis=0)) + 1
+    if not len(empty):
+        return MeasurementError(
+            f"`{name}` lacks numbers in each observation", where=name, remedy="give these numbers"
+        )
+    noun = "column" if len(empty) == 1 else "columns"
+    return MeasurementError(
+        f"`{name}` has no number in {noun} {', '.join(map(str, empty[:_MOST_NAMED]))} (counted from 1), as "
+        "`numpy.genfromtxt` reads a column of texts, such as labels",
+        where=name,
+        remedy=f"give the columns of numbers alone, such as table[:, 1:{columns.shape[1] + 1}] if the first "
+        "column of the table has labels",
     )
 
 

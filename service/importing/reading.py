@@ -311,6 +311,9 @@ class _Reader:
 
         If there are faults, the result has only the faults and the previews of the files.
         """
+        if self._options.allow_missing:
+            observations, notes_on_skipped = _skip_incomplete_observations(observations)
+            self._notes += notes_on_skipped
         targets = _list_targets(observations)
         _check_same_quantities(observations, self._faults)
         states = _list_present_states(observations)
@@ -885,14 +888,33 @@ def _list_targets(observations: Iterable[ObservationRecord]) -> list[str]:
 
 def _check_same_quantities(observations: list[ObservationRecord], faults: Faults) -> None:
     """Report observations that lack joint angles, a force or a quantity that others have."""
-    quantities = (quantity for observation in observations for quantity in observation.values)
-    kinds = dict.fromkeys(quantity.kind for quantity in quantities if quantity.target is None)
-    for kind in kinds:
+    for kind in _list_kinds_of_quantities(observations):
         with_kind = [observation for observation in observations if observation.vector(kind) is not None]
         without_kind = [observation for observation in observations if observation.vector(kind) is None]
         if without_kind:
             _report_lacking_quantity(kind, without_kind, with_kind, faults)
         _report_other_counts(kind, with_kind, faults)
+
+
+def _skip_incomplete_observations(
+    observations: Sequence[ObservationRecord],
+) -> tuple[list[ObservationRecord], list[str]]:
+    """Return the observations with all quantities, such as joint angles, that others have; and notes."""
+    kinds = _list_kinds_of_quantities(observations)
+    complete, notes = list[ObservationRecord](), list[str]()
+    for observation in observations:
+        lacking = [kind for kind in kinds if observation.vector(kind) is None]
+        if lacking:
+            notes.append(f"{observation.label}: no {' and no '.join(lacking)}; the observation was skipped")
+        else:
+            complete.append(observation)
+    return (complete, notes) if complete else (list(observations), [])
+
+
+def _list_kinds_of_quantities(observations: Iterable[ObservationRecord]) -> list[Kind]:
+    """Return the kinds of quantities of whole observations, not of targets, that occur."""
+    quantities = (quantity for observation in observations for quantity in observation.values)
+    return list(dict.fromkeys(quantity.kind for quantity in quantities if quantity.target is None))
 
 
 def _report_lacking_quantity(
@@ -902,8 +924,11 @@ def _report_lacking_quantity(
     first = quote(without[0].label)
     lack = f"{first} and {len(without) - 1} others have" if len(without) > 1 else f"{first} has"
     reason = f"{lack} no {kind}, but other labels have: {_list_labels(others)}"
-    remedy = f"spell labels alike in all files; these labels have no {kind}: {_list_labels(without)}"
-    faults.report(without[0].place, reason, remedy)
+    remedy = (
+        f"add the {kind} of these labels, spell labels alike in all files, or use `allow_missing` to skip "
+        f"them; these labels have no {kind}: {_list_labels(without)}"
+    )
+    faults.report(without[0].place, reason, remedy, "allow_missing")
 
 
 def _report_other_counts(kind: Kind, observations: list[ObservationRecord], faults: Faults) -> None:

@@ -30,6 +30,8 @@ KEYS = (
     "413 request-entity-too-large | - | the body has more than 4000 different keys | "
     "check the names of the fields"
 )
+ADD = "add this field"
+ADD_ID = "add this field, with an id, not a name: GET /v1/measurement-sets lists the ids with the names"
 MISSING = ["name | 3 faults", "name | 5 faults", "measurement_set_id | 2 faults"]
 
 
@@ -39,7 +41,10 @@ def invalid(reason):
 
 def missing(*places):
     """The first field that is missing, of a robot, a set and a run."""
-    return [f"422 invalid-request | {place}: required field is missing | add this field" for place in places]
+    return [
+        f"422 invalid-request | {place}: required field is missing | {ADD_ID if 'set_id' in place else ADD}"
+        for place in places
+    ]
 
 
 DEEP = invalid("recursion limit exceeded at line 1 column 202")
@@ -98,7 +103,7 @@ BODIES = {
         b"\xef\xbb\xbf{}",
         [
             *missing("name | 2 faults", "name | 4 faults"),
-            "422 invalid-request | measurement_set_id | required field is missing | add this field",
+            f"422 invalid-request | measurement_set_id | required field is missing | {ADD_ID}",
         ],
     ),
     "long key": (b'{"' + b"k" * 60_000 + b'": 1}', missing(*MISSING)),

@@ -84,6 +84,12 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
         get("/v1/measurement-sets"),
     ),
     "no version": (get("/robots"), 404, "use the address /v1/robots$", get("/v1/robots")),
+    "run among campaigns": (
+        get("/v1/campaigns/{run}"),
+        404,
+        "use the address /v1/jobs/{run}$",
+        get("/v1/jobs/{run}"),
+    ),
     "run among runs": (get("/v1/runs/{run}"), 404, "use the address /v1/jobs/{run}$", get("/v1/jobs/{run}")),
     "report without files": (
         get("/v1/jobs/{run}/report.html"),
@@ -246,6 +252,18 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
         405,
         "send PATCH with the fields to change",
         request("PATCH", "/v1/robots/{robot}", json={"name": "R"}),
+    ),
+    "put a set": (
+        request("PUT", "/v1/measurement-sets/{set}", json=CAMPAIGN["measurement_set"]),
+        405,
+        "post the corrected set with POST /v1/measurement-sets, as readings of a stored set never change",
+        request("POST", "/v1/measurement-sets", json=CAMPAIGN["measurement_set"] | {"robot_id": "{robot}"}),
+    ),
+    "readings by target": (
+        post_set(observations=[CAMPAIGN["measurement_set"]["observations"][0] | {"readings": {"P10": {}}}]),
+        422,
+        r'give a list of objects, such as \[\{"target": "P10", "unloaded": ',
+        WELL,
     ),
     "list of runs": (get("/v1/runs"), 405, r"send GET to /v1/jobs\?kind=run$", get("/v1/jobs?kind=run")),
     "get where one posts": (get("/v1/campaigns"), 405, "send POST$", WELL),

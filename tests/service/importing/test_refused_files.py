@@ -179,13 +179,20 @@ def test_an_observation_is_read_once():
     ]
 
 
+def test_observations_without_joints_are_skipped_where_readings_may_be_missing():
+    files = [("j.csv", JOINTS.replace("c02", "c03")), ("p.txt", POINTS)]
+    assert not refusals(*files, units=MM, allow_missing=True)
+
+
 def test_labels_are_alike_in_all_files():
     said = refusals(("j.csv", JOINTS.replace("c02", "c03")), ("p.txt", POINTS), units=MM)
     assert said == [
         "p.txt:3: 'c02' has no joint, but other labels have: 'c01', 'c03'; "
-        "spell labels alike in all files; these labels have no joint: 'c02'",
+        "add the joint of these labels, spell labels alike in all files, or use `allow_missing` to skip "
+        "them; these labels have no joint: 'c02' [allow_missing]",
         "p.txt:3: 'c02' has no force, but other labels have: 'c01', 'c03'; "
-        "spell labels alike in all files; these labels have no force: 'c02'",
+        "add the force of these labels, spell labels alike in all files, or use `allow_missing` to skip "
+        "them; these labels have no force: 'c02' [allow_missing]",
         "j.csv:3: c03: target P10 has no reading; "
         "add the reading, check the spelling of names, or use `allow_missing` [allow_missing]",
     ]

@@ -91,3 +91,21 @@ def test_a_stated_link_that_does_not_exist_is_refused_at_once(stated):
     answer = refused(js.robot, URDF, **stated)
     assert re.search(r"no link '(tool0|world)' for the (flange|base) frame; remedy: use one of", answer)
     assert js.robot(URDF, base="base_link", flange="l2")
+
+
+def test_a_column_of_texts_among_the_joints_is_named(document):
+    observations = document["measurement_set"]["observations"]
+    positions = np.array([[[r["unloaded"], r["loaded"]] for r in one["readings"]] for one in observations])
+    table = np.array([[np.nan, *one["joints"]] for one in observations])  # labels as genfromtxt reads them
+    given = {
+        "robot": document["robot"],
+        "forces": [one["force"] for one in observations],
+        "unloaded": positions[:, :, 0],
+        "loaded": positions[:, :, 1],
+        "load_point": document["measurement_set"]["load_point"],
+        "units": "m, rad, N",
+    }
+    answer = refused(js.Campaign.from_arrays, joints=table[:, 0:6], **given)
+    assert "`joints` has no number in column 1" in answer
+    assert "table[:, 1:7]" in answer
+    assert js.Campaign.from_arrays(joints=table[:, 1:7], **given)
