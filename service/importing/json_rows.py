@@ -193,10 +193,10 @@ def _name_by_list(value: Mapping[str, Any]) -> dict[str, Any]:
 
 def _is_list_of_names(value: object) -> bool:
     """Return whether a value is a list of different texts."""
-    is_list = isinstance(value, list) and len(value) > _COORDINATES
-    if not is_list or not all(isinstance(each, str) and not _is_number(each) for each in value):
+    if not isinstance(value, list) or len(value) <= _COORDINATES:
         return False
-    return len(set(value)) == len(value)
+    are_texts = all(isinstance(each, str) and not _is_number(each) for each in value)
+    return are_texts and len(set(value)) == len(value)
 
 
 def _is_number(value: object) -> bool:

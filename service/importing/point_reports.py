@@ -203,37 +203,28 @@ def _read_named_lines(file: str, lines: Sequence[str]) -> PointReport | None:
         ImportFileError: a point lacks a coordinate, or units differ.
     """
     filled = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
-    matches = {number: found for number, line in filled if (found := _AXIS_LINE.fullmatch(line))}
-    starts = [
-        place for place, (number, _) in enumerate(filled) if place and _find_axis(matches.get(number)) == "X"
-    ]
+    matches = [_AXIS_LINE.fullmatch(line) for _, line in filled]
+    axes = ["" if match is None else match[1].upper() for match in matches]
     points: list[ReportedPoint] = []
     used = set[int]()  # lines of points
-    for place in starts:
+    for place in range(1, len(filled) - 2):
+        end = place + len(_AXES)
+        if axes[place - 1] or tuple(axes[place:end]) != _AXES:
+            continue
         number, name = filled[place - 1]
-        own_lines = [line for line, _ in filled[place : place + len(_AXES)]]
-        found = [matches.get(line) for line in own_lines]
-        if number not in matches and tuple(map(_find_axis, found)) == _AXES:
-            texts = tuple(match[2] for match in found if match)
-            used.update([number, *own_lines])
-            points.append(ReportedPoint(number, name.strip().rstrip(":").strip(), texts))
+        texts = tuple(match[2] for match in matches[place:end] if match is not None)
+        points.append(ReportedPoint(number, name.strip().rstrip(":").strip(), texts))
+        used.update(line for line, _ in filled[place - 1 : end])
     if len(points) < _LEAST_POINTS:
         return None
-    odd = next(
-        ((number, line) for number, line in filled if number not in used and _AXIS_START.match(line)), None
-    )
+    others = [(number, line) for number, line in filled if number not in used]
+    odd = next(((number, line) for number, line in others if _AXIS_START.match(line)), None)
     if odd is not None:
         reason = f"{quote(odd[1].strip())} belongs to no point with a name and one X, Y and Z"
         raise ImportFileError(Place(file, odd[0]), reason, "complete the point, or remove its lines")
-    others = [line for number, line in filled if number not in used]
-    stated = [found[1] for line in others if (found := _STATED_UNIT.search(line))]
-    stated += [match[3] for match in matches.values() if match[3]]
-    return PointReport(_shorten_names(points), _choose_unit(file, [unit.upper() for unit in stated]))
-
-
-def _find_axis(match: re.Match[str] | None) -> str:
-    """Return the axis of a line; empty for another line."""
-    return match[1].upper() if match else ""
+    units = [found[1] for _, line in others if (found := _STATED_UNIT.search(line))]
+    units += [match[3] for match in matches if match is not None and match[3]]
+    return PointReport(_shorten_names(points), _choose_unit(file, [unit.upper() for unit in units]))
 
 
 def _shorten_names(points: Sequence[ReportedPoint]) -> tuple[ReportedPoint, ...]:

@@ -190,7 +190,7 @@ def test_yaml_that_is_no_list_of_postures_is_refused_in_a_sentence(text, said):
 
 def test_a_list_of_yaml_with_an_anchor_is_refused_whatever_its_name_is(tmp_path):
     text = write_yaml(RECORDS).replace("joint_names: [", "joint_names: &names [", 1)
-    assert "a.txt:2: the YAML has an anchor or an alias" in refuse({"a.txt": text}, tmp_path, UR)
+    assert "'a.txt', line 2: the YAML has an anchor or an alias" in refuse({"a.txt": text}, tmp_path, UR)
 
 
 # ---- turned sheets
