@@ -116,8 +116,8 @@ def test_a_result_that_must_not_be_used_compensates_no_program(folder):
         (
             "x;y",
             "other.json is a text, not a JSON document "
-            "remedy: to read tables and point lists use `jointstiff import FILE`; to correct a robot program use "
-            "`jointstiff compensate CAMPAIGN other.json`",
+            "remedy: to read tables and point lists use `jointstiff import FILE`; to correct a robot program "
+            "use `jointstiff compensate CAMPAIGN other.json`",
         ),
         (
             '{"robot": {}, "measurement_set": 1}',
