@@ -69,6 +69,7 @@ _ALONG: Final = "along"
 _CERTAIN_STATES: Final = frozenset(_WORD_LISTS["certain"])
 _PLANNED: Final = frozenset(_WORD_LISTS["planned"])
 _NEGATIONS: Final = frozenset(_WORD_LISTS["negations"])
+_AFTER: Final = frozenset(_WORD_LISTS["after"])
 _NO_LETTERS: Final = re.compile(r"[\W_]+")
 _KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
     {**dict.fromkeys(_WORD_LISTS["expanded"], "uncertainty"), _ADDED: "addition", _ALONG: "along"}
@@ -179,7 +180,6 @@ _TOKEN: Final = re.compile(r"[^\s_]+")
 _WORD_PIECE: Final = re.compile(r"[A-Z]?[^\W\dA-Z_]{2,}|[A-Z]{3,}(?![^\W\dA-Z_])")
 _BRACKET: Final = re.compile(r"[][(){}]")
 _COORDINATE: Final = re.compile(r"([dδΔ]?)([xyz])", re.IGNORECASE)
-_LETTER_OF_AXIS: Final = re.compile(r"^[xyz]|[xyz]$", re.IGNORECASE)
 _AXIS_AND_WORD: Final = re.compile(r"([xyz])(\w+)|(\w+)([xyz])", re.IGNORECASE)
 _MASS_IN_KG: Final = re.compile(r"(.*)[ _]kg", re.IGNORECASE)
 _TRANSLATIONS: Final = frozenset(("tx", "ty", "tz"))
@@ -256,6 +256,29 @@ def find_state(word: str, extra: Mapping[str, State]) -> State | None:
     return _STATE_OF.get(text)
 
 
+def read_states(words: Iterable[str], extra: Mapping[str, State]) -> dict[str, State]:
+    """Return word → state of words that tell the readings of a point apart; without words of no state.
+
+    `after` means loaded only where no other word does: next to `before` and `loaded`, the load is off again.
+
+    Args:
+        words: words of headers, names or cells.
+        extra: the caller's words for states, which take precedence.
+    """
+    states = {word: state for word in words if (state := find_state(word, extra)) is not None}
+    stated = {fold_word(word) for word in extra}
+    loaded = {fold_word(word) for word, state in states.items() if state == "loaded"}
+    after = (loaded & _AFTER) - stated
+    if not loaded - after or "unloaded" not in states.values():
+        return states
+    return {word: "unloaded_after" if fold_word(word) in after else state for word, state in states.items()}
+
+
+def is_negation(word: str) -> bool:
+    """Return whether a word negates others, such as `not`."""
+    return fold_word(word) in _NEGATIONS
+
+
 def is_load_header(header: str) -> bool:
     """Return whether a header says that the cells of its column tell whether a load hangs."""
     return fold_word(split_unit(header)[0]) in _LOAD_HEADERS
@@ -291,12 +314,6 @@ def contains_state_word(name: str, extra: Mapping[str, State]) -> bool:
 def split_words(name: str) -> list[str]:
     """Return the words of a name; a state takes the place of its phrase as one word."""
     return _NO_LETTERS.split(join_state_phrases(name))
-
-
-def split_axis_words(header: str) -> list[str]:
-    """Return the words of the header of a coordinate without the letter of its axis: `1` of `X1`."""
-    words = [_LETTER_OF_AXIS.sub("", word, count=1) for word in split_words(split_unit(header)[0])]
-    return [word for word in words if word]
 
 
 def find_state_in_name(name: str, extra: Mapping[str, State]) -> State | None:

@@ -14,7 +14,13 @@ from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.lengths import find_size, guess_unit
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.row_key import RowName
-from jointstiff.service.importing.row_names import find_unknown_states, has_repeats, name_rows, omit_zeros
+from jointstiff.service.importing.row_names import (
+    find_different_words,
+    find_unknown_states,
+    has_repeats,
+    name_rows,
+    omit_zeros,
+)
 from jointstiff.solver.meaning.table import METRES
 
 _MOST_REPEAT = 1e-4
@@ -227,6 +233,7 @@ def _average_repeats(named: _NamedTable) -> _NamedTable:
     groups = list(rows_of_name.values())
     sizes_of_units = _find_units_of_coordinates(table)
     for group in groups:
+        _refuse_states_as_repeats(table, group)
         _refuse_far_repeats(table, group, sizes_of_units)
     means = np.array([numbers[group].mean(axis=0) for group in groups])
     first_rows = replace(
@@ -371,9 +378,38 @@ def _refuse_unknown_states(named: _NamedTable, options: ImportOptions) -> None:
     )
 
 
+def _refuse_states_as_repeats(table: NumberTable, rows: Sequence[int]) -> None:
+    """Raise an `ImportFileError` if the names of repeats differ by a word that may be a state.
+
+    Repeats may differ by numbers and times, and by cells below headers that are known.
+    """
+    for column in range(len(table.headers)):
+        words = find_different_words(table, column, rows)
+        if words:
+            raise _build_words_error(table, rows[1], column, words)
+
+
+def _build_words_error(table: NumberTable, row: int, column: int, words: tuple[str, ...]) -> ImportFileError:
+    """Return the error that words of rows with the same names may be states."""
+    listed = " and ".join(map(quote, words))
+    return ImportFileError(
+        table.grid.place(table.rows[row], column),
+        f"rows with the same names differ by {listed}, which may be words for states",
+        "state the words by `state_words`, such as "
+        f"{quote(words[-1])} as `unloaded`; or leave out the rows of one word",
+        "state_words",
+        words,
+    )
+
+
 def _build_repeat_error(named: _NamedTable, row: int, name: RowName) -> ImportFileError:
     """Return the error that a row of a posture occurs twice."""
     table = named.table
+    rows = [number for number, other in enumerate(named.names) if other == name]
+    for column in range(len(table.headers)):
+        words = find_different_words(table, column, rows)
+        if words:
+            return _build_words_error(table, row, column, words)
     return ImportFileError(
         table.grid.place(table.rows[row]),
         f"{quote(name.label or '')} has this row twice{_describe_key(name)}",

@@ -6,15 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-import numpy as np
-
 from jointstiff.schemas.imports import ImportOptions, State
-from jointstiff.service.importing.grammar import (
-    find_state,
-    find_state_in_name,
-    split_axis_words,
-    split_words,
-)
+from jointstiff.service.importing.contrasts import NO_CONTRAST, Contrast, choose_words, find_contrasts
+from jointstiff.service.importing.grammar import find_state, find_state_in_name, split_words
 from jointstiff.service.importing.loads import find_load, find_state_of_load, remove_load
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.row_key import RowName
@@ -42,6 +36,7 @@ class NamedReading:
     mass: float | None = None  # of the load [kg]; None if no name states it
     force: str = ""  # size and unit of the force, if there are several; else empty
     is_by_order: bool = False  # whether the order of the positions gives the state, and no name
+    contrast: Contrast = NO_CONTRAST  # words that tell it from the other readings of its target
     uncertainty: Uncertainty | None = None
 
     @property
@@ -65,23 +60,32 @@ def name_readings(
     """
     table_of_name = {table.name: table for table in tables}
     states = find_states_of_titles([table.title for table in tables], options.state_words)
-    found = [
-        _find_names(reading, table_of_name[reading.points.table], options, states)
-        for reading in proposal.readings
-    ]
-    targets = _name_targets(proposal.readings, found)
-    named = _add_states(proposal.readings, targets, found)
-    if _are_distinct(named):
-        return named
-    without_files = [
-        _find_names(reading, table_of_name[reading.points.table], options, None)
-        for reading in proposal.readings
-    ]
-    named = _add_states(proposal.readings, _name_targets(proposal.readings, without_files), without_files)
-    if _are_distinct(named):
-        return named
+    contrasts = find_contrasts(proposal.readings, tables, options.state_words)
+    for states_of_titles in (states, None):
+        found = [
+            _find_names(reading, table_of_name[reading.points.table], options, states_of_titles)
+            for reading in proposal.readings
+        ]
+        found = _add_states_of_words(found, contrasts)
+        targets = _name_targets(proposal.readings, found)
+        named = _add_states(proposal.readings, targets, found, contrasts)
+        if _are_distinct(named):
+            return named
     by_number = [f"T{reading.target}" for reading in proposal.readings]
-    return _add_states(proposal.readings, by_number, [RowName()] * len(proposal.readings))
+    without_names = [RowName()] * len(proposal.readings)
+    by_words = _add_states_of_words(without_names, contrasts)
+    named = _add_states(proposal.readings, by_number, by_words, contrasts)
+    if _are_distinct(named):
+        return named
+    return _add_states(proposal.readings, by_number, without_names, contrasts)
+
+
+def _add_states_of_words(names: Sequence[RowName], contrasts: Sequence[Contrast]) -> list[RowName]:
+    """Return names with the states that only the words of headers, files or rows tell."""
+    return [
+        name._replace(state=contrast.state) if name.state is None else name
+        for name, contrast in zip(names, contrasts, strict=True)
+    ]
 
 
 def _are_distinct(readings: Sequence[NamedReading]) -> bool:
@@ -206,55 +210,43 @@ def _list_complementary(targets: Sequence[str], found: Sequence[RowName]) -> set
     }
 
 
-def list_state_words(named: Sequence[NamedReading], tables: Sequence[NumberTable]) -> tuple[str, ...]:
-    """Return the two words that distinguish the first two readings of a target, in their order; none without.
+def list_state_words(named: Sequence[NamedReading]) -> tuple[str, ...]:
+    """Return the words that distinguish the first two readings of a target, in their order; none without.
 
     They are words of the names of files, or of headers (`1` and `2` of `X1` and `X2`), or cells of the rows.
     """
-    first = named[0]
-    others = [each for each in named if each.target == first.target and each is not first]
-    if len(others) != 1:
-        return ()
-    table_of_name = {table.name: table for table in tables}
-    own, other = (table_of_name[each.reading.points.table] for each in (first, others[0]))
-    if own is other and first.reading.points.columns == others[0].reading.points.columns:
-        return _list_words_of_rows(own, first.reading, others[0].reading)
-    own_header, other_header = (
-        table.headers[each.reading.points.columns[0]] for each, table in ((first, own), (others[0], other))
-    )
-    pairs = (
-        (split_words(own.title), split_words(other.title)),
-        (split_axis_words(own_header), split_axis_words(other_header)),
-    )
-    for words, opposite_words in pairs:
-        only_own, only_other = set(words) - set(opposite_words), set(opposite_words) - set(words)
-        if len(only_own) == len(only_other) == 1:
-            return only_own.pop(), only_other.pop()
-    return ()
+    return choose_words([each.contrast for each in named if each.target == named[0].target])
 
 
-def _list_words_of_rows(table: NumberTable, first: TargetReading, second: TargetReading) -> tuple[str, ...]:
-    """Return the cells of a column that distinguish the rows of two readings; none without such a column."""
-    numbers = np.arange(len(table.rows), dtype=np.float64)[:, None]
-    rows = first.points.groups.split(numbers)[:, :, 0].astype(np.intp)  # (N, rows of a posture)
-    for column in range(len(table.headers)):
-        own = {table.rows[row].cells[column] for row in rows[:, first.index]}
-        other = {table.rows[row].cells[column] for row in rows[:, second.index]}
-        if len(own) == len(other) == 1 and own != other:
-            return own.pop(), other.pop()
+def find_words_against_order(named: Sequence[NamedReading]) -> tuple[str, ...]:
+    """Return the words that may state another state than the order of the positions; none without."""
+    for each in named:
+        if each.is_by_order and each.contrast.states - {each.state}:
+            own = [other for other in named if other.target == each.target]
+            return list_state_words(own) or each.contrast.words[:1]
     return ()
 
 
 def _add_states(
-    readings: Sequence[TargetReading], targets: Sequence[str], found: Sequence[RowName]
+    readings: Sequence[TargetReading],
+    targets: Sequence[str],
+    found: Sequence[RowName],
+    contrasts: Sequence[Contrast],
 ) -> list[NamedReading]:
-    """Return the readings with their states: those that names state, and the others in their order."""
+    """Return the readings with their states: those that names state, and the others in their order.
+
+    A reading with the word 0, which the others of its target do not have, comes first.
+    """
     used: dict[str, list[State]] = {}
     for target, name in zip(targets, found, strict=True):
         used.setdefault(target, []).extend([] if name.state is None else [name.state])
     state_of_reading: dict[int, State] = {}
     complementary = _list_complementary(targets, found)
-    for number in sorted(range(len(readings)), key=lambda number: readings[number].state):
+    order = sorted(
+        range(len(readings)),
+        key=lambda number: ("0" not in contrasts[number].words, readings[number].state),
+    )
+    for number in order:
         used_states = used[targets[number]]
         free = [state for state in _STATES if state not in used_states]
         next_state: State = free[0] if free else "loaded"
@@ -270,6 +262,7 @@ def _add_states(
             found[number].mass,
             found[number].force,
             is_by_order=found[number].state is None and targets[number] not in complementary,
+            contrast=contrasts[number],
         )
         for number, reading in enumerate(readings)
     ]

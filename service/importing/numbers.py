@@ -264,9 +264,17 @@ def _find_headers(
             return heading.texts
     if options.header is not None and len(options.header) == width:
         return tuple(options.header)
-    if first > 0 and len(grid.rows[first - 1].cells) == width:
-        return grid.rows[first - 1].cells
+    above = grid.rows[first - 1].cells if first > 0 else ()
+    are_others_ignored = all(_is_ignored(text, words) for text in above[width:])
+    if len(above) >= width and are_others_ignored:
+        return above[:width]
     return ("",) * width
+
+
+def _is_ignored(header: str, words: Vocabulary) -> bool:
+    """Return whether a header names a column that may be missing below it, such as comments; or is empty."""
+    meaning = words.find(header) if header else None
+    return not header or (meaning is not None and meaning.kind == "ignored")
 
 
 def _find_meanings(headers: Sequence[str], words: Vocabulary) -> tuple[Meaning | None, ...]:

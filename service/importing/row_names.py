@@ -16,6 +16,7 @@ from jointstiff.service.importing.grammar import (
     find_state_in_name,
     is_load_header,
     is_repeat_header,
+    read_states,
     split_unit,
 )
 from jointstiff.service.importing.grid import looks_like_a_number
@@ -35,6 +36,9 @@ _LEADING_ZEROS: Final = re.compile(r"(?<![\d.,])0+(?=\d)")
 _COUNTED: Final = re.compile(r"\d{1,5}")
 _FORCE: Final = re.compile(r"[-+]?(\d{1,6}(?:[.,]\d{1,3})?)\s?(?:k?N|kgf|kp|lbf|kg|lbs?)?")
 """A force or a mass, with or without its unit."""
+_WORD: Final = re.compile(r"[^\W\d_]+")
+"""A part of a name without digits, which may be a state: repeats have numbers."""
+_NAMING_KINDS: Final = frozenset(("name", "collection", "group", "target", "state"))
 _MOST_DIFFERENT: Final = 2
 """States of a column of words that nobody knows."""
 
@@ -200,6 +204,18 @@ def find_unknown_states(table: NumberTable, options: ImportOptions) -> tuple[str
     return found[0] if len(found) == 1 else ()
 
 
+def find_different_words(table: NumberTable, column: int, rows: Sequence[int]) -> tuple[str, ...]:
+    """Return the words by which the cells of rows differ; none for numbers, times and known other columns."""
+    meaning = table.meanings[column]
+    is_free = meaning is None or meaning.kind in _NAMING_KINDS
+    texts = list(dict.fromkeys(table.rows[row].cells[column] for row in rows))
+    if not is_free or column in table.ignored or len(texts) < 2:
+        return ()
+    words_of_text = [[part for part in _SEPARATORS.split(text) if _WORD.fullmatch(part)] for text in texts]
+    common = set(words_of_text[0]).intersection(*words_of_text)
+    return tuple(dict.fromkeys(word for each in words_of_text for word in each if word not in common))
+
+
 def has_repeats(table: NumberTable) -> bool:
     """Return whether a header says that a column counts the repeated readings of a point."""
     return any(map(is_repeat_header, table.headers))
@@ -212,6 +228,8 @@ def _list_state_words(texts: Sequence[str], words: Mapping[str, State]) -> dict[
     """
     different = list(dict.fromkeys(texts))
     known = {word: read for word in different if (read := _read_state_word(word, words)) is not None}
+    for word, state in read_states(different, words).items():
+        known[word] = known[word]._replace(state=state)
     opposite: dict[State | None, State] = {"loaded": "unloaded", "unloaded": "loaded"}
     if len(different) == 2 and len(known) == 1:
         ((first, read),) = known.items()

@@ -22,7 +22,12 @@ from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
 from jointstiff.service.importing.grammar import Vocabulary
 from jointstiff.service.importing.joining import join_tables
 from jointstiff.service.importing.lengths import convert_columns, unify_lengths
-from jointstiff.service.importing.naming import NamedReading, list_state_words, name_readings
+from jointstiff.service.importing.naming import (
+    NamedReading,
+    find_words_against_order,
+    list_state_words,
+    name_readings,
+)
 from jointstiff.service.importing.numbers import NumberTable, read_number_tables
 from jointstiff.service.importing.reading import SourceFile, understand_files
 from jointstiff.service.importing.rewriting import (
@@ -211,6 +216,7 @@ def _propose_importable(
     tables = numbers.tables
     named = name_readings(proposal, tables, request)
     _refuse_contradiction(proposal, named, tables)
+    _refuse_order_against_words(proposal, named)
     _refuse_loaded_after_unloading(named)
     tables, force_notes = _name_constant_force(proposal, tables, request)
     _refuse_states_against_force(proposal, named, tables, request)
@@ -855,21 +861,37 @@ def _refuse_states_against_force(
     if work >= 0.0:
         return
     found = describe(proposal, [each.words for each in named])
-    words = list_state_words(by_order, tables)
+    reason = f"{found}, but the targets then move against `force`"
+    words = list_state_words(by_order)
+    if words:
+        raise _build_words_error(reason, words)
     remedy = (
         "name the states in the headers (`header`) or in the names of files; or correct the sign of `force`"
     )
-    fault = None
+    raise _NoProposalError(reason, remedy)
+
+
+def _refuse_order_against_words(proposal: Proposal, named: Sequence[NamedReading]) -> None:
+    """Refuse states by the order of positions that words of headers, files or cells contradict.
+
+    Raises:
+        _NoProposalError: a word may state another state.
+    """
+    words = find_words_against_order(named)
     if words:
-        first, second = map(quote, words)
-        remedy = (
-            f"state both words by `state_words`, such as {first} as `loaded` and {second} as `unloaded`; or "
-            "correct the sign of `force`"
-        )
-        fault = ImportFileError(
-            NOWHERE, f"{first} and {second} may be words for states", remedy, "state_words", words
-        )
-    raise _NoProposalError(f"{found}, but the targets then move against `force`", remedy, fault)
+        found = describe(proposal, [each.words for each in named])
+        raise _build_words_error(f"{found} by their order, but words may state other states", words)
+
+
+def _build_words_error(reason: str, words: Sequence[str]) -> _NoProposalError:
+    """Return the error that words of headers, files or cells may be the states of positions."""
+    listed = " and ".join(map(quote, words))
+    kind_of_words = "words for states" if len(words) > 1 else "a word for a state"
+    pairs = zip(words, ("loaded", "unloaded"), strict=False)
+    examples = [f"{quote(word)} as `{state}`" for word, state in pairs]
+    remedy = f"state what these words mean by `state_words`, such as {' and '.join(examples)}"
+    fault = ImportFileError(NOWHERE, f"{listed} may be {kind_of_words}", remedy, "state_words", tuple(words))
+    return _NoProposalError(reason, remedy, fault)
 
 
 def _read_forces(table: NumberTable) -> FloatArray | None:
