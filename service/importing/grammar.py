@@ -289,6 +289,11 @@ def find_answer(word: str) -> State | None:
     return _STATE_OF_ANSWER.get(fold_word(word.strip()))
 
 
+def is_cycle_header(header: str) -> bool:
+    """Return whether a header says that its column may count the postures, such as `cycle`."""
+    return fold_word(header) in _WORD_LISTS["cycles"]
+
+
 def is_repeat_header(header: str) -> bool:
     """Return whether a header says that its column counts the repeated readings of a point."""
     return fold_word(header) in _REPEAT_HEADERS

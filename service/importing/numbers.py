@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
@@ -38,6 +39,8 @@ from jointstiff.solver.meaning.table import Table
 
 _LEAST_NUMBERS: Final = 3
 """Numbers of a row of data, at least."""
+_IMPOSSIBLE_ANGLE: Final = re.compile(r"[-+]?[1-9]\d{1,2},\d{3}")
+"""A number that, without its comma, is above 10 000: no joint turns so far in degrees."""
 _DIGITS: Final = 9
 """Digits behind the decimal mark of computed numbers."""
 _OTHER_KINDS: Final = frozenset(("force", "moment", "load point", "mass", "along", "uncertainty"))
@@ -180,9 +183,11 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     words.add_names_of_table(headers)
     columns = [c for c in range(width) if any(looks_like_a_number(row.cells[c]) for row in rows)]
     is_separated = grid.preview.format != "text" or has_separated_thousands(rows, columns)
-    mark, _ = decide_decimal_mark(
-        grid, rows, columns, options.decimal_mark, are_thousands_separated=is_separated
-    )
+    joint_columns = _list_joint_columns(_find_meanings(headers, words))
+    stated_mark = options.decimal_mark
+    if stated_mark is None and _shows_decimal_commas(rows, columns, joint_columns):
+        stated_mark = "comma"
+    mark, _ = decide_decimal_mark(grid, rows, columns, stated_mark, are_thousands_separated=is_separated)
     read = partial(_read_cell, mark=mark, are_thousands_separated=is_separated)
     numbers = np.array([[read(cell) for cell in row.cells] for row in rows])
     meanings = _find_meanings(headers, words)
@@ -195,6 +200,17 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     points = _list_stated_points(meanings, stated)
     table = Table(name, numbers, known_joints, others, points)
     return NumberTable(grid, headers, meanings, rows, mark, table, stated, ignored)
+
+
+def _shows_decimal_commas(rows: Sequence[Row], columns: Sequence[int], joints: Sequence[int]) -> bool:
+    """Return whether joints show that commas are decimal: `44,707` as thousands is no possible angle.
+
+    A file with a point in any number is not decided.
+    """
+    if any("." in row.cells[column] for row in rows for column in columns):
+        return False
+    cells = [row.cells[column] for row in rows for column in joints]
+    return any(_IMPOSSIBLE_ANGLE.fullmatch(cell) for cell in cells)
 
 
 def _list_stated_points(

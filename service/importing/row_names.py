@@ -14,6 +14,7 @@ from jointstiff.service.importing.grammar import (
     find_answer,
     find_state,
     find_state_in_name,
+    is_cycle_header,
     is_load_header,
     is_repeat_header,
     read_states,
@@ -110,7 +111,25 @@ def _find_label_column(table: NumberTable) -> int | None:
     texts = _list_texts(table, 0)
     are_counted = bool(table.headers[0]) and all(_COUNTED.fullmatch(text) for text in texts)
     is_label = (_are_texts(texts) or are_counted) and len(set(texts)) >= _LEAST_LABELS
+    cycles = _find_cycle_column(table, len(set(texts))) if _are_texts(texts) else None
+    if cycles is not None:
+        return cycles
     return 0 if is_label else None
+
+
+def _find_cycle_column(table: NumberTable, target_count: int) -> int | None:
+    """Return the column that counts the postures of targets in the first column; None without one.
+
+    A column of fewer numbers than there are names counts repeats.
+    """
+    for column, header in enumerate(table.headers):
+        texts = _list_texts(table, column)
+        are_counted = all(_COUNTED.fullmatch(text) for text in texts)
+        is_free = table.meanings[column] is None and column not in table.ignored
+        has_most = len(set(texts)) > max(target_count, _LEAST_LABELS - 1)
+        if is_free and is_cycle_header(header) and are_counted and has_most:
+            return column
+    return None
 
 
 def _find_state_column(table: NumberTable, options: ImportOptions, label_column: int | None) -> int | None:
@@ -239,9 +258,15 @@ def _list_state_words(texts: Sequence[str], words: Mapping[str, State]) -> dict[
     return known
 
 
-def _find_target_column(table: NumberTable, others: Collection[int | None]) -> int | None:
-    """Return the column of names of targets; None without one, or if there is a single name."""
+def _find_target_column(table: NumberTable, others: tuple[int | None, int | None]) -> int | None:
+    """Return the column of names of targets; None without one, or if there is a single name.
+
+    It is the first one if another column counts the postures. `others` are the columns of labels and states.
+    """
     column = table.find_column("target")
+    label_column, _ = others
+    if column is None and label_column and is_cycle_header(table.headers[label_column]):
+        column = 0
     if column is None or column in others:
         return None
     count = len(set(_list_texts(table, column)))

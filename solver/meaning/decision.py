@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.meaning.search import Interpretation
+from jointstiff.solver.meaning.search import NEAR_MODEL, Interpretation
 from jointstiff.solver.meaning.table import PointColumns
 
 LARGEST_RESIDUAL: Final = 5e-3
@@ -25,8 +25,8 @@ LARGEST_LENGTH_ERROR: Final = 2.5e-3
 four times what errors of 0.7 mm and 0.5 mrad of each link give, whatever the size of the arm."""
 LEAST_FREEDOM: Final = 9
 """Least number of degrees of freedom of a fit that decides."""
-_LARGEST_COMPUTED: Final = 1.5e-4
-"""Median distance [m] up to which positions may have been computed by a controller from rounded joints."""
+_LEAST_BY_ROUNDING: Final = 0.9
+"""Least fraction of computed positions that are as near to the model as rounded joints allow."""
 _ROUNDINGS: Final = 3.0
 """Ratio of distances up to which rounding of the written numbers explains the other distance."""
 _LEAST_PART: Final = 1.0 / 6.0
@@ -198,7 +198,8 @@ def explains_by_rounding(interpretation: Interpretation, typical: float) -> bool
 
     Positions by exact joints differ by the rounding of the positions, whatever their frame. Positions by
     rounded joints differ by about the joints' rounding, and are in R0: a tracker has a frame of its own. What
-    differs otherwise is a reading, even of an arm that differs from its model by noise alone.
+    differs otherwise, or farther than half a step of each joint allows, is a reading, even of an arm that
+    differs from its model by noise alone.
 
     Args:
         interpretation: joints of the positions, and the frame of the positions.
@@ -207,7 +208,8 @@ def explains_by_rounding(interpretation: Interpretation, typical: float) -> bool
     are_exact = typical < _ROUNDINGS * interpretation.point_rounding + _EXACT
     if are_exact:
         return True
-    is_possible = interpretation.fit.frame.is_base and typical < _LARGEST_COMPUTED
+    are_within = interpretation.share_by_rounding >= _LEAST_BY_ROUNDING
+    is_possible = are_within and interpretation.fit.frame.is_base and typical < NEAR_MODEL
     rounding = interpretation.joint_rounding
     return is_possible and _LEAST_PART * rounding < typical < _ROUNDINGS * rounding
 

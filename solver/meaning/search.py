@@ -50,6 +50,12 @@ _INTERPRETATIONS_OF_PAIR: Final = 14
 """Interpretations of columns of joints and of positions: units and ways of counting."""
 
 
+NEAR_MODEL: Final = 1.5e-4
+"""Median distance [m] up to which positions may have been computed by a controller from rounded joints."""
+_MARGIN: Final = 1.1
+"""Factor on the largest distance that rounding explains: the fit of frame and targets moves positions, too."""
+
+
 @dataclass(frozen=True, eq=False)
 class Interpretation:
     """Meaning of the columns of joints and of one triple of positions, with the fit of a robot."""
@@ -61,6 +67,8 @@ class Interpretation:
     movement: float  #: largest standard deviation of a coordinate [m]
     joint_rounding: float  #: typical distance by which rounding of the joints moves a position [m]
     point_rounding: float  #: typical distance by which rounding of the positions moves a position [m]
+    #: fraction of the positions that rounding may have moved so far; 1 if farther from the model, or not in R0
+    share_by_rounding: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +257,36 @@ class _Search:
             movement=fit.frame.scale * _measure_largest_deviation(points),
             joint_rounding=rounding.move_by_joints(reach),
             point_rounding=rounding.move_by_coordinates(),
+            share_by_rounding=self._measure_share(candidate, fit, rounding),
         )
+
+    def _measure_share(self, candidate: _Candidate, fit: RigidFit, rounding: _Rounding) -> float:
+        """Return the fraction of the positions whose deviations rounding of joints and coordinates explains.
+
+        Joints that are off by half a step at most move a position along its deviation r by at most
+        Σ |∂x/∂q_j · r/|r|| step/2. Noise of the same size moves many positions farther.
+        """
+        if not fit.frame.is_base or fit.typical > NEAR_MODEL:
+            return 1.0
+        matrix = candidate.joints.columns.counting.matrix
+        written_steps = 0.5 * rounding.angle * np.abs(matrix).sum(axis=1)  # (n,) [rad]
+        places = self._place_targets(candidate.joints.q, fit.targets)  # (N, K, 3)
+        deviations = fit.frame.to_base(candidate.points.points) - places
+        sizes = np.linalg.norm(deviations, axis=2)
+        directions = deviations / np.maximum(sizes, 1e-12)[..., None]
+        farthest = np.sqrt(3.0) * rounding.length
+        for joint, step in enumerate(written_steps):
+            moved = candidate.joints.q.copy()
+            moved[:, joint] += step
+            shifts = self._place_targets(moved, fit.targets) - places
+            farthest = farthest + np.abs(np.einsum("nki,nki->nk", shifts, directions))
+        is_known = np.isfinite(sizes)
+        return float(np.mean((sizes <= _MARGIN * farthest)[is_known]))
+
+    def _place_targets(self, q: FloatArray, targets: FloatArray) -> FloatArray:
+        """Return the positions (N, K, 3) in R0 [m] of targets (K, 3) on the flange, in postures q (N, n)."""
+        rotation, place = self.model.place_flange(q)
+        return np.asarray(place[:, None] + np.einsum("nij,kj->nki", rotation, targets))
 
     def _find_rounding(self, candidate: _Candidate, metres: float) -> _Rounding:
         """Return the steps to which a file's numbers were rounded; `metres` is its unit of length [m]."""

@@ -1,4 +1,4 @@
-"""Words that tell states apart, in headers of any form: the order of positions never wins against them."""
+"""Words that tell states and targets apart, in headers of any form: order never wins against them."""
 
 import pytest
 from support.strange_files import JOINTS, both, in_turn, judge, simulate, table, wide
@@ -95,3 +95,24 @@ def test_rows_that_differ_by_a_word_for_a_state_have_no_mean(words, tmp_path):
             propose(files, tmp_path, mean_of_repeats=mean)
         assert "which may be words for states" in str(refused.value.problem)
         assert "mean_of_repeats" not in str(refused.value.problem)
+
+
+@pytest.mark.parametrize("header", ["Zyklus", "Cycle"])
+def test_a_column_that_counts_postures_is_their_name_in_files_with_decimal_commas(header, tmp_path):
+    joints, points = [[header, *JOINTS]], [["Punkt-ID", header, "Last", "X [mm]", "Y [mm]", "Z [mm]"]]
+    for n, angles in enumerate(CAMPAIGN.joints):
+        joints.append([f"{n + 1}", *(f"{angle:.3f}" for angle in angles)])
+        for mass, positions in (("0", CAMPAIGN.unloaded), ("20", CAMPAIGN.loaded)):
+            for k, position in enumerate(positions[n]):
+                points.append([f"N{k + 1}", f"{n + 1}", mass, *(f"{1e3 * each:.3f}" for each in position)])
+    files = {"punkte.csv": points, "roboter.csv": joints}
+    texts = {
+        name: "".join(";".join(row) + "\n" for row in rows).replace(".", ",") for name, rows in files.items()
+    }
+    taken = read(texts, tmp_path)["observations"]
+    assert len(taken) == len(CAMPAIGN.joints)
+    for n, observation in enumerate(taken):
+        assert [each["target"] for each in observation["readings"]] == ["N1", "N2", "N3"]
+        assert [each["loaded"] for each in observation["readings"]] == [
+            pytest.approx(1e3 * position, abs=2e-3) for position in CAMPAIGN.loaded[n]
+        ]

@@ -171,6 +171,19 @@ def test_readings_of_an_arm_as_good_as_its_model_are_readings(robots, noise):
     assert [(each.target, each.state) for each in best.readings] == [(1, 0), (1, 1)]
 
 
+@pytest.mark.parametrize("arm", ["KUKA KR 210 R2700 extra", "Yaskawa GP180", "ABB IRB 6640-185/2.8"])
+def test_readings_in_r0_with_noise_as_small_as_the_rounding_of_joints_are_readings(robots, arm):
+    known = robots[arm]
+    joints = np.round(measure(known)[0], 3)
+    exact = place_exactly(known, joints)
+    generator = np.random.default_rng(7)
+    first, second = (
+        exact + shift + generator.normal(0.0, 0.02, exact.shape) for shift in (0.0, [0, 0, -0.5])
+    )
+    best = propose([Table("a", wide(joints, first, second))], [known]).best
+    assert [each.points.columns for each in best.readings] == [(6, 7, 8), (9, 10, 11)]
+
+
 def test_too_few_postures_are_not_decided(robots):
     known = robots["Stäubli TX2-60"]
     joints, points = measure(known, postures=5)
