@@ -1,4 +1,4 @@
-"""Why a file was not read: words for files that are no table of rows."""
+"""Reasons why a file was not read, for files that are no table of rows."""
 
 from __future__ import annotations
 

@@ -1007,6 +1007,20 @@ def edit(rows: Sequence[Sequence[str]], number: int, column: int, cell: str) -> 
     return edited
 
 
+def log_line(line: str) -> str:
+    """Return a line of a block as a log of a robot has it."""
+    name, *cells = line.split(";")
+    if name == "joints":
+        axes = ", ".join(f"A{axis} {angle}" for axis, angle in enumerate(cells, 1))
+        return f"$AXIS_ACT={{E6AXIS: {axes}, E1 0.0, E2 0.0}}"
+    if not cells:
+        return line
+    state, *position = cells
+    return f"{name} {state}: " + " ".join(
+        f"{axis}={each}" for axis, each in zip("XYZ", position, strict=True)
+    )
+
+
 def strangers() -> dict[str, Proposed]:
     """Return the cases of proposals."""
     table, joints = strange.table, strange.joints(MEASURED, label="Pose")
@@ -1025,6 +1039,13 @@ def strangers() -> dict[str, Proposed]:
     lone = strange.wide(MEASURED, 20.0 * (LOADED - UNLOADED))
     blocks = strange.FORMS["a_block_for_each_posture"].write(MEASURED)["postures.txt"]
     lines = blocks.splitlines(keepends=True)
+    log = "\n".join(map(log_line, blocks.splitlines()))
+    report = "Unité : mm\n\n" + "".join(
+        f"POINT {label}_{state}_B1\n"
+        + "".join(f"{axis} {value}\n" for axis, value in zip("XYZ", p, strict=True))
+        for s, state in enumerate(("VIDE", "CHARGE"))
+        for label, *p in strange.points(MEASURED, s)
+    )
     json_rows = [json.dumps(dict(zip(WIDE, map(float, ["0", *row[1:]]), strict=True))) for row in NUMBERED]
     records = "\n".join(json_rows)
     loads = {"a.csv": table(["Pose", *strange.JOINTS, "Load", *"XYZ"], strange.in_turn(
@@ -1036,6 +1057,30 @@ def strangers() -> dict[str, Proposed]:
         "block": Proposed(
             "this block has 4 rows", {"p.txt": "".join(lines[:10] + lines[11:])}, {"p.txt": blocks}
         ),
+        "row of other words in a block": Proposed(
+            "the first block has no row 'T2 loaded",
+            {"p.txt": log.replace("T2 loaded", "T7 loaded", 1)},
+            {"p.txt": log},
+        ),
+        "words that may be states": Proposed(
+            "which may be words for states",
+            {
+                "a.csv": table(
+                    IN_TURN,
+                    strange.in_turn(
+                        MEASURED, ("before", "loaded", "with"), (UNLOADED, LOADED, LOADED + 1e-4)
+                    ),
+                )
+            },
+            {"a.csv": table(IN_TURN, strange.in_turn(MEASURED, ("before", "loaded"), (UNLOADED, LOADED)))},
+        ),
+        "line of no point": Proposed(
+            "belongs to no point with a name",
+            {"j.csv": joints, "r.txt": f"{report}X 5.0\n"},
+            {"j.csv": joints, "r.txt": report},
+        ),
+        "anchor in YAML": Proposed("has an anchor", {"a.yaml": "a: &x [1]\nb: *x\nc: 1\n"}, {"a.csv": turns}),
+        "YAML without a list": Proposed("has no list of", {"a.yaml": "a: 1\nb: 2\nc: 3\n"}, {"a.csv": turns}),
         "unit of displacements": Proposed(
             "so that their unit is not clear",
             {"d.csv": table(of_shifts, moved)},
