@@ -66,9 +66,8 @@ def name_readings(
             _find_names(reading, table_of_name[reading.points.table], options, states_of_titles)
             for reading in proposal.readings
         ]
-        found = _add_states_of_words(found, contrasts)
         targets = _name_targets(proposal.readings, found)
-        named = _add_states(proposal.readings, targets, found, contrasts)
+        named = _add_states(proposal.readings, targets, _add_states_of_words(found, contrasts), contrasts)
         if _are_distinct(named):
             return named
     by_number = [f"T{reading.target}" for reading in proposal.readings]

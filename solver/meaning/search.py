@@ -53,7 +53,7 @@ _INTERPRETATIONS_OF_PAIR: Final = 14
 NEAR_MODEL: Final = 1.5e-4
 """Median distance [m] up to which positions may have been computed by a controller from rounded joints."""
 _MARGIN: Final = 1.1
-"""Factor on the largest distance that rounding explains: the fit of frame and targets moves positions, too."""
+"""Factor on the largest distance that rounding explains: the fit of frame and targets moves positions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class Interpretation:
     movement: float  #: largest standard deviation of a coordinate [m]
     joint_rounding: float  #: typical distance by which rounding of the joints moves a position [m]
     point_rounding: float  #: typical distance by which rounding of the positions moves a position [m]
-    #: fraction of the positions that rounding may have moved so far; 1 if farther from the model, or not in R0
+    #: fraction of the positions that rounding may have moved so far; 1 if farther off, or not in R0
     share_by_rounding: float = 1.0
 
 

@@ -1120,6 +1120,16 @@ def strangers() -> dict[str, Proposed]:
             },
             stated={"state_words": {"weg": "unloaded", "dran": "loaded"}},
         ),
+        "words with one meaning": Proposed(
+            "differ by 'loaded' and 'with', which may be words for states",
+            {
+                "a.csv": table(
+                    IN_TURN,
+                    strange.in_turn(MEASURED, ("before", "loaded", "with"), (UNLOADED, LOADED, UNLOADED)),
+                )
+            },
+            stated={"state_words": {"with": "unloaded"}},
+        ),
         "long name of JSON": Proposed(
             "a name has more than 256 characters",
             {"a.jsonl": records.replace("Pose", 300 * "n")},
