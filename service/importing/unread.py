@@ -1,4 +1,4 @@
-"""Why a file was not read: words for files that are no table of rows."""
+"""Words on files that were not read as tables of rows, and what to do about them."""
 
 from __future__ import annotations
 
