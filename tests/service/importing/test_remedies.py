@@ -651,6 +651,10 @@ FILES = {
         "is not well-formed", {"a.xlsx": repacked(BOOK, SHEET, damaged)}, {"a.xlsx": BOOK}
     ),
     "no table": Case("a PDF document, not a table", {"a.csv": b"%PDF-1.7"}, {"a.csv": CAMPAIGN}),
+    "damaged YAML": Case("invalid YAML", {"a.yaml": "a: 1\nb: [1\nc: 2\n"}, {"a.csv": CAMPAIGN}),
+    "YAML without a list": Case(
+        "the YAML has no list", {"a.yaml": "a: 1\nb: 2\nc: 3\n"}, {"a.csv": CAMPAIGN}
+    ),
     "damaged campaign": Case("Invalid JSON", {"a.json": "{,}"}, {"a.csv": CAMPAIGN}),
     "one file twice": Case(
         "two files have this name", (("a.csv", CAMPAIGN), ("a.csv", CAMPAIGN)), {"a.csv": CAMPAIGN}
@@ -902,6 +906,7 @@ PC_DMIS = "".join(
     "END OF DIMENSION\n"
     for i, (name, x, y, z) in enumerate(PLACES)
 )
+NAMED_LINES = "UNITS: mm\n" + "".join(f"{name}\nX {x}\nY {y}\nZ {z}\n" for name, x, y, z in PLACES)
 TRIPLES = "".join(f"{name} X {x} Y {y} Z {z}\n" for name, x, y, z in PLACES)
 
 
@@ -927,6 +932,9 @@ REPORTS = {
     "report in an unknown unit": report("unknown unit", DMIS.replace("MM", "FURLONG"), DMIS),
     "line that is no point": report(
         "is no point of the report", TRIPLES.replace("\n", "\nhand guided\n", 1), TRIPLES
+    ),
+    "point without Z": report(
+        "belongs to no point", NAMED_LINES.replace(f"Z {PLACES[1][3]}\n", ""), NAMED_LINES
     ),
     "report with too many points": Case(
         "the file has more than 3 points",

@@ -11,7 +11,7 @@ export const importWords = {
   fileFacts: ({ row_count, format, sheet, encoding, delimiter, decimal_mark }: FilePreview) =>
     [
       plural(row_count, "row", "rows"),
-      { text: null, xlsx: "Excel", mat: "MATLAB", hdf5: "HDF5", parquet: "Parquet" }[format],
+      { text: null, xlsx: "Excel", mat: "MATLAB", npz: "NumPy", hdf5: "HDF5", parquet: "Parquet" }[format],
       sheet && `${format === "xlsx" ? "sheet" : "group"} “${sheet}”`,
       encoding,
       delimiter && `delimiter ${delimiter}`,
