@@ -65,6 +65,8 @@ class _Commands(typer.core.TyperGroup):
         try:
             return super().parse_args(ctx, args)
         except Exception as error:
+            if not hasattr(error, "message"):  # `--help` and `--version` end by an exception, too
+                raise
             from jointstiff.service.cli.failures import reword_usage_error
 
             reword_usage_error(error, None, self._list_flags)
