@@ -138,8 +138,7 @@ def describe(fit: JointsFit) -> Estimate:
         MeasurementError: the numbers overflow.
         SolverError: an optimum or the end of an interval could not be certified.
     """
-    certified_fit = fit.problem.certify(fit.last)
-    estimate = _build_estimate(fit.problem, certified_fit)
+    estimate = _build_estimate(fit.problem, fit.last.certify(), fit.scale)
     return replace(
         estimate,
         characteristic_length=fit.problem.method.characteristic_length,
@@ -420,6 +419,10 @@ class _SingleFit:
         """Fitted compliances (n,) [rad/(N·m)]."""
         return self.solved.compliance
 
+    def certify(self) -> _SingleFit:
+        """Return the fit, solved again by Clarabel, whose own answer is a witness of the optimum."""
+        return replace(self, solved=self.solved.certify())
+
     def describe(self) -> MethodFit:
         """Return the fit with its covariance, and with what the readings determine."""
         return replace(self.solved.describe(), alone=self.without_prior)
@@ -460,7 +463,7 @@ class _Problem:
         """
         if compressed is None:
             return self._fit_joints(self.rows, stated_errors=None, before=None)
-        solved, without_prior = self._solve_compressed_rows(compressed, None, witnessed=False)
+        solved, without_prior = self._solve_compressed_rows(compressed, None)
         return _SingleFit(self.rows, compressed, solved, without_prior, robust=None, targets=None)
 
     def fit_bent_robot(self, compliance: FloatArray, before: _SingleFit) -> _SingleFit:
@@ -498,16 +501,11 @@ class _Problem:
             weighted_readings = robust.reweight(rows.measurements)
             rows = rows.of(weighted_readings)
         compressed = MethodRows.compress(self.method, rows, stated_errors)
-        solved, without_prior = self._solve_compressed_rows(compressed, robust, witnessed=False)
+        solved, without_prior = self._solve_compressed_rows(compressed, robust)
         return _SingleFit(rows, compressed, solved, without_prior, robust, targets)
 
-    def certify(self, last: _SingleFit) -> _SingleFit:
-        """Return the last fit, solved again by Clarabel, with certificates of its optimum."""
-        solved, without_prior = self._solve_compressed_rows(last.compressed, last.robust, witnessed=True)
-        return replace(last, solved=solved, without_prior=without_prior)
-
     def _solve_compressed_rows(
-        self, compressed: MethodRows, robust: RobustFit | None, *, witnessed: bool
+        self, compressed: MethodRows, robust: RobustFit | None
     ) -> tuple[SolvedMethod, MethodFit | None]:
         """Return the optimum for compressed rows, with the prior of the settings, and the fit without prior.
 
@@ -516,10 +514,9 @@ class _Problem:
         Args:
             compressed: compressed rows of all observations.
             robust: fit with the Huber loss, which gives sigma; None for the squared loss.
-            witnessed: whether Clarabel solves the problems, too; see `solve`.
         """
         constraints, has_no_effect = self.settings.constraints, self.observability.null
-        solved = solve_method(compressed, has_no_effect, constraints, witnessed=witnessed)
+        solved = solve_method(compressed, has_no_effect, constraints)
         if self.settings.prior is None:
             return solved, None
         # A prior is weighed against the noise of the readings. A sigma that is not stated is estimated from
@@ -528,7 +525,7 @@ class _Problem:
         stated_sigma = self.rows.measurements.sigma if robust is None else robust.sigma
         sigma = _require_sigma_for_prior(estimate_scale(without_prior, compressed.all_readings, stated_sigma))
         prior = self.settings.prior.in_units_of(sigma)
-        solved = solve_method(compressed, has_no_effect, constraints, prior, witnessed=witnessed)
+        solved = solve_method(compressed, has_no_effect, constraints, prior)
         return solved, without_prior
 
     def _fit_huber(self, targets: TargetRows, before: _SingleFit | None) -> RobustFit:
@@ -730,10 +727,9 @@ class _DescribedFit:
     common_errors: CommonErrors | None  # errors that all observations share; None without any
 
     @classmethod
-    def of(cls, problem: _Problem, last: _SingleFit) -> _DescribedFit:
+    def of(cls, problem: _Problem, last: _SingleFit, scale: Scale) -> _DescribedFit:
         """Describe the last fit of a problem; where sigma is unknown, there are no common errors."""
         fit = last.describe()
-        scale = _estimate_final_scale(problem, last, fit)
         if last.robust is not None:
             # The weights of the Huber loss come from the residuals, which makes the covariance larger.
             fit = fit.multiply_covariance(last.robust.inflation)
@@ -797,17 +793,20 @@ class _BeyondFirstOrder(NamedTuple):
         return cls(covariance, likelihood, added)
 
 
-def _build_estimate(problem: _Problem, last_fit: _SingleFit) -> Estimate:
-    """Build the estimate from the last fit: sigma, uncertainties, intervals and a verdict on each joint.
+def _build_estimate(problem: _Problem, last_fit: _SingleFit, scale: Scale) -> Estimate:
+    """Build the estimate from the last fit: uncertainties, intervals and a verdict on each joint.
 
-    With the Huber loss, a robust scale replaces a sigma that is unknown.
+    Args:
+        problem: observations and settings.
+        last_fit: last fit.
+        scale: sigma, and the chi-square of this fit.
 
     Raises:
         MeasurementError: the numbers overflow.
         SolverError: the end of an interval could not be certified.
     """
-    described = _DescribedFit.of(problem, last_fit)
-    fit, scale = described.fit, described.scale
+    described = _DescribedFit.of(problem, last_fit, scale)
+    fit = described.fit
     _refuse_overflow(fit.compliance, scale, described.covariance)
     evidence = described.collect_evidence()
     uncertainty = _BeyondFirstOrder.of(described, evidence)

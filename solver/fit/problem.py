@@ -74,7 +74,7 @@ class Problem(Generic[Shape_co]):
     """minimise ‖R x − z‖² + pᵀx subject to x in a cone; p penalises the parameters that the cone names.
 
     Problems over matrices have readings of unit norm, and columns of unit norm for scalars without a
-    penalty, which are independent. Problems over scalars may have any units: `equilibrate`.
+    penalty, which are independent. Problems over scalars may have any units: `equilibrated`.
     """
 
     squares: LeastSquares  #: quadratic part
@@ -95,8 +95,9 @@ class Problem(Generic[Shape_co]):
         R, z = self.squares.R, self.squares.z
         return np.asarray(2.0 * R.T @ (R @ x - z) + self.penalty)
 
-    def equilibrate(self: Problem[Scalars]) -> Equilibrated:
-        """Return the problem in variables that give columns, rows of inequalities and readings unit norm.
+    @cached_property
+    def equilibrated(self: Problem[Scalars]) -> Equilibrated:
+        """The problem in variables that give columns, rows of inequalities and readings unit norm.
 
         Raises:
             SolverError: a number is not finite, or a column is zero.

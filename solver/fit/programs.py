@@ -215,7 +215,7 @@ def solve_huber(
     Returns:
         (n,) compliances [rad/(N·m)] to Clarabel's tolerance; None if Clarabel fails.
     """
-    scaled = squared.equilibrate()
+    scaled = squared.equilibrated
     n = len(scaled.unit)
     with COMPILING:
         x = cp.Variable(n)  # c divided by its units

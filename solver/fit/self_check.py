@@ -27,7 +27,7 @@ def check_solver() -> Witness:
     from jointstiff.solver.fit import programs  # takes a second to import
 
     positive = Scalars(Bounds.positive(len(_OPTIMUM)))
-    scaled = Problem(LeastSquares(_REGRESSOR, _READINGS), positive).equilibrate()
+    scaled = Problem(LeastSquares(_REGRESSOR, _READINGS), positive).equilibrated
     own = programs.solve_least_squares(scaled.problem)
     squares = scaled.problem.squares
     return compare_answers(squares.R, own, np.array(_OPTIMUM) / scaled.unit, squares.z)

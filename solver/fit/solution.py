@@ -226,7 +226,7 @@ def _solve_scalars(problem: Problem[Scalars], *, witnessed: bool) -> SolutionOfS
     Raises:
         SolverError: no candidate satisfies the optimality conditions.
     """
-    scaled = problem.equilibrate()
+    scaled = problem.equilibrated
     if not witnessed:
         return _select_first_certified(problem, scaled, _propose_fast(scaled.problem))
     from jointstiff.solver.fit import programs  # takes a second to import

@@ -179,6 +179,8 @@ class SolvedStage:
     prior: FloatArray  #: (k,) right-hand side of the prior's rows, which come last
     solution: SolutionOfScalars  #: optimum under the constraints
     tied: BoolArray  #: (p,) mask of joints whose compliance an order makes equal to that of another joint
+    problem: Problem[Scalars]  #: problem of this optimum
+    constraints: Constraints  #: constraints on the p compliances
 
     @classmethod
     def solve(
@@ -188,8 +190,6 @@ class SolvedStage:
         joints: IndexArray,
         constraints: Constraints,
         prior: Prior | None = None,
-        *,
-        witnessed: bool = True,
     ) -> SolvedStage:
         """Solve one stage of a method: minimise ``‖R c − z‖²`` over p compliances c under constraints.
 
@@ -199,7 +199,6 @@ class SolvedStage:
             joints: (p,) joints of the columns.
             constraints: constraints on these p compliances.
             prior: prior of all compliances, in units of sigma, added as further rows.
-            witnessed: see `solve`.
         """
         readings = spectrum = Spectrum(R)
         prior_values = np.zeros(0)
@@ -208,9 +207,15 @@ class SolvedStage:
             spectrum = Spectrum(np.vstack([R, prior_rows]))
         rhs = np.concatenate([z, prior_values])
         problem = Problem(LeastSquares(spectrum.determined, rhs), Scalars.of(constraints))
-        solution = solve(problem, witnessed=witnessed)
+        solution = solve(problem, witnessed=False)
         solution, is_tied = _equalise_tied_compliances(solution, constraints)
-        return cls(joints, R, readings, spectrum, prior_values, solution, is_tied)
+        return cls(joints, R, readings, spectrum, prior_values, solution, is_tied, problem, constraints)
+
+    def certify(self) -> SolvedStage:
+        """Return the stage, solved again by Clarabel, whose own answer is a witness of the optimum."""
+        solution = solve(self.problem, witnessed=True)
+        solution, is_tied = _equalise_tied_compliances(solution, self.constraints)
+        return replace(self, solution=solution, tied=is_tied)
 
     def estimate_without_constraints(self, z: FloatArray) -> FloatArray:
         """Return the compliances (p,) of the fit without constraints; the shortest solution if not unique.
@@ -284,6 +289,14 @@ class SolvedMethod:
             tied[stage.joints] = stage.tied
         return tied
 
+    def certify(self) -> SolvedMethod:
+        """Return the optimum, with each stage solved again by Clarabel; see `SolvedStage.certify`."""
+        stages = {number: stage.certify() for number, stage in self.stages.items()}
+        compliance = self.compliance.copy()
+        for stage in stages.values():
+            compliance[stage.joints] = stage.solution.x
+        return replace(self, stages=stages, compliance=compliance)
+
     def describe(self) -> MethodFit:
         """Return the fit of the whole method: optimum, covariance, and the evidence of optimality."""
         stages = list(self.stages.values())
@@ -340,8 +353,6 @@ def solve_method(
     has_no_effect: BoolArray,
     constraints: Constraints,
     prior: Prior | None = None,
-    *,
-    witnessed: bool = True,
 ) -> SolvedMethod:
     """Solve the stages of a method in turn, without the joints that have no effect on the readings.
 
@@ -354,7 +365,6 @@ def solve_method(
         has_no_effect: (n,) mask of joints that have no effect on the readings.
         constraints: constraints on all n compliances.
         prior: prior of the n compliances, in units of sigma; only for weighting by covariance.
-        witnessed: see `solve`; False is faster, for use in iterations.
 
     Raises:
         RequestError: if the bounds on a wrist joint from the stiffness order leave no feasible compliance.
@@ -373,7 +383,7 @@ def solve_method(
             continue
         of_others = constraints.fix_joints(rows.known, compliance[rows.known], rows.joints)
         z = rows.subtract_known(compliance)
-        solved = SolvedStage.solve(rows.R, z, rows.joints, of_others, prior, witnessed=witnessed)
+        solved = SolvedStage.solve(rows.R, z, rows.joints, of_others, prior)
         if stage is not stages[-1]:
             _refuse_combined_arm_joints(solved, compressed.method.joint_names)
         compliance[rows.joints] = solved.solution.x
@@ -856,7 +866,7 @@ class _HuberProblem:
         """
         _, norm = self.residuals_at(c)
         problem = self.build_weighted_problem(_compute_huber_weights(norm))
-        scaled = problem.equilibrate()
+        scaled = problem.equilibrated
         return certify(scaled.problem, c / scaled.unit, solved_by)
 
 

@@ -398,7 +398,7 @@ def test_a_certificate_measures_the_projected_gradient_at_any_point(seed):
     lower[rng.random(n) < 0.2] = -np.inf
     upper = np.where(rng.random(n) < 0.3, np.inf, np.maximum(lower, -2.0) + width)
     problem = posed(A, b, Bounds(lower, upper))
-    scaled, norms, size = problem.equilibrate().problem, np.linalg.norm(A, axis=0), np.linalg.norm(b)
+    scaled, norms, size = problem.equilibrated.problem, np.linalg.norm(A, axis=0), np.linalg.norm(b)
     low, high = scaled.cone.bounds.lower, scaled.cone.bounds.upper
     np.testing.assert_allclose([low, high], [lower * norms / size, upper * norms / size])
     best = solve(problem)
