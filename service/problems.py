@@ -706,6 +706,9 @@ def _find_remedy_of_numbers(error: Mapping[str, Any]) -> str | None:
     return None
 
 
+STIFFNESS_REMEDY: Final = (
+    "give stiffnesses in N·m/rad (prismatic: N/m); 3.1 · 10⁶ N·m/rad in a table is 3.1e6"
+)
 _REMEDIES_OF_GOALS: Final = MappingProxyType(
     {
         "relative": 'give an uncertainty from 0.1 % to 100 %, such as "15 %"; as a number, 0.15',
@@ -728,7 +731,7 @@ def _find_remedy_of_limits(error: Mapping[str, Any]) -> str | None:
         return None
     place = error["loc"]
     if {"priors", "stiffness_bounds"}.intersection(place):
-        return "give stiffnesses in N·m/rad (prismatic: N/m); 3.1 · 10⁶ N·m/rad in a table is 3.1e6"
+        return STIFFNESS_REMEDY
     if place[-1:] == ("confidence",):
         return "give a fraction, such as 0.95 for 95 %"
     return _REMEDIES_OF_GOALS.get(str(place[-1])) if "goal" in place else None

@@ -43,7 +43,7 @@ from jointstiff.service.tables.estimate import (
 )
 from jointstiff.service.tables.files import csv_text, split_table_rows
 from jointstiff.service.tables.labels import is_label
-from jointstiff.service.tables.report import verdict_lines, with_overall_verdict
+from jointstiff.service.tables.report import remedies, to_do_lines, verdict_lines, with_overall_verdict
 from jointstiff.service.tables.table import (
     NO_NUMBER,
     Chart,
@@ -507,7 +507,8 @@ def describe_predictions(result: DeflectionResult) -> list[Part]:
     caption = f"in brackets: {100 * result.confidence:g} % interval, {source}; stiffness along the force"
     table = Table(columns, title="Deflections in R0", caption=caption, plain=True)
     remarks = [Line(f"{case.label}: {'; '.join(case.remarks)}") for case in cases if case.remarks]
-    return [*verdict_lines(result.assessment, details=True), table, *remarks]
+    to_do = to_do_lines(remedies(result.assessment), details=True)
+    return [*verdict_lines(result.assessment, details=True), table, *remarks, *to_do]
 
 
 def _list_shown_numbers(result: DeflectionResult) -> list[Column]:

@@ -333,6 +333,10 @@ LARGEST_DEFLECTION: Final = 0.02
 """Deflection of an arm beyond which a load or a length is probably in a wrong unit [m]."""
 LARGEST_RATIO: Final = 20.0
 """Ratio to the campaign's greatest deflection beyond which a load or a length is probably in a wrong unit."""
+LEAST_RATIO: Final = 1e-3
+"""Ratio to the campaign's greatest deflection below which a load is probably in kN that were read as N."""
+_NO_DEFLECTION: Final = 5e-6
+"""Deflection [m] below which no process is corrected: no robot repeats it, and no tracker reads it."""
 LONGEST_TOOL: Final = 1.5
 """Longest usual distance of a load point or a place from the flange [m]."""
 _SUBJECT: Final[dict[Verdict, str]] = {
@@ -371,6 +375,8 @@ def assess_with_run(subject: str, reasons: Sequence[Finding], run: Assessment | 
 def find_implausible_deflection(greatest: float | None, run: RunResult | None) -> list[Finding]:
     """Return a reason if the greatest deflection [m] is implausible for an arm or for the run's campaign.
 
+    The deflection may be too large, or so small that its load is probably in another unit.
+
     The list is empty if the deflection is plausible or unknown. `run` is None without a campaign.
     """
     if greatest is None or not isfinite(greatest):
@@ -378,6 +384,16 @@ def find_implausible_deflection(greatest: float | None, run: RunResult | None) -
     measured = () if run is None else run.residuals
     greatest_measured = max((hypot(*residual.deflection) for residual in measured), default=0.0)
     ratio = greatest / greatest_measured if greatest_measured > 0.0 else 0.0
+    if 0.0 < ratio < LEAST_RATIO and greatest < _NO_DEFLECTION:
+        return [
+            make_reason(
+                "prediction_implausible",
+                "use_with_care",
+                f"the greatest deflection is {length_text(greatest)}, while the loads of the campaign moved "
+                f"targets by up to {length_text(greatest_measured)}: this load is very small",
+                f"check the unit of the load (its numbers may be kN that were read as N); {PAST_CARE}",
+            )
+        ]
     if greatest <= LARGEST_DEFLECTION and ratio <= LARGEST_RATIO:
         return []
     comparison = f", {figure(ratio, '.3g')} times the greatest of the campaign" if ratio > 1.0 else ""
@@ -398,15 +414,17 @@ def find_far_points(points: Iterable[Sequence[float] | None]) -> list[Finding]:
     [] is returned for usual points, such as the origin of the flange frame. Other points nearer than
     `FLANGE_LENGTHS` are not usual.
     """
-    greatest_distance = max((hypot(*point) for point in points if point is not None), default=0.0)
     least_length, _ = FLANGE_LENGTHS
-    is_near = 0.0 < greatest_distance < least_length
-    if not is_near and greatest_distance <= LONGEST_TOOL:
+    distances = sorted(hypot(*point) for point in points if point is not None)
+    unusual = [each for each in distances if 0.0 < each < least_length or each > LONGEST_TOOL]
+    if not unusual:
         return []
-    distance = f"{length_text(greatest_distance)} from the flange"
+    worst = unusual[-1]
+    distance = f"{length_text(worst)} from the flange"
     plausible = f"{length_text(least_length)} to {LONGEST_TOOL:g} m"
     message = f"the load point or the place is {distance}; {plausible} is plausible"
-    remedy = f"check the unit and the frame of this point; {PAST_CARE}"
+    units = "mm that were read as m" if worst > LONGEST_TOOL else "m that were read as mm"
+    remedy = f"check the unit of this point (its numbers may be {units}) and its frame; {PAST_CARE}"
     return [make_reason("point_implausible", "use_with_care", message, remedy)]
 
 

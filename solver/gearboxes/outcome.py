@@ -34,6 +34,14 @@ GREATEST_TWIST: Final = 20e-3
 """Twist [rad] that no gearbox survives."""
 _POSTURE: Final = 5e-3
 """Difference [rad] of a motor's angle from the stated posture, beyond which the posture is another one."""
+_LEAST_GEAR_RATIO: Final = 3.0
+"""Least gear ratio of a robot's joint."""
+_LEAST_READINGS: Final = 4
+"""Least number of readings of a motor that shows a gear ratio."""
+_LEAST_SPREAD: Final = 0.01
+"""Least standard deviation [rad] of the stated angles of a joint that shows a gear ratio."""
+_PROPORTIONAL: Final = 0.01
+"""Greatest deviation of motor angles from a multiple of the stated angles, relative to their spread."""
 _FALSE_ALARM: Final = 0.01
 """Probability that a test names something in a step without a mistake."""
 _TYPICAL_RATIO: Final = 500.0
@@ -67,14 +75,16 @@ def identify_gearboxes(step: WeightStep) -> GearboxResult:
         )
     fits = {fit.steps.joint: fit for fit in fit_gearboxes(step, determined)}
     gearboxes = [_describe_gearbox(step, each, fits.get(each.joint), reasons[each.joint]) for each in joints]
+    undivided = list(_report_undivided_angles(step))
     findings = [
         *_report_load(step),
-        *_report_postures(step),
-        *_report_approaches(step, joints),
-        *(finding for fit in fits.values() for finding in _report_fit(step, fit)),
-        *_report_implausible(step, fits),
-        *_report_uncertain(gearboxes),
+        *(undivided or _report_postures(step)),
     ]
+    if not undivided:  # nothing else can be said of angles that are not those of the joints
+        findings += _report_approaches(step, joints)
+        for fit in fits.values():
+            findings += _report_fit(step, fit)
+        findings += [*_report_implausible(step, fits), *_report_uncertain(gearboxes)]
     identified = sum(gearbox.stiffness is not None for gearbox in gearboxes)
     if identified == 0:
         findings.append(
@@ -190,6 +200,31 @@ def _report_load(step: WeightStep) -> Iterator[Finding]:
             where="load.mass",
             message=f"the load has {figure(load.mass)} kg, but the robot's payload is {figure(payload)} kg",
             remedy="state the mass in kg, not the weight in N or the mass in lb",
+        )
+
+
+def _report_undivided_angles(step: WeightStep) -> Iterator[Finding]:
+    """Report motor angles that are multiples of the stated angles: their gear ratio is not divided out."""
+    read = step.readings
+    q = step.robot.joint_map.model_angles(step.joints)
+    for joint in np.unique(read.joint).tolist():
+        rows = np.flatnonzero(read.joint == joint)
+        motor, stated = read.motor[rows, 0], q[read.posture[rows], joint]
+        deviation = stated - stated.mean()
+        if len(rows) < _LEAST_READINGS or deviation.std() < _LEAST_SPREAD:
+            continue
+        ratio = float(deviation @ motor) / float(deviation @ deviation)
+        remaining = motor - motor.mean() - ratio * deviation
+        if abs(ratio) < _LEAST_GEAR_RATIO or remaining.std() > _PROPORTIONAL * motor.std():
+            continue
+        name = step.robot.joint_names[joint]
+        yield Finding(
+            code="posture_against_encoders",
+            weight="do_not_use",
+            where=name,
+            message=f"the motor angles of {name} are {figure(abs(ratio), '.4g')} times the stated angles",
+            remedy=f"divide the motor angles of {name} by its gear ratio; if the ratio is near 57.3, give "
+            "all angles in the unit that `units.angle` states",
         )
 
 

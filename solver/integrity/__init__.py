@@ -22,9 +22,17 @@ from jointstiff.solver.integrity.against_model import (
     inspect_rigidity,
     inspect_whole_set,
 )
-from jointstiff.solver.integrity.misplaced_loads import find_load_points_in_base, find_moments_of_forces
+from jointstiff.solver.integrity.misplaced_loads import (
+    find_load_points_in_base,
+    find_moments_of_forces,
+    find_other_columns,
+)
 from jointstiff.solver.integrity.mistaken_target import inspect_equal_targets
-from jointstiff.solver.integrity.one_state import find_mistaken_state, leave_out_zeros
+from jointstiff.solver.integrity.one_state import (
+    find_mistaken_state,
+    leave_out_copied_states,
+    leave_out_zeros,
+)
 from jointstiff.solver.integrity.order import inspect_loaded
 from jointstiff.solver.integrity.rounded_angles import inspect_rounded_angles
 from jointstiff.solver.integrity.values import (
@@ -97,10 +105,11 @@ def inspect_measurements(
         The findings, at most `MAX_FINDINGS_PER_CODE` of each kind.
     """
     given = View(robot, measurements, degrees, flange_fields, header_units, frame)
-    missed, posted = leave_out_zeros(given)
-    if not posted.measurements.present.any():
+    missed, read = leave_out_zeros(given)
+    if not read.measurements.present.any():
         return missed
-    findings = [*missed, *inspect_values(posted), *inspect_equal_targets(posted)]
+    copied, posted = leave_out_copied_states(read)
+    findings = [*missed, *copied, *inspect_values(posted), *inspect_equal_targets(posted)]
     mistaken_state = find_mistaken_state(posted)
     mistakes_in_loaded = [mistaken_state] if mistaken_state else inspect_loaded(posted)
     if mistakes_in_loaded:
@@ -120,7 +129,7 @@ def inspect_measurements(
     findings += [*suspects, *inspect_repeats(view)]
     if good_rows.any():
         findings += [*inspect_rigidity(view, good_rows), *inspect_drift(view, good_rows)]
-        misplaced = find_moments_of_forces(view) or find_load_points_in_base(view)
+        misplaced = find_other_columns(view) or find_moments_of_forces(view) or find_load_points_in_base(view)
         if misplaced:
             findings.append(misplaced)
         elif can_compare_deflections:

@@ -29,6 +29,8 @@ _LEAST_ROWS: Final = 4
 """Least number of observations that show how their loads were stated."""
 _ROUNDED: Final = 1e-6
 """Least distance [m] that a sentence states."""
+_SAME_DIGITS: Final = 1e-9
+"""Greatest difference of numbers that are equal but for their unit, relative to the greatest of them."""
 _ELSEWHERE: Final = 0.1
 """Least distance [m] between the load points of a set if they may be places in R0."""
 
@@ -101,6 +103,50 @@ def move_moments(robot: Robot, measurements: Measurements) -> Iterator[OtherLoad
             "give the moments about the load point: subtract from each moment the cross product of load "
             f"point and force, with the load point in the axes of {axes}",
         )
+
+
+def find_other_columns(view: View) -> Finding | None:
+    """Return the finding that forces are the numbers of a joint or a target; None without it.
+
+    Such columns were chosen by mistake, as by a slice of a table that begins one column early.
+
+    Args:
+        view: measurement set.
+    """
+    measurements = view.measurements
+    if len(measurements) < _LEAST_ROWS:
+        return None
+    columns = {
+        f"the angles of {name}": measurements.joints[:, joint]
+        for joint, name in enumerate(view.robot.joint_names)
+    }
+    as_read = view.as_read(measurements.position)
+    for target in np.flatnonzero(view.measured.all(axis=0)).tolist():
+        for axis, name in enumerate("xyz"):
+            columns[f"{name} of target '{measurements.targets[target]}'"] = as_read[:, target, axis]
+    for direction, force in zip("xyz", measurements.force.T, strict=True):
+        for what, numbers in columns.items():
+            if not _are_equal_but_for_unit(force, numbers):
+                continue
+            return view.build_finding(
+                "repeated_readings",
+                f"the forces along {direction} are {what} in all observations, digit by digit: the columns "
+                "of the forces are others",
+                "give the columns of Fx, Fy and Fz as forces: in arrays check where the slices of joints, "
+                f"forces and targets begin; {PAST_DO_NOT_USE}",
+                "do_not_use",
+            )
+    return None
+
+
+def _are_equal_but_for_unit(numbers: FloatArray, others: FloatArray) -> bool:
+    """Return whether numbers (N,) that differ among each other are others (N,) times one factor."""
+    size = float(np.abs(others).max())
+    if np.ptp(others) <= _SAME_DIGITS * size or not numbers.any():
+        return False
+    factor = float(numbers @ others) / float(others @ others)
+    difference = np.abs(numbers - factor * others).max()
+    return bool(difference <= _SAME_DIGITS * np.abs(numbers).max())
 
 
 def find_moments_of_forces(view: View) -> Finding | None:

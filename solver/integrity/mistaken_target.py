@@ -17,7 +17,7 @@ from jointstiff.solver.integrity.mistakes import (
     greatest_distances,
     sample_rows,
 )
-from jointstiff.solver.integrity.values import View, transform_to_flange
+from jointstiff.solver.integrity.values import LENGTH_UNITS, View, transform_to_flange
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.text import PAST_DO_NOT_USE, length_text
 
@@ -98,24 +98,48 @@ def _report_mistaken_target(
         f"{length_text(float(of_others[agreeing].max()))}"
     )
     remedy = f"check which point was read as '{name}', and its columns; or leave out this target"
-    axes = _find_axes(view, rows, target)
+    axes, units = _find_axes(view, rows, target), _find_units(view, rows, target)
     if axes is not None:
         message += f". With {axes} of its readings as x, y, z, the target keeps its place"
         remedy = f"give {axes} of '{name}' as x, y, z"
+    elif units is not None:
+        its_unit, unit_of_others = units
+        message += (
+            f". If its readings are in {its_unit} where the others are in {unit_of_others}, the target keeps "
+            "its place"
+        )
+        remedy = f"convert the readings of '{name}' from {its_unit} to {unit_of_others}"
     return view.build_finding("target_off_model", message, f"{remedy}; {PAST_DO_NOT_USE}", "do_not_use")
 
 
 def _find_axes(view: View, rows: IndexArray, target: int) -> str | None:
     """Return the coordinates of a target, such as `y, −x, z`, that give it a place; None without any."""
-    measurements = view.measurements[rows]
-    postures = Postures(view.robot, view.robot.joint_map.model_angles(measurements.joints))
-    position = measurements.position[:, target, None]
-    was_read = np.ones((len(rows), 1), dtype=np.bool_)
+    position = view.measurements.position[rows, target]
     for order in permutations(range(3)):
         for signs in np.ndindex(2, 2, 2):
             factors = 1.0 - 2.0 * np.array(signs)
-            moved = factors * position[..., list(order)]
-            if _agree(_measure_distances(transform_to_flange(postures, moved, was_read))):
+            if _have_one_place(view, rows, factors * position[:, list(order)]):
                 names = zip(factors, order, strict=True)
                 return ", ".join(("−" if factor < 0.0 else "") + "xyz"[axis] for factor, axis in names)
     return None
+
+
+def _find_units(view: View, rows: IndexArray, target: int) -> tuple[str, str] | None:
+    """Return the unit of a target's readings, and that of the others, that give it a place.
+
+    None if no unit gives the target a place.
+    """
+    as_read = view.as_read(view.measurements.position[rows, target])
+    for greater, smaller, ratio in LENGTH_UNITS:  # such as mm, m and 1000
+        if _have_one_place(view, rows, view.to_base(ratio * as_read)):
+            return smaller, greater
+        if _have_one_place(view, rows, view.to_base(as_read / ratio)):
+            return greater, smaller
+    return None
+
+
+def _have_one_place(view: View, rows: IndexArray, positions: FloatArray) -> bool:
+    """Return whether positions (M, 3) in R0 [m], read in M rows, have one place on the flange."""
+    postures = Postures(view.robot, view.robot.joint_map.model_angles(view.measurements.joints[rows]))
+    was_read = np.ones((len(rows), 1), dtype=np.bool_)
+    return _agree(_measure_distances(transform_to_flange(postures, positions[:, None], was_read)))

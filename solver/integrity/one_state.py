@@ -22,7 +22,7 @@ from jointstiff.solver.integrity.mistakes import (
     find_consensus_places,
     greatest_distances,
 )
-from jointstiff.solver.integrity.values import LARGEST_DEFLECTION, View, transform_to_flange
+from jointstiff.solver.integrity.values import LARGEST_DEFLECTION, LENGTH_UNITS, View, transform_to_flange
 from jointstiff.solver.text import figure, length_text, list_labels
 
 _LEAST_ROWS: Final = 4
@@ -31,17 +31,13 @@ _FAR: Final = 0.5
 """Fraction of the readings of a target that are far apart in the two states if one state is mistaken."""
 _SAME_NUMBERS: Final = 0.01
 """Greatest relative difference of the positions of the two states after a change of the unit."""
-_UNITS: Final = (
-    ("mm", "m", 1000.0),
-    ("cm", "m", 100.0),
-    ("inch", "m", 39.37),
-    ("mm", "inch", 25.4),
-    ("mm", "cm", 10.0),
-    ("cm", "inch", 2.54),
-)
-"""Unit of the greater numbers, unit of the smaller numbers, and their ratio."""
 _ZERO: Final = 1e-9
 """Greatest distance [m] from the origin of a reading that is stored as zeros."""
+_LARGEST_COPIED_SHARE: Final = 0.5
+"""Largest fraction of the readings under load that may be copies: others show that the load moves targets."""
+_LARGEST_SHARE_OF_ZEROS: Final = 0.05
+"""Largest fraction of zeros among the coordinates of other deflections: where coarse digits make more of them
+zero, all coordinates of a deflection may be zero by rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +81,7 @@ def find_mistaken_state(view: View) -> Finding | None:
 
 def _find_other_unit(view: View, states: _States) -> Finding | None:
     """Return the finding that all lengths of one state have another unit; None without it."""
-    for greater, smaller, ratio in _UNITS:
+    for greater, smaller, ratio in LENGTH_UNITS:
         for greater_is_unloaded in (True, False):
             large, small = states.unloaded, states.loaded
             if not greater_is_unloaded:
@@ -251,4 +247,49 @@ def leave_out_zeros(view: View) -> tuple[list[Finding], View]:
         deflection=np.where(kept, measurements.deflection, 0.0),
     )
     finding = view.build_finding("target_off_model", message, remedy, "do_not_use")
+    return [finding], replace(view, measurements=without)
+
+
+def leave_out_copied_states(view: View) -> tuple[list[Finding], View]:
+    """Report targets whose readings with and without the load are equal in every digit.
+
+    Such a load was not applied, or one reading was copied. Where many coordinates of deflections are zero,
+    rounding or a load that bends no joint explains equal readings.
+
+    Returns:
+        The finding, if any; and the set without these readings.
+    """
+    measurements = view.measurements
+    under_load = view.measured & view.loaded[:, None]
+    is_copied = under_load & (measurements.deflection == 0.0).all(axis=2)
+    moved = measurements.deflection[under_load & ~is_copied]
+    if not is_copied.any() or is_copied.sum() > _LARGEST_COPIED_SHARE * under_load.sum():
+        return [], view
+    share_of_zeros = float((moved == 0.0).mean())
+    if share_of_zeros > _LARGEST_SHARE_OF_ZEROS:
+        return [], view
+    places = list[str]()
+    for row_pattern in np.unique(is_copied[is_copied.any(axis=1)], axis=0):
+        rows = np.flatnonzero((is_copied == row_pattern).all(axis=1)).tolist()
+        targets = [f"'{measurements.targets[target]}'" for target in np.flatnonzero(row_pattern).tolist()]
+        places.append(f"{', '.join(targets)} in {list_labels(measurements.labels, rows)}")
+    typical = float(np.median(np.linalg.norm(moved, axis=1)))
+    message = (
+        f"the readings with and without the load are equal in every digit: {'; '.join(places)}; the other "
+        f"readings moved by {length_text(typical)} in the median, so the load was not on, or a reading was "
+        "copied"
+    )
+    remedy = "read these observations again, or leave them out"
+    is_partly_copied = is_copied.any(axis=1) & (view.measured & ~is_copied).any(axis=1)
+    if is_partly_copied.any():
+        remedy = (
+            "read these targets again, or leave out their readings: in an array give NaN, in a table leave "
+            "the cells empty, in JSON remove the reading"
+        )
+    without = replace(
+        measurements,
+        present=measurements.present & ~is_copied,
+        position=np.where(is_copied[..., None], 0.0, measurements.position),
+    )
+    finding = view.build_finding("deflection_implausibly_small", message, remedy, "do_not_use")
     return [finding], replace(view, measurements=without)

@@ -31,6 +31,15 @@ OTHER_UNITS: Final[dict[Unit, tuple[str, Unit, FindingCode]]] = {
     "rad": ("angle", "deg", "angle_unit_suspect"),
 }
 """Unit that the numbers seem to have → quantity, unit that was declared instead, and code of the finding."""
+LENGTH_UNITS: Final = (
+    ("mm", "m", 1000.0),
+    ("cm", "m", 100.0),
+    ("inch", "m", 39.37),
+    ("mm", "inch", 25.4),
+    ("mm", "cm", 10.0),
+    ("cm", "inch", 2.54),
+)
+"""Unit of the greater numbers, unit of the smaller numbers, and their ratio."""
 IN_ORDER: Final = 0.8
 """If a joint's angle correlates more strongly with the row number, the set counts as measured in order."""
 FALSE_ALARM: Final = 1e-6
@@ -430,7 +439,8 @@ def inspect_deflections(view: View) -> Iterator[Finding]:
             "do_not_use",
         )
     noise = np.sqrt(2.0) * (measurements.sigma or 0.0)
-    for row in np.flatnonzero((largest <= NOISE_SIGMAS * noise) & view.loaded).tolist():
+    was_read = measurements.present.any(axis=1)
+    for row in np.flatnonzero((largest <= NOISE_SIGMAS * noise) & view.loaded & was_read).tolist():
         yield view.build_finding(
             "deflection_below_noise",
             f"no target moved by more than {length_text(largest[row])}; the noise of a deflection is "

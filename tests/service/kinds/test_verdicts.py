@@ -355,6 +355,23 @@ def test_the_reasons_of_what_is_absurd_name_its_size(run, by_weights):
     assert said["plan, joint without a load"] == ["no load of this plan twists joint_1"]
 
 
+def test_a_load_that_hardly_bends_the_arm_may_be_in_kilonewtons(run):
+    small = js.predict(run, POSTURE, forces=(0, 0, -0.5), at=POINT)
+    (reason,) = small.assessment.reasons
+    assert (reason.code, reason.weight) == ("prediction_implausible", "use_with_care")
+    assert "this load is very small" in reason.message
+    assert "may be kN that were read as N" in reason.remedy
+    assert js.predict(run, POSTURE, forces=(0, 0, -50.0), at=POINT).assessment.verdict == "use"
+
+
+def test_a_load_point_in_metres_is_named_although_the_place_is_in_millimetres(run):
+    made = js.predict(run, POSTURE, forces=(0, 0, -500), at=(0, 0, 0.12), place=POINT)
+    (reason,) = made.assessment.reasons
+    assert "120 µm from the flange" in reason.message
+    assert "may be m that were read as mm" in reason.remedy
+    assert reason.remedy in " ".join(str(made).split())
+
+
 NO_TOOL = "check the unit of the point; for a longer tool, put the flange of the robot's model on the tool"
 
 

@@ -201,3 +201,13 @@ def test_a_campaign_without_a_load_is_refused_by_what_is_missing(document):
             reading["loaded"] = None
     with pytest.raises(Exception, match="no observation has a force or a moment"):
         js.rehearse(unloaded)
+
+
+@pytest.mark.parametrize("value", [3.1, 3.1e12, -1.0])
+def test_a_planted_stiffness_of_no_joint_is_refused_with_its_unit(document, value):
+    with pytest.raises(js.CampaignError) as refused:
+        js.rehearse(document, stiffness={"joint_2": value})
+    problem = refused.value.problem
+    assert problem.where == "stiffness.joint_2"
+    assert "1000 N·m/rad to 1 · 10⁹ N·m/rad is plausible" in problem.detail
+    assert "3.1 · 10⁶ N·m/rad in a table is 3.1e6" in problem.remedy

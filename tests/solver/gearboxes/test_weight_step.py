@@ -104,6 +104,20 @@ def test_encoders_may_count_from_zero_again():
     assert "posture_against_encoders" not in {finding.code for finding in result.findings}
 
 
+def test_motor_angles_that_are_not_divided_by_the_gear_ratio_are_the_only_mistake_named():
+    document = simulate(0).document
+    for posture in document["observations"]:
+        for reading in posture["encoder_readings"]:
+            for state in ("unloaded", "loaded"):
+                reading[state]["motor"] *= 161.0
+    findings = identify_gearboxes(read(document)).findings
+    wrong = [finding for finding in findings if finding.code != "no_joint_identified"]
+    assert {finding.code for finding in wrong} == {"posture_against_encoders"}
+    for finding in wrong:
+        assert "are 161 times the stated angles" in finding.message
+        assert f"divide the motor angles of {finding.where} by its gear ratio" in finding.remedy
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_step_without_a_mistake_is_used(seed):
     assert identify_gearboxes(read(simulate(seed).document)).assessment.verdict == "use"

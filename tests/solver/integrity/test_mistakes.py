@@ -66,6 +66,23 @@ def equal_targets(m):
     return replace(m, position=position, deflection=deflection)
 
 
+def load_not_on(*rows):
+    """Return the mistake that the load was not on in some rows."""
+
+    def make(measurements):
+        deflection = measurements.deflection.copy()
+        deflection[list(rows)] = 0.0
+        return replace(measurements, deflection=deflection)
+
+    return make
+
+
+def copied_target(m):
+    deflection = m.deflection.copy()
+    deflection[3, 1] = 0.0
+    return replace(m, deflection=deflection)
+
+
 def forces_in(axes):
     """Return a mistake of the axes of all forces and moments."""
     return lambda m: replace(m, force=m.force @ np.array(axes).T, moment=m.moment @ np.array(axes).T)
@@ -111,6 +128,16 @@ MISTAKES = {
     "sign of an axis of a target": (
         of_one_target(lambda p: p * [1, 1, -1]), "target_off_model", "With x, y, −z of its readings"
     ),
+    "a target in m": (
+        of_one_target(lambda p: p / 1000.0), "target_off_model", "in m where the others are in mm"
+    ),
+    "a target in inches": (
+        of_one_target(lambda p: p / 25.4), "target_off_model", "in inch where the others are in mm"
+    ),
+    "loads that were not on": (
+        load_not_on(0, 5), "deflection_implausibly_small", "equal in every digit: '1', '2"
+    ),
+    "a copied target": (copied_target, "deflection_implausibly_small", "equal in every digit: '2' in '4'"),
     "equal targets": (equal_targets, "repeated_readings", "readings to the last digit in 14 observations"),
     "a zero that is 2° away": (
         turned(lambda q: q + np.radians(2.0) * np.eye(6)[4]), COUNTED, " rad added to {4}"
@@ -137,6 +164,19 @@ def test_a_mistake_of_the_whole_set_is_named_by_its_cause_alone(mistake, arm):
     assert words.format(*known.robot.joint_names) in cause.message
 
 
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("of_joint", [True, False])
+def test_forces_that_are_columns_of_something_else_are_the_only_mistake_named(of_joint, arm):
+    known = ROBOTS[arm]
+    right = readings_on(known.robot, seed=11, configurations=14)
+    other = np.degrees(right.joints[:, 5]) if of_joint else 1e3 * right.position[:, 0, 0]
+    mistaken = replace(right, force=np.column_stack([other, right.force[:, :2]]))
+    (cause,) = name_cause(known, mistaken)
+    what = f"the angles of {known.robot.joint_names[5]}" if of_joint else "x of target '1'"
+    assert f"the forces along x are {what} in all observations, digit by digit" in cause.message
+    assert "where the slices of joints, forces and targets begin" in cause.remedy
+
+
 @pytest.mark.parametrize("arm", ["FANUC R-2000iC/165F", "KUKA KR 210 R2700 extra", "ABB IRB 6640-185/2.8"])
 @pytest.mark.parametrize(
     ("axes", "words"),
@@ -154,7 +194,7 @@ def test_forces_in_other_axes_are_named_where_loads_move_the_arm_by_more_than_no
     assert words in cause.message
 
 
-NEED_LOADS = ("loaded rolled by one", "loaded minus unloaded")
+NEED_LOADS = ("loaded rolled by one", "loaded minus unloaded", "loads that were not on", "a copied target")
 
 
 @pytest.mark.parametrize("mistake", [name for name in MISTAKES if name not in NEED_LOADS])
