@@ -519,6 +519,8 @@ _UNITS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 )
 """Quantity → its units, as requests name them."""
 _LONGEST_NAME: Final = 60
+_MOST_FIELDS: Final = 40
+"""Greatest number of known fields that a remedy lists."""
 MISSING: Final = "required field is missing"
 
 _WORDING: Final = tuple(
@@ -683,6 +685,7 @@ def _find_remedy(error: Mapping[str, Any], parameters: Sequence[str]) -> str | N
         or _find_remedy_of_limits(error)
         or _find_remedy_of_numbers(error)
         or _find_remedy_of_objects(error)
+        or _list_known_fields(error)
         or _REMEDIES.get(str(error["type"]))
     )
 
@@ -745,6 +748,15 @@ def _reword_limit_of_goal(error: Mapping[str, Any], message: str) -> str:
     if limit is None or not is_goal:
         return message
     return f"{message}, that is {100 * float(limit[1]):g} %"
+
+
+def _list_known_fields(error: Mapping[str, Any]) -> str | None:
+    """Return the remedy for an unknown field that resembles no known one; None for other faults."""
+    known = error.get("fields", ())
+    if error["type"] != "extra_forbidden" or not 0 < len(known) <= _MOST_FIELDS:
+        return None
+    options = [name for name in known if name not in _LISTINGS]
+    return f"remove this field, or use one of {', '.join(options)}"
 
 
 def _find_remedy_of_objects(error: Mapping[str, Any]) -> str | None:
@@ -850,30 +862,55 @@ def _find_meant_name(error: Mapping[str, Any], parameters: Sequence[str]) -> str
     unknown_name = str(error["loc"][-1]) if error["type"] == "extra_forbidden" and error["loc"] else ""
     is_parameter = error["loc"][:1] == ("query",)
     known_names = parameters if is_parameter else error.get("fields", ())
-    if NAMES_ELSEWHERE.get(unknown_name) in known_names:
-        return NAMES_ELSEWHERE[unknown_name]
-    if not unknown_name or len(unknown_name) > _LONGEST_NAME or unknown_name in known_names:
-        return None
-    similar_names = get_close_matches(unknown_name, known_names, n=1, cutoff=0.75)
-    return similar_names[0] if similar_names else None
+    return find_similar_name(unknown_name, known_names)
 
 
-NAMES_ELSEWHERE: Final = MappingProxyType(
+_WORDS_OF_NAMES: Final = MappingProxyType(
     {
-        "alpha": "confidence",
-        "bootstrap": "resampling",
-        "bounds": "stiffness_bounds",
-        "constrained": "positive",
-        "constraint": "positive",
-        "exclude": "leave_out",
-        "nonnegative": "positive",
-        "prior": "priors",
-        "robust": "loss",
-        "level": "confidence",
-        "weights": "weighting",
+        "confidence": "alpha ci confidence_interval confidence_level level significance",
+        "delimiter": "sep separator",
+        "details": "debug verbose verbosity",
+        "leave_out": "drop exclude excluded omit skip",
+        "load_point": "attachment_point force_point point_of_application",
+        "loss": "robust",
+        "options": "config config_file options_file params settings",
+        "output": "out outfile output_file output_path save_as",
+        "overwrite": "clobber force_overwrite replace",
+        "positive": "constrained constraint nonnegative",
+        "priors": "prior",
+        "resampling": "bootstrap",
+        "robot": "arm model robot_model urdf",
+        "seed": "random_seed random_state rng",
+        "sigma": "noise std uncertainty",
+        "stiffness_bounds": "bounds",
+        "tool": "tcp tool_frame",
+        "weighting": "weight_matrix weights",
+        "yes": "assume_yes no_input non_interactive",
     }
 )
-"""Name of an option in other packages → its name here, where the words are not alike."""
+"""Name of an option or field → words of other packages for the same thing."""
+NAMES_ELSEWHERE: Final = {word: name for name, words in _WORDS_OF_NAMES.items() for word in words.split()}
+_FEWEST_LETTERS: Final = 4
+"""Least number of letters of a misspelt name: `tol` and `tool` are two words."""
+_SPELLED_ALIKE: Final = 0.75
+"""Least similarity, by difflib, of a misspelt name and the name that is meant."""
+
+
+def find_similar_name(unknown: str, known: Iterable[str]) -> str | None:
+    """Return the known name that an unknown name means: a word of other packages, or a misspelt name.
+
+    None if no known name has a similar meaning: a name with a few letters in common is no help.
+    """
+    names = list(known)
+    name = unknown.casefold().replace("-", "_")
+    if NAMES_ELSEWHERE.get(name) in names:
+        return NAMES_ELSEWHERE[name]
+    if not _FEWEST_LETTERS <= len(name) <= _LONGEST_NAME or unknown in names:
+        return None
+    # People seldom mistype the first letter, which tells `points` from `joints`, and `port` from `report`.
+    names = [each for each in names if each[:1] == name[:1]]
+    similar = get_close_matches(name, names, n=1, cutoff=_SPELLED_ALIKE)
+    return similar[0] if similar else None
 
 
 _WORDS_OF_VERBS: Final = MappingProxyType(
