@@ -49,7 +49,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
-from errno import ENOENT
+from errno import EISDIR, ENOENT
 from http import HTTPStatus
 from pathlib import Path
 from types import MappingProxyType
@@ -518,6 +518,8 @@ _UNITS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {"length": get_args(LengthUnit), "angle": get_args(AngleUnit), "force": get_args(ForceUnit)}
 )
 """Quantity → its units, as requests name them."""
+_MOST_FILES: Final = 3
+"""Files of a folder that an error names."""
 _LONGEST_NAME: Final = 60
 _MOST_FIELDS: Final = 40
 """Greatest number of known fields that a remedy lists."""
@@ -695,6 +697,9 @@ def _find_remedy_of_numbers(error: Mapping[str, Any]) -> str | None:
     message = str(error["msg"])
     if _is_missing_entry(error):
         return "add this entry; a place, a vector or a grid has three numbers, along x, y and z"
+    is_box = error["loc"][-1:] in {("area",), ("work_area",)}
+    if is_box and error["type"] in {"list_type", "too_long", "too_short", "tuple_type"}:
+        return "give two corners of the box, such as [[1.2, -0.6, 0.4], [2.0, 0.6, 0.8]]"
     if error["type"] in {"too_long", "too_short"} and message.startswith("Tuple"):
         # A vector with decimal commas, such as 1,5,2,5,3,5, has too many numbers.
         return "give one number per component, with decimal points, not commas"
@@ -702,8 +707,8 @@ def _find_remedy_of_numbers(error: Mapping[str, Any]) -> str | None:
         return "give labels of observations as texts, in quotes, not their numbers"
     if error["type"] == "list_type" and "leave_out" in error["loc"]:
         return 'give a list of labels, such as ["c03"]'
-    if error["type"] == "list_type" and error["loc"][-1:] in {("area",), ("work_area",)}:
-        return "give two corners of the box, such as [[1.2, -0.6, 0.4], [2.0, 0.6, 0.8]]"
+    if error["type"] == "list_type" and error["loc"][-1:] == ("causes",):
+        return 'give a list of causes, such as [{"name": "play"}]'
     if message.endswith("must not contain duplicates"):
         return "give each entry only once"
     return None
@@ -892,7 +897,7 @@ _WORDS_OF_NAMES: Final = MappingProxyType(
 NAMES_ELSEWHERE: Final = {word: name for name, words in _WORDS_OF_NAMES.items() for word in words.split()}
 _FEWEST_LETTERS: Final = 4
 """Least number of letters of a misspelt name: `tol` and `tool` are two words."""
-_SPELLED_ALIKE: Final = 0.75
+_SPELLED_ALIKE: Final = 0.81
 """Least similarity, by difflib, of a misspelt name and the name that is meant."""
 
 
@@ -909,7 +914,8 @@ def find_similar_name(unknown: str, known: Iterable[str]) -> str | None:
         return None
     # People seldom mistype the first letter, which tells `points` from `joints`, and `port` from `report`.
     names = [each for each in names if each[:1] == name[:1]]
-    similar = get_close_matches(name, names, n=1, cutoff=_SPELLED_ALIKE)
+    exchanged = [each for each in names if sorted(each) == sorted(name)]
+    similar = exchanged or get_close_matches(name, names, n=1, cutoff=_SPELLED_ALIKE)
     return similar[0] if similar else None
 
 
@@ -1086,13 +1092,37 @@ class MissingFileError(CampaignError, FileNotFoundError):
         return str(self.args[0])
 
 
+class FolderError(CampaignError, IsADirectoryError):
+    """A folder in the place of a file; the remedy names files of the folder."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(http_problem(422, f"'{path}' is a folder", f"give a file in it{list_files(path)}"))
+        self.errno, self.strerror, self.filename = EISDIR, os.strerror(EISDIR), str(path)
+
+    def __str__(self) -> str:
+        """Return what is wrong, and how to correct it."""
+        return str(self.args[0])
+
+
+def list_files(folder: Path) -> str:
+    """Return the end of a sentence about a folder: its first files, or that it has none."""
+    names = sorted(each.name for each in folder.iterdir() if each.is_file())
+    shown = ", ".join(str(folder / name) for name in names[:_MOST_FILES])
+    more = ", …" if len(names) > _MOST_FILES else ""
+    return f": {shown}{more}" if names else ", the folder has none"
+
+
 @contextmanager
 def naming_missing_file() -> Iterator[None]:
-    """Turn the error of the block for a missing file into a `MissingFileError`."""
+    """Turn the error of the block for a missing file, or for a folder, into an error with a remedy."""
     try:
         yield
     except MissingFileError:
         raise
+    except IsADirectoryError as error:
+        if not isinstance(error.filename, str):
+            raise
+        raise FolderError(Path(error.filename)) from None
     except FileNotFoundError as error:
         if not isinstance(error.filename, str):
             raise

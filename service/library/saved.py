@@ -112,7 +112,8 @@ def load(path: str | PathLike[str], kind: LoadedKind | None = None) -> Any:
     if size > _MAX_BYTES:
         limit = f"{_MAX_BYTES // 1024**2} MiB"
         raise CampaignError(http_problem(413, f"{file} exceeds {limit}", "save a smaller result"))
-    content = file.read_bytes()
+    with naming_missing_file():
+        content = file.read_bytes()
     try:
         document = json.loads(content)
     except (ValueError, RecursionError):

@@ -17,6 +17,7 @@ from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.cli.app import app
 from jointstiff.service.cli.fields import field_options, name_options_in_text
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
+from jointstiff.service.problems import find_similar_name
 from jointstiff.simulator import default_arm, simulate_campaign
 
 PACKAGE = Path(jointstiff.__file__).parent
@@ -290,3 +291,22 @@ def test_an_unknown_option_is_answered_with_an_option_of_the_same_meaning_or_wit
     refused = terminal(*words, width=300)
     shown = " ".join(refused.output.split())
     assert (refused.exit_code, UNKNOWN[words] in shown) == (2, True), shown
+
+
+@pytest.mark.parametrize(
+    ("word", "known", "meant"),
+    [
+        ("radians", ["readings"], None),
+        ("weights", ["weight_step"], None),
+        ("tol", ["tool"], None),
+        ("ridge", ["bridge"], None),
+        ("port", ["report"], None),
+        ("host", ["most"], None),
+        ("kidn", ["kind"], "kind"),
+        ("methode", ["method"], "method"),
+        ("leave-outs", ["leave_out"], "leave_out"),
+        ("level", ["confidence", "leave_out"], "confidence"),
+    ],
+)
+def test_a_name_with_a_few_letters_in_common_is_not_suggested(word, known, meant):
+    assert find_similar_name(word, known) == meant

@@ -274,4 +274,4 @@ def test_a_last_name_without_an_end_may_be_cut_off():
 )
 def test_words_of_states_in_names_of_points_are_read_in_many_languages(unloaded, loaded):
     named = POINTS.replace("_unloaded", f"_{unloaded}").replace("_loaded", f"_{loaded}")
-    assert points_of(answered(("joints.csv", JOINTS), ("points.txt", named), units=MM)) == READ_POINTS
+    assert points_of(read(("joints.csv", JOINTS), ("points.txt", named), units=MM)) == READ_POINTS

@@ -111,3 +111,46 @@ def test_an_unknown_option_is_answered_with_the_options_there_are(document):
         js.identify(document, verbose=True)
     assert refused.value.problem.remedy.startswith("remove this field, or use one of causes, ")
     assert "measurement_set_id" not in refused.value.problem.remedy
+
+
+FORCE = {"place": [0, 0, 250], "force": [0, 0, -500]}
+VALUES = {
+    "units in texts": (
+        lambda c: js.Campaign.from_arrays(c["robot"], [["10 deg"] * 6], unloaded=[[1.0] * 3]),
+        "`joints` has texts such as '10 deg', not numbers",
+        "units='mm, deg, N'",
+    ),
+    "rows of several lengths": (
+        lambda c: js.Campaign.from_arrays(c["robot"], [[1.0] * 6, [1.0] * 3], unloaded=[[1.0] * 3] * 2),
+        "`joints` has rows of different lengths: 6 in the first, 3 in row 2",
+        "give every row the same number of values",
+    ),
+    "corners as one list": (
+        lambda c: js.map(c, area=[1400, -200, 600, 1800, 200, 600], grid=[3, 3, 1], **FORCE),
+        "area: must have at most 2 items",
+        "give two corners of the box",
+    ),
+    "cause as a text": (
+        lambda c: js.identify(c, causes="play"),
+        "must be a list",
+        'such as [{"name": "play"}]',
+    ),
+}
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_a_wrong_value_is_answered_with_what_works(name, document):
+    mistake, reason, remedy = VALUES[name]
+    with pytest.raises(js.CampaignError) as refused:
+        mistake(document)
+    assert reason in refused.value.problem.detail
+    assert remedy in refused.value.problem.remedy
+
+
+@pytest.mark.parametrize("read", [js.identify, js.load, js.read])
+def test_a_folder_in_the_place_of_a_file_is_answered_with_files_of_the_folder(read, tmp_path):
+    (tmp_path / "day1.json").write_text("{}")
+    with pytest.raises(js.CampaignError) as refused:
+        read(tmp_path)
+    assert isinstance(refused.value, IsADirectoryError)
+    assert refused.value.problem.remedy == f"give a file in it: {tmp_path / 'day1.json'}"
