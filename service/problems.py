@@ -872,6 +872,7 @@ def _find_meant_name(error: Mapping[str, Any], parameters: Sequence[str]) -> str
 
 _WORDS_OF_NAMES: Final = MappingProxyType(
     {
+        "cancelled": "abort cancel stop",
         "confidence": "alpha ci confidence_interval confidence_level level significance",
         "delimiter": "sep separator",
         "details": "debug verbose verbosity",
