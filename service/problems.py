@@ -49,7 +49,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
-from errno import ENOENT
+from errno import EISDIR, ENOENT
 from http import HTTPStatus
 from pathlib import Path
 from types import MappingProxyType
@@ -518,7 +518,11 @@ _UNITS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {"length": get_args(LengthUnit), "angle": get_args(AngleUnit), "force": get_args(ForceUnit)}
 )
 """Quantity → its units, as requests name them."""
+_MOST_FILES: Final = 3
+"""Files of a folder that an error names."""
 _LONGEST_NAME: Final = 60
+_MOST_FIELDS: Final = 40
+"""Greatest number of known fields that a remedy lists."""
 MISSING: Final = "required field is missing"
 
 _WORDING: Final = tuple(
@@ -683,6 +687,7 @@ def _find_remedy(error: Mapping[str, Any], parameters: Sequence[str]) -> str | N
         or _find_remedy_of_limits(error)
         or _find_remedy_of_numbers(error)
         or _find_remedy_of_objects(error)
+        or _list_known_fields(error)
         or _REMEDIES.get(str(error["type"]))
     )
 
@@ -692,6 +697,9 @@ def _find_remedy_of_numbers(error: Mapping[str, Any]) -> str | None:
     message = str(error["msg"])
     if _is_missing_entry(error):
         return "add this entry; a place, a vector or a grid has three numbers, along x, y and z"
+    is_box = error["loc"][-1:] in {("area",), ("work_area",)}
+    if is_box and error["type"] in {"list_type", "too_long", "too_short", "tuple_type"}:
+        return "give two corners of the box, such as [[1.2, -0.6, 0.4], [2.0, 0.6, 0.8]]"
     if error["type"] in {"too_long", "too_short"} and message.startswith("Tuple"):
         # A vector with decimal commas, such as 1,5,2,5,3,5, has too many numbers.
         return "give one number per component, with decimal points, not commas"
@@ -699,8 +707,8 @@ def _find_remedy_of_numbers(error: Mapping[str, Any]) -> str | None:
         return "give labels of observations as texts, in quotes, not their numbers"
     if error["type"] == "list_type" and "leave_out" in error["loc"]:
         return 'give a list of labels, such as ["c03"]'
-    if error["type"] == "list_type" and error["loc"][-1:] in {("area",), ("work_area",)}:
-        return "give two corners of the box, such as [[1.2, -0.6, 0.4], [2.0, 0.6, 0.8]]"
+    if error["type"] == "list_type" and error["loc"][-1:] == ("causes",):
+        return 'give a list of causes, such as [{"name": "play"}]'
     if message.endswith("must not contain duplicates"):
         return "give each entry only once"
     return None
@@ -748,6 +756,15 @@ def _reword_limit_of_goal(error: Mapping[str, Any], message: str) -> str:
     if limit is None or not is_goal:
         return message
     return f"{message}, that is {100 * float(limit[1]):g} %"
+
+
+def _list_known_fields(error: Mapping[str, Any]) -> str | None:
+    """Return the remedy for an unknown field that resembles no known one; None for other faults."""
+    known = error.get("fields", ())
+    if error["type"] != "extra_forbidden" or not 0 < len(known) <= _MOST_FIELDS:
+        return None
+    options = [name for name in known if name not in _LISTINGS]
+    return f"remove this field, or use one of {', '.join(options)}"
 
 
 def _find_remedy_of_objects(error: Mapping[str, Any]) -> str | None:
@@ -853,30 +870,57 @@ def _find_meant_name(error: Mapping[str, Any], parameters: Sequence[str]) -> str
     unknown_name = str(error["loc"][-1]) if error["type"] == "extra_forbidden" and error["loc"] else ""
     is_parameter = error["loc"][:1] == ("query",)
     known_names = parameters if is_parameter else error.get("fields", ())
-    if NAMES_ELSEWHERE.get(unknown_name) in known_names:
-        return NAMES_ELSEWHERE[unknown_name]
-    if not unknown_name or len(unknown_name) > _LONGEST_NAME or unknown_name in known_names:
-        return None
-    similar_names = get_close_matches(unknown_name, known_names, n=1, cutoff=0.75)
-    return similar_names[0] if similar_names else None
+    return find_similar_name(unknown_name, known_names)
 
 
-NAMES_ELSEWHERE: Final = MappingProxyType(
+_WORDS_OF_NAMES: Final = MappingProxyType(
     {
-        "alpha": "confidence",
-        "bootstrap": "resampling",
-        "bounds": "stiffness_bounds",
-        "constrained": "positive",
-        "constraint": "positive",
-        "exclude": "leave_out",
-        "nonnegative": "positive",
-        "prior": "priors",
-        "robust": "loss",
-        "level": "confidence",
-        "weights": "weighting",
+        "cancelled": "abort cancel stop",
+        "confidence": "alpha ci confidence_interval confidence_level level significance",
+        "delimiter": "sep separator",
+        "details": "debug verbose verbosity",
+        "leave_out": "drop exclude excluded omit skip",
+        "load_point": "attachment_point force_point point_of_application",
+        "loss": "robust",
+        "options": "config config_file options_file params settings",
+        "output": "out outfile output_file output_path save_as",
+        "overwrite": "clobber force_overwrite replace",
+        "positive": "constrained constraint nonnegative",
+        "priors": "prior",
+        "resampling": "bootstrap",
+        "robot": "arm model robot_model urdf",
+        "seed": "random_seed random_state rng",
+        "sigma": "noise std uncertainty",
+        "stiffness_bounds": "bounds",
+        "tool": "tcp tool_frame",
+        "weighting": "weight_matrix weights",
+        "yes": "assume_yes no_input non_interactive",
     }
 )
-"""Name of an option in other packages → its name here, where the words are not alike."""
+"""Name of an option or field → words of other packages for the same thing."""
+NAMES_ELSEWHERE: Final = {word: name for name, words in _WORDS_OF_NAMES.items() for word in words.split()}
+_FEWEST_LETTERS: Final = 4
+"""Least number of letters of a misspelt name: `tol` and `tool` are two words."""
+_SPELLED_ALIKE: Final = 0.81
+"""Least similarity, by difflib, of a misspelt name and the name that is meant."""
+
+
+def find_similar_name(unknown: str, known: Iterable[str]) -> str | None:
+    """Return the known name that an unknown name means: a word of other packages, or a misspelt name.
+
+    None if no known name has a similar meaning: a name with a few letters in common is no help.
+    """
+    names = list(known)
+    name = unknown.casefold().replace("-", "_")
+    if NAMES_ELSEWHERE.get(name) in names:
+        return NAMES_ELSEWHERE[name]
+    if not _FEWEST_LETTERS <= len(name) <= _LONGEST_NAME or unknown in names:
+        return None
+    # People seldom mistype the first letter, which tells `points` from `joints`, and `port` from `report`.
+    names = [each for each in names if each[:1] == name[:1]]
+    exchanged = [each for each in names if sorted(each) == sorted(name)]
+    similar = exchanged or get_close_matches(name, names, n=1, cutoff=_SPELLED_ALIKE)
+    return similar[0] if similar else None
 
 
 _WORDS_OF_VERBS: Final = MappingProxyType(
@@ -1052,13 +1096,37 @@ class MissingFileError(CampaignError, FileNotFoundError):
         return str(self.args[0])
 
 
+class FolderError(CampaignError, IsADirectoryError):
+    """A folder in the place of a file; the remedy names files of the folder."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(http_problem(422, f"'{path}' is a folder", f"give a file in it{list_files(path)}"))
+        self.errno, self.strerror, self.filename = EISDIR, os.strerror(EISDIR), str(path)
+
+    def __str__(self) -> str:
+        """Return what is wrong, and how to correct it."""
+        return str(self.args[0])
+
+
+def list_files(folder: Path) -> str:
+    """Return the end of a sentence about a folder: its first files, or that it has none."""
+    names = sorted(each.name for each in folder.iterdir() if each.is_file())
+    shown = ", ".join(str(folder / name) for name in names[:_MOST_FILES])
+    more = ", …" if len(names) > _MOST_FILES else ""
+    return f": {shown}{more}" if names else ", the folder has none"
+
+
 @contextmanager
 def naming_missing_file() -> Iterator[None]:
-    """Turn the error of the block for a missing file into a `MissingFileError`."""
+    """Turn the error of the block for a missing file, or for a folder, into an error with a remedy."""
     try:
         yield
     except MissingFileError:
         raise
+    except IsADirectoryError as error:
+        if not isinstance(error.filename, str):
+            raise
+        raise FolderError(Path(error.filename)) from None
     except FileNotFoundError as error:
         if not isinstance(error.filename, str):
             raise

@@ -75,6 +75,7 @@ def reword_usage_error(
         _name_wrong_value(error)
     is_unknown_option = hasattr(error, "possibilities") and hasattr(error, "option_name")
     if is_unknown_option:
+        error.possibilities = None  # options with a few letters in common, of any meaning
         if error.option_name in _SHORT_OPTIONS:
             error.possibilities = [_SHORT_OPTIONS[error.option_name]]
         elif command is None:
@@ -82,7 +83,7 @@ def reword_usage_error(
                 ". Give the options of a command after its name: jointstiff COMMAND FILE --OPTION"
             )
         elif not _name_meant_field(error, command):
-            _name_other_command(error, command, list_flags())
+            _name_meant_option(error, command, list_flags())
     elif command in _MORE_FILES and _EXTRA_ARGUMENTS.match(str(getattr(error, "message", ""))):
         error.message += f". {_MORE_FILES[command or '']}"
 
@@ -106,22 +107,31 @@ _MAX_COMMANDS: Final = 3
 """Number of commands with an option that an error names."""
 
 
-def _name_other_command(
+def _name_meant_option(
     error: Any,  # noqa: ANN401 - Typer's Click is private
     command: str,
     flags: Mapping[str, Mapping[str, str]],
 ) -> None:
-    """Name the commands that have an option, in the message about an option that the command has not.
+    """Name an option of the command with a similar name, or the commands with this option.
 
-    What is stated for an import is in the campaign afterwards, so that no later command has an option for it.
+    Without either, name the list of the command's options. What is stated for an import is in the campaign
+    afterwards, so that no later command has an option for it.
     """
+    from jointstiff.service.problems import find_similar_name
+
     flag = error.option_name
-    if flag in flags.get(command, {}):  # an abbreviation, or a value that is refused elsewhere
+    own = flags.get(command, {})
+    if flag in own:  # an abbreviation, or a value that is refused elsewhere
         return
+    words = {name.lstrip("-").replace("-", "_"): name for name in own}
+    similar = find_similar_name(flag.lstrip("-"), words)
     having = [name for name, known in flags.items() if flag in known]
-    if not having:
+    if similar is not None:
+        error.possibilities = [words[similar]]
         return
-    error.possibilities = None  # options with similar letters
+    if not having:
+        error.message += f". `{error.ctx.command_path} --help` lists the options"
+        return
     if "import" in having and flag in _STATED_IN_CAMPAIGN:
         value = " ".join(filter(None, [flag, flags["import"][flag]]))
         error.message += (

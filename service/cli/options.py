@@ -58,23 +58,15 @@ def _refuse_missing_files(value: Any) -> Any:  # noqa: ANN401 - of an argument: 
 
 def describe_missing_file(path: Path) -> str | None:
     """Return why a path is no file to read, and which file may be meant; None for a file."""
-    from jointstiff.service.problems import find_similar_file
+    from jointstiff.service.problems import find_similar_file, list_files
 
     if path.is_dir():
-        names = sorted(each.name for each in path.iterdir() if each.is_file())
-        shown = ", ".join(str(path / name) for name in names[:_MAX_FILES]) + ", …" * (len(names) > _MAX_FILES)
-        return f"'{path}' is a folder; give a file" + (
-            f" in it: {shown}" if names else ", the folder has none"
-        )
+        return f"'{path}' is a folder; give a file in it{list_files(path)}"
     if not path.exists():
         similar = find_similar_file(path)
         remedy = f"give {similar}" if similar else "give the name of a file that exists"
         return f"file '{path}' does not exist; {remedy}"
     return None if os.access(path, os.R_OK) else f"file '{path}' is not readable; change its permissions"
-
-
-_MAX_FILES: Final = 3
-"""Files of a folder that an error names."""
 
 
 def output_option(text: str, metavar: str = "FILE") -> Any:  # noqa: ANN401 - Typer's

@@ -620,6 +620,8 @@ def read_numbers(value: Any, name: str, remedy: str) -> FloatArray:  # noqa: ANN
         return _to_numbers(value, name)
     except (TypeError, ValueError) as error:
         _refuse_decimal_comma(str(error), name)
+        _refuse_unit_in_text(str(error), name)
+        _refuse_rows_of_several_lengths(value, name)
         raise MeasurementError(
             f"`{name}` is not an array of numbers: {error}", where=name, remedy=remedy
         ) from None
@@ -633,6 +635,30 @@ _DECIMAL_COMMA: Final = re.compile(
 
 _THOUSANDS: Final = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 """Number whose comma may separate thousands."""
+
+
+def _refuse_unit_in_text(reason: str, name: str) -> None:
+    """Raise the error about a number with its unit behind it, such as `10 deg`; `reason` is that of NumPy."""
+    if found := re.search(r"'([-+\d.eE]{1,30}) ?([^\W\d]{1,10}|[°µ]\w{0,10})'$", reason):
+        raise MeasurementError(
+            f"`{name}` has texts such as '{found[1]} {found[2]}', not numbers",
+            where=name,
+            remedy="give numbers without units, and state the units once, such as units='mm, deg, N'",
+        )
+
+
+def _refuse_rows_of_several_lengths(value: object, name: str) -> None:
+    """Raise the error about a list whose rows have different lengths; it names the first such row."""
+    if not isinstance(value, list | tuple) or not all(isinstance(row, list | tuple) for row in value):
+        return
+    for number, row in enumerate(value):
+        if len(row) != len(value[0]):
+            raise MeasurementError(
+                f"`{name}` has rows of different lengths: {len(value[0])} in the first, {len(row)} in row "
+                f"{number + 1}",
+                where=f"{name}[{number}]",
+                remedy="give every row the same number of values; NaN means that a target was not read",
+            )
 
 
 def _refuse_decimal_comma(fault: str, name: str) -> None:

@@ -254,14 +254,9 @@ def merge_options(
         joint_kinds: returns the kinds of the joints, for options with positions of joints.
 
     Raises:
-        TypeError: the options are not of type `message`, or state other units than `units`.
+        TypeError: the options state other units than `units`.
         CampaignError: the text of units or goal is not understood.
     """
-    if not isinstance(options, message | None):
-        raise TypeError(
-            f"options must be a {message.__name__}, not a {type(options).__name__}: give options by name, "
-            "and no more sources than the function takes"
-        )
     merged = {} if options is None else options.model_dump(mode="json", exclude_unset=True)
     if "units" in message.model_fields or any(not isinstance(each, str | bool) for each in fields.values()):
         merged = _merge_numbers(message, merged, fields, joint_kinds)

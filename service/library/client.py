@@ -31,6 +31,7 @@ from jointstiff.service.kinds.rooms import ROOMS, import_kind
 from jointstiff.service.kinds.verb import Cancel, JobMonitor, OnProgress, import_verb, merge_options
 from jointstiff.service.library import results
 from jointstiff.service.library.answers import foreign_answer_error, parse_problem, parse_resource
+from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.campaigns import Campaign, extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
 from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, make_presented_class
@@ -176,6 +177,7 @@ class Client(Verbs):
         """Check that the service answers; later requests are then repeated while there is no answer."""
         self.send("GET", "/health")
 
+    @explain_calls
     def predict(
         self,
         run: Any,  # noqa: ANN401 - a run, or a campaign
@@ -270,6 +272,7 @@ class Client(Verbs):
 
         return measure(robot, goal, source, client=self, **options)
 
+    @explain_calls
     def identify(
         self,
         campaign: AnyCampaign | Run,

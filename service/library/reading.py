@@ -13,6 +13,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.library.imported import ImportedReadings, ImportFields
 from jointstiff.service.problems import (
@@ -116,6 +117,7 @@ class ProposedReadings:
 
 @one_thread()
 @naming_missing_file()
+@explain_calls
 def read(
     *files: str | PathLike[str],
     robot: Any = None,  # noqa: ANN401 - as of a campaign

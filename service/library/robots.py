@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
-from functools import lru_cache, wraps
+from functools import lru_cache
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 from pydantic import PrivateAttr
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.robot import JointMap, RobotDocument
+from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.problems import CampaignError, as_campaign_error
 from jointstiff.service.process import one_thread
 from jointstiff.service.resources.documents import URDF_ENDINGS, parse_document, read_robot, read_urdf_file
@@ -26,10 +25,6 @@ if TYPE_CHECKING:
     from jointstiff.service.conversion.prepared import PreparedRobot
     from jointstiff.service.kinds.correction.verb import CorrectFields
     from jointstiff.service.library.correction import AnyJoints, AnyPoses, Correction
-
-
-Arguments = ParamSpec("Arguments")
-Result = TypeVar("Result")
 
 
 class DescribedRobot(RobotDocument):
@@ -119,28 +114,7 @@ def _prepare_cached(robot: str) -> PreparedRobot:
     return prepare_robot(RobotDocument.model_validate_json(robot))
 
 
-def _explain_unknown_arguments(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Return a function that refuses an unknown argument with the argument that was meant."""
-    known = list(inspect.signature(function).parameters)
-
-    @wraps(function)
-    def call(*arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
-        """Call the function unless an argument is unknown."""
-        for name in named:
-            if name in known:
-                continue
-            remedy = f"the arguments are {', '.join(known)}"
-            if "unit" in name:
-                remedy = "state all units in `units`, such as units='mm, deg'"
-            elif similar := get_close_matches(name, known, n=1):
-                remedy = f"give `{similar[0]}` in its place"
-            raise TypeError(f"{function.__name__}() has no argument '{name}'; remedy: {remedy}")
-        return function(*arguments, **named)
-
-    return call
-
-
-@_explain_unknown_arguments
+@explain_calls
 def robot(
     source: object,
     *,

@@ -50,6 +50,7 @@ from jointstiff.solver.integrity.mistakes import (
 )
 from jointstiff.solver.integrity.mixed_units import find_mixed_units
 from jointstiff.solver.integrity.order import inspect_order
+from jointstiff.solver.integrity.permuted_loads import find_permuted_loads
 from jointstiff.solver.integrity.turned_forces import (
     describe_axes,
     find_axes_of_forces,
@@ -1066,11 +1067,7 @@ def _find_mistake_of_the_set(
         exchanged := _find_exchanged_by_springs(view, block, springs)
     ):
         return exchanged
-    if springs.unexplained > WORTH_A_SEARCH and (
-        mistaken := _find_forces_of_other_rows(view, block, springs)
-        or _find_other_loads(view, block, springs)
-        or _find_turned_forces(view, block, springs)
-    ):
+    if mistaken := _find_mistaken_loads(view, block, springs):
         return mistaken
     if springs.unexplained > UNEXPLAINED:
         typical_deflection = median(np.linalg.norm(measurements.deflection, axis=2)[measurements.present])
@@ -1093,6 +1090,19 @@ def _find_mistake_of_the_set(
         "do_not_use",
         AdvisedAction.of("exchange_readings"),
     )
+
+
+def _find_mistaken_loads(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
+    """Return the finding about loads of other rows, in other axes or about another point; else None."""
+    if springs.unexplained > WORTH_A_SEARCH:
+        mistaken = (
+            _find_forces_of_other_rows(view, block, springs)
+            or _find_other_loads(view, block, springs)
+            or _find_turned_forces(view, block, springs)
+        )
+        if mistaken is not None:
+            return mistaken
+    return find_permuted_loads(view, block.measurements)
 
 
 def _find_exchanged_by_springs(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:

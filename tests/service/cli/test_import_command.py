@@ -234,7 +234,7 @@ def test_readings_that_do_not_fit_the_robot_are_written_only_despite_errors(fold
 @pytest.mark.parametrize(
     ("note", "said"),
     [
-        ("serial=F", "--about.serial: unknown field remedy: remove this field, or check its spelling"),
+        ("serial=F", "--about.serial: unknown field remedy: remove this field, or use one of conditions, "),
         (
             "measured_at=2026-11-20",
             "--about.measured_at: Input should have timezone info "

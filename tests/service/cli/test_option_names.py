@@ -17,6 +17,7 @@ from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.cli.app import app
 from jointstiff.service.cli.fields import field_options, name_options_in_text
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
+from jointstiff.service.problems import find_similar_name
 from jointstiff.simulator import default_arm, simulate_campaign
 
 PACKAGE = Path(jointstiff.__file__).parent
@@ -265,3 +266,47 @@ def test_an_explanation_names_options_too(compensate):
     shown, words = compensate("--explain")
     assert shown.exit_code == 0
     assert "state `--trust-routines`, or name the routine in `--leave-alone GRIPPER` line 8" in words
+
+
+UNKNOWN = {
+    ("identify", "--fix"): "No such option: --fix. `jointstiff identify --help` lists the options",
+    ("measure", "--fix"): "No such option: --fix. `jointstiff measure --help` lists the options",
+    ("geometry", "--fix"): "No such option: --fix. `jointstiff geometry --help` lists the options",
+    ("identify", "--lambda"): "No such option: --lambda. `jointstiff identify --help` lists the options",
+    ("simulate", "--model"): "No such option: --model. `jointstiff simulate --help` lists the options",
+    ("compensate", "--tol"): "No such option: --tol. `jointstiff compensate --help` lists the options",
+    ("measure", "--points"): "No such option: --points. `jointstiff measure --help` lists the options",
+    ("identify", "--verbose"): "No such option: --verbose (Possible options: --details)",
+    ("identify", "--alpha"): "No such option: --alpha (Possible options: --confidence)",
+    ("identify", "--priors"): "No such option: --priors (Possible options: --prior)",
+    ("correct", "--tcp"): "No such option: --tcp (Possible options: --tool)",
+    ("import", "--sep"): "No such option: --sep (Possible options: --delimiter)",
+    ("simulate", "--random-state"): "No such option: --random-state (Possible options: --seed)",
+    ("compensate", "--port"): "No such option: --port. --port is an option of `jointstiff serve`",
+}
+
+
+@pytest.mark.parametrize("words", UNKNOWN, ids=" ".join)
+def test_an_unknown_option_is_answered_with_an_option_of_the_same_meaning_or_with_the_list(words):
+    refused = terminal(*words, width=300)
+    shown = " ".join(refused.output.split())
+    assert (refused.exit_code, UNKNOWN[words] in shown) == (2, True), shown
+
+
+@pytest.mark.parametrize(
+    ("word", "known", "meant"),
+    [
+        ("radians", ["readings"], None),
+        ("weights", ["weight_step"], None),
+        ("tol", ["tool"], None),
+        ("ridge", ["bridge"], None),
+        ("port", ["report"], None),
+        ("host", ["most"], None),
+        ("kidn", ["kind"], "kind"),
+        ("methode", ["method"], "method"),
+        ("leave-outs", ["leave_out"], "leave_out"),
+        ("level", ["confidence", "leave_out"], "confidence"),
+    ],
+)
+def test_a_name_with_a_few_letters_in_common_is_not_suggested(word, known, meant):
+    assert find_similar_name(word, known) == meant

@@ -257,3 +257,21 @@ def test_a_last_name_without_an_end_may_be_cut_off():
         "a.csv:4:3: c1: target P1 was read only loaded",
         "a.csv:2: no observation has a reading",
     ]
+
+
+@pytest.mark.parametrize(
+    ("unloaded", "loaded"),
+    [
+        ("frei", "last"),
+        ("FREI", "LAST"),
+        ("libre", "cargado"),
+        ("sin carga", "con carga"),
+        ("libero", "carico"),
+        ("vide", "charge"),
+        ("onbelast", "belast"),
+        ("無負荷", "負荷"),
+    ],
+)
+def test_words_of_states_in_names_of_points_are_read_in_many_languages(unloaded, loaded):
+    named = POINTS.replace("_unloaded", f"_{unloaded}").replace("_loaded", f"_{loaded}")
+    assert points_of(read(("joints.csv", JOINTS), ("points.txt", named), units=MM)) == READ_POINTS

@@ -271,7 +271,7 @@ def test_residuals_and_configurations_are_tables_of_their_own(results):
         ),
         (
             lambda _, document: js.identify(document, colour=1),
-            "1 fault; first: colour: unknown field; remedy: remove this field, or check its spelling",
+            "1 fault; first: colour: unknown field; remedy: remove this field, or use one of ",
         ),
         (
             lambda run, _: js.map(run),
@@ -321,7 +321,7 @@ def test_what_is_not_there_is_the_error_of_python(run):
         run.joints["joint_9"]
     with pytest.raises(FileNotFoundError, match=r"nowhere\.json"):
         js.identify("nowhere.json")
-    with pytest.raises(TypeError, match="options must be a CampaignComparison"):
+    with pytest.raises(TypeError, match="`options` must be a CampaignComparison"):
         js.compare(run, run, run)
     with pytest.raises(ValueError, match=r"a run has these tables: .*csv"):
         run.table("docx")
