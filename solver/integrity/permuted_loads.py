@@ -22,6 +22,8 @@ _MOST_ROWS: Final = 100
 """Greatest number of observations whose order is searched: each load is tried in each row."""
 _LEAST_COORDINATES: Final = 3
 """Least number of coordinates of an observation: one length fits in some order by chance."""
+_MOST_COORDINATES: Final = 60
+"""Greatest number of coordinates of an observation: each load is tried in each row, which takes memory."""
 _WORTH_A_SEARCH: Final = 0.3
 """Unexplained share of the deflections above which an order is searched: joints of real robots leave less."""
 _EXPLAINED: Final = 0.25
@@ -97,7 +99,8 @@ def find_permuted_loads(view: View, measurements: Measurements) -> Finding | Non
     """
     count = len(measurements)
     has_few_coordinates = np.median(measurements.coordinates.sum(axis=1)) < _LEAST_COORDINATES
-    if not _LEAST_ROWS <= count <= _MOST_ROWS or has_few_coordinates:
+    has_many_coordinates = measurements.deflection[0].size > _MOST_COORDINATES
+    if not _LEAST_ROWS <= count <= _MOST_ROWS or has_few_coordinates or has_many_coordinates:
         return None
     loads = np.hstack([measurements.force, measurements.moment])
     is_one_load = bool((np.abs(loads - loads[0]) <= _SAME * np.abs(loads).max()).all())
