@@ -330,7 +330,7 @@ def _compress_with_doubts(rows: Rows, fitted: FittedCauses, doubts: Sequence[Ter
     triangle, sigma = _compress_rows(TermTests(remaining, fitted.compliance, fitted.visible, terms, ()))
     for term in doubts:
         uncertainties = np.ones(len(triangle.span[term.name]))
-        triangle = triangle.state(term.name, uncertainties, sigma)
+        triangle = triangle.state_as_zero(term.name, uncertainties, sigma)
     triangle.span[JOINTS.name] = np.flatnonzero(fitted.visible)
     return triangle, sigma
 

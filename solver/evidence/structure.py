@@ -329,7 +329,7 @@ class _Equations:
             if name in unstated:
                 unit[triangle.span[name]] = uncertainty
             else:
-                triangle = triangle.state(name, uncertainty, sigma)
+                triangle = triangle.state_as_zero(name, uncertainty, sigma)
         noise = _list_encoder_noise(measurements, rows.robot.n)
         return cls(triangle.matrix * unit / sigma, triangle.rhs / sigma, triangle.span, noise)
 

@@ -97,7 +97,7 @@ def join_statements(
     joined.span = dict(triangle.span)
     for term in stated:
         uncertainty = np.resize(term.prior(measurements.common_uncertainty), len(triangle.span[term.name]))
-        joined = joined.given(term.name, uncertainty, sigma)
+        joined = joined.project_out_stated(term.name, uncertainty, sigma)
     return joined
 
 

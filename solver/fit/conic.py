@@ -147,10 +147,15 @@ def _propose_cone_solutions(problem: Problem[Matrices]) -> Iterator[Solution]:
 
 
 def find_interior_point(problem: Problem[Matrices], tolerance: float, unit: float) -> FloatArray | None:
-    """Solve a problem by Clarabel in the scaled variables y = (x − origin) / unit.
+    """Minimise ``‖T x − z‖² + penaltyᵀ x`` over a cone by Clarabel, in variables y = (x − origin) / unit.
 
     The origin is a point near the optimum. With a unit of the residual's size, Clarabel's absolute
-    tolerances are relative to the residual, not to the much larger readings.
+    tolerances are relative to the residual, not to the much larger readings. With x = origin + unit · y the
+    objective is, but for a constant, unit² times
+
+        ``‖T y − (z − T origin) / unit‖² + (penalty / unit)ᵀ y``,
+
+    and x is in the cone if origin / unit + y is.
 
     Args:
         problem: problem over matrices.
@@ -164,9 +169,9 @@ def find_interior_point(problem: Problem[Matrices], tolerance: float, unit: floa
 
     origin = problem.squares.origin
     T, z = problem.squares.compressed
-    clarabel_program = programs.state_semidefinite(len(T), problem.cone)
+    program_in_y = programs.state_semidefinite(len(T), problem.cone)
     data = {"T": T, "z": (z - T @ origin) / unit, "p": problem.penalty / unit, "near": origin / unit}
-    y = clarabel_program.solve(data, tolerance)
+    y = program_in_y.solve(data, tolerance)
     return None if y is None else origin + unit * y
 
 
@@ -379,7 +384,7 @@ def _correct_slacks_without_penalty(cone: Matrices, rows: FloatArray, nu: FloatA
         rows: A (m, p).
         nu: (m,) multipliers ν.
     """
-    columns_without_penalty = rows[:, : cone.free].T
+    columns_without_penalty = rows[:, : cone.unpenalised].T
     shortfall = np.maximum(-(columns_without_penalty @ nu), 0.0)
     if not shortfall.any():
         return nu
@@ -392,7 +397,7 @@ def _find_violation(cone: Matrices, slack: FloatArray) -> float:
 
     This is minus the least slack of a scalar or eigenvalue of a block's slack.
     """
-    penalised_scalars = slice(cone.free, cone.nonnegative)
+    penalised_scalars = slice(cone.unpenalised, cone.nonnegative)
     must_not_be_negative = slack[penalised_scalars].tolist()
     for size, place in cone.blocks():
         eigenvalues = np.linalg.eigvalsh(to_matrix(slack[place], size))
@@ -407,10 +412,10 @@ def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Matrices, r
     with its absolute value, so that the product is not understated. The result is inf if such a slack is more
     negative.
     """
-    slacks_without_penalty = slack[: cone.free]
+    slacks_without_penalty = slack[: cone.unpenalised]
     if not (slacks_without_penalty >= -rounding).all():
         return float("inf")
-    safe_slack = np.concatenate([np.abs(slacks_without_penalty), slack[cone.free :]])
+    safe_slack = np.concatenate([np.abs(slacks_without_penalty), slack[cone.unpenalised :]])
     return max(0.0, float(safe_slack @ x))
 
 

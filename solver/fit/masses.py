@@ -49,13 +49,13 @@ class FreedMass:
     change_if_doubled: FloatArray
 
 
-def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> list[FreedMass]:
+def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise_variance: float) -> list[FreedMass]:
     """Fit the readings with each uncertain mass freed from its bounds in turn.
 
     Args:
         problem: convex problem of the last step.
         burden: bodies and springs.
-        noise: mean square of the residuals, in units of sigma².
+        noise_variance: mean square of the residuals, in the squared unit of the problem's rows.
 
     Returns:
         One result for each uncertain mass that changes the torque of a joint.
@@ -64,12 +64,12 @@ def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> l
 
     # The unknowns are y = (c, ζ): n compliances, then the deviations of the masses. A block has the slice of
     # a joint's parameters in x, and the indices in y of the deviations that act on the joint.
+    n = len(problem.unit)
     blocks = [
-        (span, len(problem.unit) + np.array(unknown_indices, dtype=np.intp))
-        for *_, span, unknown_indices in problem.blocks
+        (span, n + np.array(unknown_indices, dtype=np.intp)) for *_, span, unknown_indices in problem.blocks
     ]
     squares, cone = problem.convex.squares, problem.convex.cone
-    n, size = len(blocks), squares.R.shape[1]
+    size = squares.R.shape[1]
     count = max((k + 1 for unknown_indices in problem.unknowns for k in unknown_indices), default=0)
     means = [0.5 * (body.most + body.least) for body in burden.bodies]
     unknown_inertias, _ = burden.unknown
@@ -86,7 +86,7 @@ def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> l
     for k, body, half in acting:
         lower[n + k] = -means[body] / half  # no mass is negative
     bounds = (lower, np.concatenate([cone.cap, np.full(count, np.inf)]))
-    scale = np.sqrt(noise)
+    scale = np.sqrt(noise_variance)
 
     def fit_masses(start: FloatArray, free: int | None) -> tuple[FloatArray, float, FloatArray]:
         """Fit y = (c, ζ); return y, the loss and the Jacobian of the residuals.
@@ -95,7 +95,9 @@ def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> l
             start: y at which the search starts.
             free: index of the deviation ζ whose bounds are dropped; None drops none.
         """
-        prior = np.sqrt(3.0) * np.eye(n + count)[n:] * np.where(np.arange(count) == free, _FREE, 1.0)[:, None]
+        # A mass is uniform within its bounds at ζ = ±1, of variance 1/3; a free one has hardly any prior.
+        weakening = np.where(np.arange(count) == free, _FREE, 1.0)
+        prior = np.sqrt(3.0) * np.eye(n + count)[n:] * weakening[:, None]
 
         def compute_residuals(y: FloatArray) -> FloatArray:
             """Return the residuals of the readings, then of the prior, at y = (c, ζ)."""
@@ -141,15 +143,15 @@ def find_contradicted_mass(freed: Sequence[FreedMass]) -> FreedMass | None:
     """Return the mass that the readings contradict most; None if they contradict no mass."""
     determined = (each for each in freed if np.isfinite(each.uncertainty))
     worst = max(determined, key=lambda each: each.gain, default=None)
-    return None if worst is None or worst.gain <= CONTRADICTED else worst
+    if worst is None or worst.gain <= CONTRADICTED:
+        return None
+    return worst
 
 
 def widen_mass_bounds(bodies: Sequence[Body], wrong_mass: FreedMass) -> tuple[Body, ...]:
     """Return the bodies, with the wrong mass's bounds widened to its fitted value ± two uncertainties."""
-    lower, upper = (
-        wrong_mass.mass - 2.0 * wrong_mass.uncertainty,
-        wrong_mass.mass + 2.0 * wrong_mass.uncertainty,
-    )
+    lower = wrong_mass.mass - 2.0 * wrong_mass.uncertainty
+    upper = wrong_mass.mass + 2.0 * wrong_mass.uncertainty
     body = bodies[wrong_mass.body]
     widened = replace(body, least=max(0.0, min(body.least, lower)), most=max(body.most, upper))
     return (*bodies[: wrong_mass.body], widened, *bodies[wrong_mass.body + 1 :])

@@ -262,9 +262,10 @@ def compare_answers(
 
 
 def _propose_fast(problem: Problem[Scalars]) -> Iterator[_Proposal]:
-    """Yield points, those of Clarabel last: pivoting or least distance is faster.
+    """Yield points that may be the optimum, the fastest method first.
 
-    Pivoting starts from least squares without bounds; it knows no inequalities.
+    Inequalities: least-distance programming, then Clarabel. Bounds alone: pivoting, which starts from least
+    squares without bounds, then Clarabel, and last an active-set method.
     """
     if problem.cone.inequality_count:
         yield from _propose_by_least_distance(problem)

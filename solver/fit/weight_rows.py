@@ -174,7 +174,8 @@ def list_errors_of_loads(measurements: Measurements) -> tuple[Term, ...]:
     common = measurements.common_uncertainty
     fitted = {TARGET_PLACES.name, AXES.name}
     errors = [term for term in list_stated_terms(measurements) if term.name not in fitted]
-    return (*errors, FORCE_SCALE) if any(FORCE_SCALE.prior(common)) else tuple(errors)
+    has_uncertain_scale = any(FORCE_SCALE.prior(common))
+    return (*errors, FORCE_SCALE) if has_uncertain_scale else tuple(errors)
 
 
 def list_errors_of_deflections(measurements: Measurements) -> tuple[Term, ...]:
@@ -183,7 +184,8 @@ def list_errors_of_deflections(measurements: Measurements) -> tuple[Term, ...]:
     Next to the weight of the robot the size of a force shows, too.
     """
     errors = list_stated_terms(measurements)
-    return (*errors, FORCE_SCALE) if any(FORCE_SCALE.prior(measurements.common_uncertainty)) else errors
+    has_uncertain_scale = any(FORCE_SCALE.prior(measurements.common_uncertainty))
+    return (*errors, FORCE_SCALE) if has_uncertain_scale else errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,7 +312,7 @@ def linearise_readings(
     state: PoseState,
     sag: FloatArray,
     compliance: FloatArray,
-    motion_per_error: FloatArray | None = None,
+    motion_per_uncertainty: FloatArray | None = None,
 ) -> WeightRows:
     """Linearise readings of positions about a geometry and a sag: rows of a least-squares problem.
 
@@ -319,52 +321,45 @@ def linearise_readings(
         state: geometry to linearise about.
         sag: (N, n) sag θ of the joints to linearise about [rad].
         compliance: (n,) compliances [rad/(N·m)], for the effect of the direction of gravity on the sag.
-        motion_per_error: (N, T, 3, K) motion of the targets by one standard uncertainty of each error of the
-            loads [m]; None for exact loads.
+        motion_per_uncertainty: (N, T, 3, K) motion of the targets by one standard uncertainty of each error
+            of the loads [m]; None for exact loads.
     """
     whitened = readings.whitened
     motion = state.motion(replace(whitened, angles=whitened.angles + sag))
     torques = compute_torques(readings, motion)
     angle_derivative = motion.differentiate_by_angles()  # (N, T, 3, n), J_θ of the module's equation
     differences = whitened.points - motion.points + np.einsum("ktin,kn->kti", angle_derivative, sag)
-    whitened_derivative = (whitened.weight @ angle_derivative).reshape(
-        *angle_derivative.shape[:1], -1, angle_derivative.shape[-1]
-    )
-    geometry = whitened.weight @ motion.jacobian()
-    gravity, observation_count = readings.burden.gravity, len(differences)
+    N, coordinate_count = len(differences), differences[0].size
+
+    def whiten(derivatives: FloatArray) -> FloatArray:
+        """Return whitened columns (N, 3 T, k) for derivatives (N, T, 3, k) of the positions."""
+        return np.asarray(whitened.weight @ derivatives).reshape(N, coordinate_count, -1)
+
+    by_angles = whiten(angle_derivative)  # (N, 3 T, n)
+    gravity = readings.burden.gravity
     gravity_size = np.linalg.norm(gravity)
-    # Change of the positions when gravity turns by a radian about each of two perpendicular axes.
-    gravity_columns = np.einsum(
-        "kij,kjg,j->kig",
-        whitened_derivative,
-        torques.gravity_derivative @ (compute_perpendicular_basis(gravity) * gravity_size),
-        compliance,
-    )
+    # Change of the torques when gravity turns by a radian about each of two perpendicular axes.
+    torques_by_turn = torques.gravity_derivative @ (compute_perpendicular_basis(gravity) * gravity_size)
+    by_unknown_torques = by_angles[..., None] * torques.of_unknowns[:, None]  # (N, 3 T, n, K)
     terms = {
-        "geometry": geometry.reshape(observation_count, whitened_derivative.shape[1], -1),
-        "base": (whitened.weight @ differentiate_by_base_compliance(torques, motion.points)).reshape(
-            observation_count, -1, 3
-        ),
-        "gravity": gravity_columns,
-        "joints": whitened_derivative * torques.known[:, None],
-        "products": (whitened_derivative[..., None] * torques.of_unknowns[:, None]).reshape(
-            *whitened_derivative.shape[:2], -1
-        ),
+        "geometry": whiten(motion.jacobian()),
+        "base": whiten(differentiate_by_base_compliance(torques, motion.points)),
+        "gravity": np.einsum("kij,kjg,j->kig", by_angles, torques_by_turn, compliance),
+        "joints": by_angles * torques.known[:, None],
+        "products": by_unknown_torques.reshape(N, coordinate_count, -1),
     }
-    if motion_per_error is not None:
-        columns = whitened.weight @ motion_per_error
-        terms["statements"] = columns.reshape(*whitened_derivative.shape[:2], -1)
-    readings_column = (whitened.weight @ differences[..., None]).reshape(observation_count, -1, 1)
+    if motion_per_uncertainty is not None:
+        terms["statements"] = whiten(motion_per_uncertainty)
     # A coordinate that was not read has weight zero, so that its columns of the geometry are zero.
     coordinates_read = terms["geometry"].any(axis=2).sum(axis=1)
-    rows = np.concatenate([*terms.values(), readings_column], axis=-1)
+    rows = np.concatenate([*terms.values(), whiten(differences[..., None])], axis=-1)
+    widths = {name: columns.shape[-1] for name, columns in terms.items()}
+    greatest_known_torque = np.abs(torques.known).max(axis=0)
+    greatest_weight_torque = gravity_size * np.linalg.norm(torques.gravity_derivative, axis=2).max(axis=0)
     return WeightRows(
-        stack=Stack(rows, coordinates_read, {name: columns.shape[-1] for name, columns in terms.items()}),
+        stack=Stack(rows, coordinates_read, widths),
         torques=torques,
-        crosswise_torque=np.maximum(
-            np.abs(torques.known).max(axis=0),
-            gravity_size * np.linalg.norm(torques.gravity_derivative, axis=2).max(axis=0),
-        ),
+        crosswise_torque=np.maximum(greatest_known_torque, greatest_weight_torque),
     )
 
 
@@ -374,8 +369,10 @@ def differentiate_by_base_compliance(torques: Torques, places: FloatArray) -> Fl
     The last axis of the result is the compliance. The base turns about R0's origin by ``φ = C M``; M is the
     moment of weights and loads about the axes x and y.
     """
-    (x, y), zero = torques.base_moment[:, :2].T, np.zeros(len(places))
-    turns = np.array([[x, zero, zero], [zero, y, zero], [y, x, zero]])  # (unknowns, 3, B)
+    M_x, M_y = torques.base_moment[:, :2].T
+    zero = np.zeros(len(places))
+    # Turns φ by a unit of C_xx, C_yy and C_xy, which is also C_yx.
+    turns = np.array([[M_x, zero, zero], [zero, M_y, zero], [M_y, M_x, zero]])  # (unknowns, 3, B)
     return np.stack([np.cross(turn.T[:, None], places) for turn in turns], axis=-1)
 
 
@@ -392,7 +389,8 @@ def compute_torques(readings: WeightReadings, motion: Motion) -> Torques:
     """
     robot, burden, axes = readings.robot, readings.burden, motion.axes
     home = Postures(robot, np.zeros((1, robot.n)))  # nominal robot with all angles zero
-    rotations, nominal_origins = (part[0] for part in home.joint_frames)
+    rotations_of_postures, origins_of_postures = home.joint_frames
+    rotations, nominal_origins = rotations_of_postures[0], origins_of_postures[0]  # of the only posture
     origins = [axis.nearest_point_to(origin) for axis, origin in zip(axes, nominal_origins, strict=True)]
     frames = [
         pin.SE3(axis_rotation, origin) for axis_rotation, origin in zip(rotations, origins, strict=True)
@@ -408,10 +406,11 @@ def compute_torques(readings: WeightReadings, motion: Motion) -> Torques:
     base_moment = readings.moment.copy()
     for number, body in enumerate(burden.bodies):
         centre = origin[:, body.joint] + rotation[:, body.joint] @ np.array(body.centre)
-        pull = 0.5 * (body.most + body.least) * readings.carried[:, number, None] * burden.gravity
-        base_moment += np.cross(centre, pull)
+        nominal_mass = 0.5 * (body.most + body.least)
+        weight = nominal_mass * readings.carried[:, number, None] * burden.gravity
+        base_moment += np.cross(centre, weight)
         of_one_kilogram = np.einsum("bjpi,p->bji", levers[:, :, body.joint], [1.0, *body.centre])
-        gravity_derivative += 0.5 * (body.most + body.least) * is_carried[number] * of_one_kilogram
+        gravity_derivative += nominal_mass * is_carried[number] * of_one_kilogram
     inertia_torques = levers @ burden.gravity
     unknown_inertias, _ = burden.unknown
     of_unknowns = [
@@ -428,7 +427,8 @@ def compute_torques(readings: WeightReadings, motion: Motion) -> Torques:
         for force, (least, most) in ((-spring_line, balancer.rate), (spring_line / length, balancer.pull)):
             torque = np.einsum("bji,bi->bj", lever, force)
             known_torques += 0.5 * (least + most) * torque
-            of_unknowns += [0.5 * (most - least) * torque] if most > least else []
+            if most > least:
+                of_unknowns.append(0.5 * (most - least) * torque)
 
     known_torques += postures.load(readings.load_point, readings.force, readings.moment)[1]
     load_position = postures.to_base(readings.load_point[:, None])[:, 0]
