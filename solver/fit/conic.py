@@ -262,7 +262,9 @@ def _select_certified(
     raise SolverError(f"the optimum over cones could not be certified: {reason}")
 
 
-def certify_cone(problem: Problem[Matrices], x: FloatArray, own: FloatArray | None = None) -> Certificate:
+def certify_cone(
+    problem: Problem[Matrices], x: FloatArray, clarabel_point: FloatArray | None = None
+) -> Certificate:
     """Return the certificate of a point x (p,): its duality gap proves how near x is to the optimum.
 
     For any ν with slack ``s = p + Rᵀν`` in the dual cone, ``−‖ν‖²/4 − νᵀz`` is a lower bound of the optimum.
@@ -272,7 +274,7 @@ def certify_cone(problem: Problem[Matrices], x: FloatArray, own: FloatArray | No
     Args:
         problem: problem with squared residuals.
         x: (p,) point in the cone.
-        own: (p,) Clarabel's own answer, a witness of the optimum; None without a witness.
+        clarabel_point: (p,) Clarabel's own answer, a witness of the optimum; None without a witness.
     """
     R, z, cone = problem.squares.R, problem.squares.z, problem.cone
     r = R @ x - z
@@ -281,8 +283,8 @@ def certify_cone(problem: Problem[Matrices], x: FloatArray, own: FloatArray | No
     slack_times_x = _compute_complementarity(dual.slack, x, cone, _SLACK_ROUNDING)
     gap = float(np.sqrt(np.square(0.5 * nu - r).sum() + slack_times_x))
     witness = None
-    if own is not None:
-        distance = float(np.linalg.norm(R @ (own - x)))
+    if clarabel_point is not None:
+        distance = float(np.linalg.norm(R @ (clarabel_point - x)))
         witness = Witness(distance, _CONE_WITNESS)
     primal_violation = max(0.0, -cone.least_value(x))
     return Certificate(primal_violation, dual.violation, gap, nu, "clarabel", witness)
@@ -793,7 +795,9 @@ def _propose_solutions_with_masses(problem: Problem[WithMasses]) -> Iterator[Sol
             near, unit = x, max(float(np.sqrt(problem.squares.loss(x))), _LEAST_UNIT * b_norm)
 
 
-def _certify_with_masses(problem: Problem[WithMasses], x: FloatArray, own: FloatArray) -> Certificate:
+def _certify_with_masses(
+    problem: Problem[WithMasses], x: FloatArray, clarabel_point: FloatArray
+) -> Certificate:
     """Return the certificate of a point x (p,) of the set, with A = R and b = z of the problem.
 
     For any x and y: ``‖A y − b‖² ≥ ‖A x − b‖² + 2 gᵀ(y − x)`` with g = Aᵀ(A x − b), so that the loss at x
@@ -803,7 +807,7 @@ def _certify_with_masses(problem: Problem[WithMasses], x: FloatArray, own: Float
     Args:
         problem: least squares over a set of cones.
         x: (p,) point of the set.
-        own: (p,) Clarabel's own answer, a witness of the optimum.
+        clarabel_point: (p,) Clarabel's own answer, a witness of the optimum.
     """
     A, b = problem.squares.R, problem.squares.z
     b_norm = float(np.linalg.norm(b)) or 1.0
@@ -812,7 +816,7 @@ def _certify_with_masses(problem: Problem[WithMasses], x: FloatArray, own: Float
     # The violation is zero for g in the dual cone.
     dual_violation = -2.0 * problem.cone.minimise_linear_function(g) / b_norm**2
     gap = dual_violation + 2.0 * float(g @ x) / b_norm**2
-    witness = Witness(float(np.linalg.norm(A @ (own - x))) / b_norm)
+    witness = Witness(float(np.linalg.norm(A @ (clarabel_point - x))) / b_norm)
     return Certificate(0.0, dual_violation, gap, residual / b_norm, "clarabel", witness)
 
 

@@ -213,7 +213,7 @@ def _find_ranges(estimate: ElasticFit, to_effective: FloatArray, quantile: float
     if sigma is None:
         return None
     reduced = likelihood.reduced
-    program = reduced.state(_LIGHTER * likelihood.weight)
+    program = reduced.build_problem(_LIGHTER * likelihood.weight)
     optimum = solve(program, gap=_GAP).x
     functions = to_effective[:, reduced.columns] * reduced.unit  # of the program's parameters x
     root_of_increase = quantile * sigma / reduced.reading_norm

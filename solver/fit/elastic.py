@@ -407,7 +407,7 @@ def _summarise_residuals(
     part = squares.part
     effective_freedom = np.zeros(part.compliances)
     effective_freedom[squares.columns] = compute_effective_freedom(
-        squares.state(weight), squares.to_parameters(compliances)
+        squares.build_problem(weight), squares.to_parameters(compliances)
     )
     degrees_of_freedom = max(0.0, part.count - float(effective_freedom.sum()))
     S, s = part.regression

@@ -308,10 +308,10 @@ class _WeightFitter:
             deflection_rows = _compress_deflections(readings, compliance, self.statements)
             reduced = reduce_problem(rows, triangle, nuisance, burden, deflection_rows)
             optimum = solve(reduced.convex)
-            # Change of the nuisance unknowns: geometry, then three of the base, then two of gravity.
-            nuisance_change = triangle.fit(nuisance, reduced.expand_solution(rows, optimum.x), RANK)
-            nuisance_columns = np.concatenate([triangle.span[name] for name in nuisance])
             unknowns = reduced.expand_solution(rows, optimum.x)
+            # Change of the nuisance unknowns: geometry, then three of the base, then two of gravity.
+            nuisance_change = triangle.fit(nuisance, unknowns, RANK)
+            nuisance_columns = np.concatenate([triangle.span[name] for name in nuisance])
             unknowns[nuisance_columns] += nuisance_change
             geometry_width = rows.stack.widths["geometry"]
             previous_sag, sag = sag, reduced.compute_sag(rows.torques, optimum.x)

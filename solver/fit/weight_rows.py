@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -81,6 +81,22 @@ class Balancer:
                 )
 
 
+class UnknownInertia(NamedTuple):
+    """Unknown mass, or unknown component of the first moment, of a body."""
+
+    body: int  #: index of the body
+    #: (4,) mass and first moment [kg, kg·m] of the greatest deviation from the nominal body
+    greatest: FloatArray
+
+
+class UncertainCentre(NamedTuple):
+    """Uncertain centre of mass: three unknown first moments in a ball, whose radius grows with the mass."""
+
+    first_moment: int  #: index among the unknowns of the first of its three moments
+    mass: int  #: index among the unknowns of the mass of the body; −1 if the mass is exact
+    relative_increase: float  #: of the moments' bound at the greatest mass
+
+
 @dataclass(frozen=True, eq=False)
 class Burden:
     """Bodies that the joints carry, balancing springs, and gravity."""
@@ -90,26 +106,20 @@ class Burden:
     gravity: FloatArray = field(default_factory=lambda: STANDARD_GRAVITY)  #: (3,) acceleration in R0 [m/s²]
 
     @cached_property
-    def unknown(self) -> tuple[list[tuple[int, FloatArray]], list[tuple[int, int, float]]]:
-        """Two lists: the unknown masses and first moments, and the uncertain centres of mass.
-
-        An unknown is the index of a body, and the mass and first moment (4,) [kg, kg·m] of the greatest
-        deviation from the nominal body. The order is that of `Torques.of_unknowns`. An uncertain centre is
-        the index of the first of its three moments in the first list, the index of the body's mass in the
-        first list (−1 if the mass is exact), and the relative increase of the moments' bound at the greatest
-        mass.
-        """
-        unknowns: list[tuple[int, FloatArray]] = []
-        uncertain_centres = []
+    def unknown(self) -> tuple[list[UnknownInertia], list[UncertainCentre]]:
+        """Unknown masses and first moments, in the order of `Torques.of_unknowns`; and uncertain centres."""
+        unknowns = list[UnknownInertia]()
+        uncertain_centres = list[UncertainCentre]()
         for body_index, body in enumerate(self.bodies):
             mean, half_range = 0.5 * (body.most + body.least), 0.5 * (body.most - body.least)
             mass_index = -1
             if half_range > 0.0:
                 mass_index = len(unknowns)
-                unknowns.append((body_index, half_range * np.array([1.0, *body.centre])))
+                unknowns.append(UnknownInertia(body_index, half_range * np.array([1.0, *body.centre])))
             if body.radius > 0.0:
-                uncertain_centres.append((len(unknowns), mass_index, half_range / mean))
-                unknowns += [(body_index, body.radius * mean * axis) for axis in np.eye(4)[1:]]
+                uncertain_centres.append(UncertainCentre(len(unknowns), mass_index, half_range / mean))
+                for axis in np.eye(4)[1:]:  # the mass keeps its value
+                    unknowns.append(UnknownInertia(body_index, body.radius * mean * axis))
         return unknowns, uncertain_centres
 
     def build_block(self, is_acting: BoolArray) -> tuple[Block, list[int]]:
@@ -122,24 +132,23 @@ class Burden:
             The block; and the indices of the block's unknowns among all K: masses and springs, then moments.
         """
         _, uncertain_centres = self.unknown
-        acting_centres = [
-            (first_moment, mass_index, ratio)
-            for first_moment, mass_index, ratio in uncertain_centres
-            if is_acting[first_moment : first_moment + 3].any()
-        ]
-        all_moments = [
-            first_moment + component for first_moment, _, _ in uncertain_centres for component in range(3)
-        ]
-        # Masses and springs, and then the three moments of each centre, in the order of the block.
+        all_moments = set[int]()
+        in_balls = list[int]()  # the three moments of each centre that acts
+        acting_centres = list[UncertainCentre]()
+        for centre in uncertain_centres:
+            moments = range(centre.first_moment, centre.first_moment + 3)
+            all_moments.update(moments)
+            if is_acting[moments].any():
+                acting_centres.append(centre)
+                in_balls.extend(moments)
         in_boxes = [unknown for unknown in np.flatnonzero(is_acting).tolist() if unknown not in all_moments]
-        in_balls = [
-            first_moment + component for first_moment, _, _ in acting_centres for component in range(3)
-        ]
-        balls = tuple(
-            (in_boxes.index(mass_index), ratio) if mass_index in in_boxes else (-1, 0.0)
-            for _, mass_index, ratio in acting_centres
-        )
-        return Block(len(in_boxes), balls), in_boxes + in_balls
+        balls = list[tuple[int, float]]()  # place of the mass in the block, and increase of the radius by it
+        for centre in acting_centres:
+            if centre.mass in in_boxes:
+                balls.append((in_boxes.index(centre.mass), centre.relative_increase))
+            else:
+                balls.append((-1, 0.0))
+        return Block(len(in_boxes), tuple(balls)), in_boxes + in_balls
 
 
 @dataclass(frozen=True, eq=False)
@@ -413,10 +422,10 @@ def compute_torques(readings: WeightReadings, motion: Motion) -> Torques:
         gravity_derivative += nominal_mass * is_carried[number] * of_one_kilogram
     inertia_torques = levers @ burden.gravity
     unknown_inertias, _ = burden.unknown
-    of_unknowns = [
-        is_carried[number, ..., 0] * (inertia_torques[:, :, burden.bodies[number].joint] @ inertia)
-        for number, inertia in unknown_inertias
-    ]
+    of_unknowns = []
+    for number, inertia in unknown_inertias:
+        torque_if_carried = inertia_torques[:, :, burden.bodies[number].joint] @ inertia
+        of_unknowns.append(is_carried[number, ..., 0] * torque_if_carried)
     known_torques = gravity_derivative @ burden.gravity
     for balancer in burden.balancers:
         joint, on_link = balancer.joint, np.array(balancer.on_link)
