@@ -145,7 +145,7 @@ class Identification:
             seems_to_bend = screening.links_need_validation or screening.base_needs_validation
         except JointstiffError:
             return False
-        return seems_to_bend and self._joints.are_sound
+        return seems_to_bend and self._joints.has_sound_data
 
     def conclude(self, parts: Sequence[Arrays]) -> RunResult:
         """Compute the result of the run from the arrays of its long part.

@@ -210,7 +210,7 @@ def run(*, quick: bool) -> list[Section]:
     """Draw campaigns with each lever, and compare widths with a dense grid."""
     counts, rows = _Programs(), []
     held, total, wrong, ratios, in_profiles, in_runs = 0, 0, 0, list[float](), 0.0, 0.0
-    profile_levers = identification._profile_short_levers  # measured from outside
+    profile_levers = identification._profile_joints_near_load  # measured from outside
 
     def timed(*arguments: object) -> dict[int, LeverProfile]:
         start = process_time()
@@ -218,7 +218,7 @@ def run(*, quick: bool) -> list[Section]:
         counts.seconds += process_time() - start
         return profiles
 
-    identification._profile_short_levers = timed  # type: ignore[assignment]
+    identification._profile_joints_near_load = timed  # type: ignore[assignment]
     Profile.find_ends = lambda profile, radii: counts.find_ends(profile, radii)  # type: ignore[method-assign, assignment]
     try:
         for lever in _LEVERS:
@@ -253,7 +253,7 @@ def run(*, quick: bool) -> list[Section]:
             share = 100.0 * float(np.mean(numbers)) if numbers else float("nan")
             rows.append((f"{1e3 * lever:g} mm", str(len(numbers)), f"{share:.1f}", str(without)))
     finally:
-        identification._profile_short_levers = profile_levers
+        identification._profile_joints_near_load = profile_levers
         Profile.find_ends = counts._find_ends  # type: ignore[method-assign]
     share = 100.0 * held / total
     width = float(np.median(ratios))

@@ -100,7 +100,9 @@ class Elastic:
     estimate: ElasticFit  #: fit of the chosen model
     #: effective compliances of the joints, with intervals that account for the choice of the model
     effective: EffectiveCompliances
-    intervals: ModelName | None  #: model whose fit gives the intervals; None if the penalty was given
+    intervals: (
+        ModelName | None
+    )  #: model whose fit gives the intervals; None without, as the penalty was given
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,17 +119,17 @@ class _Pairs(NamedTuple):
     """Numbers of the pairs of a held-out fold and a weight of the penalty.
 
     First come the pairs of fold 0 with all weights, then those of fold 1, and so on: the pair of fold k with
-    weight w has the number ``k · weights + w``. The pairs of one fold are a span (start, stop) of numbers.
+    weight w has the number ``k · weight_count + w``. A span (start, stop) of numbers has pairs of one fold.
     """
 
-    folds: int  # number of folds
-    weights: int  # number of weights
+    fold_count: int
+    weight_count: int
 
     def list_spans(self, most_pairs: int) -> tuple[tuple[int, int], ...]:
         """Divide the pairs of each fold into spans of at most `most_pairs` pairs."""
         spans: list[tuple[int, int]] = []
-        for fold in range(self.folds):
-            first_of_fold, first_of_next_fold = fold * self.weights, (fold + 1) * self.weights
+        for fold in range(self.fold_count):
+            first_of_fold, first_of_next_fold = fold * self.weight_count, (fold + 1) * self.weight_count
             for start in range(first_of_fold, first_of_next_fold, most_pairs):
                 stop = min(start + most_pairs, first_of_next_fold)
                 spans.append((start, stop))
@@ -135,13 +137,14 @@ class _Pairs(NamedTuple):
 
     def find_fold(self, span: tuple[int, int]) -> int:
         """Return the fold of the pairs of a span."""
-        return span[0] // self.weights
+        start, _ = span
+        return start // self.weight_count
 
     def find_weights(self, span: tuple[int, int]) -> slice:
-        """Return the indices of the weights of the pairs of a span."""
+        """Return the indices of the weights of the pairs of a span, which all belong to one fold."""
         start, stop = span
-        first_weight = start % self.weights
-        return slice(first_weight, first_weight + stop - start)
+        first_of_fold = self.find_fold(span) * self.weight_count
+        return slice(start - first_of_fold, stop - first_of_fold)
 
 
 class _FitsOfPairs(NamedTuple):
@@ -169,8 +172,8 @@ class _FitsOfPairs(NamedTuple):
             pairs: numbers of all pairs, which are those of these fits.
             weights: weights of the penalty.
         """
-        unknowns = self.unknowns[model].reshape(pairs.folds, pairs.weights, -1)
-        errors = self.errors[model].reshape(pairs.folds, pairs.weights)
+        unknowns = self.unknowns[model].reshape(pairs.fold_count, pairs.weight_count, -1)
+        errors = self.errors[model].reshape(pairs.fold_count, pairs.weight_count)
         return PenaltyPath(weights, unknowns, errors)
 
 
@@ -329,7 +332,7 @@ class Competition:
             arrays_of_steps: results of `compute` of all steps, in order.
         """
         if self.penalty_is_given:
-            one_span_per_fold = self._pairs.list_spans(most_pairs=self._pairs.weights)
+            one_span_per_fold = self._pairs.list_spans(most_pairs=self._pairs.weight_count)
             arrays_of_steps = [self.compute(span) for span in one_span_per_fold]
         fits = _FitsOfPairs.join_steps(arrays_of_steps)
         paths = {}
@@ -601,16 +604,23 @@ class Competition:
         fit_of_richest = self._fit_whole_set_by_squares(richest, paths) or fit_of_tied
         return self._compute_effective(fit_of_tied, fit_of_richest)
 
-    def _compute_effective(self, elastic: ElasticFit, richest: ElasticFit) -> EffectiveCompliances:
-        """Return effective joint compliances of the fit `elastic`, with ranges from the fit `richest`.
+    def _compute_effective(self, elastic: ElasticFit, fit_for_ranges: ElasticFit) -> EffectiveCompliances:
+        """Return the effective joint compliances of a fit, with ranges that another fit gives.
 
-        The effective compliance of a joint includes the bending of its link about the joint's axis.
+        The effective compliance of a joint includes the bending of its link about the joint's axis. Ranges
+        are published as intervals only if cross-validation chose the penalty: they would not contain the bias
+        by any penalty that a user may give.
+
+        Args:
+            elastic: fit of the chosen model.
+            fit_for_ranges: fit of the richest model, as the ranges of a model that the readings chose would
+                be too narrow.
         """
         return compute_effective_compliances(
             self._joints.robot,
             elastic,
             self._joints.stated.confidence,
-            richest,
+            fit_for_ranges,
             publishes_ranges=not self.penalty_is_given,
         )
 

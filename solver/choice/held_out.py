@@ -174,7 +174,7 @@ class Folds:
         validation: how the set is divided, and the rule by which a weight is chosen.
         statements: stated errors that are fitted together with the compliances; None without any.
         held_out: indices of the observations of each fold.
-        per_draw: number of folds of one draw.
+        folds_per_draw: number of folds of one draw.
     """
 
     def __init__(
@@ -194,7 +194,7 @@ class Folds:
         self.columns, self.visible, self.validation = columns, visible, validation
         self.statements = statements
         self.held_out = draw_folds(validation, rows.measurements.joints)
-        self.per_draw = len(self.held_out) // validation.draws
+        self.folds_per_draw = len(self.held_out) // validation.draws
         self._training: dict[int | None, Part] = {}
         self._reduced: dict[tuple[int | None, ModelName], Reduced] = {}
 
@@ -213,8 +213,8 @@ class Folds:
         rows are merged when they are first needed.
         """
         if fold not in self._training:
-            draw = 0 if fold is None else fold // self.per_draw
-            first_of_draw, first_of_next_draw = draw * self.per_draw, (draw + 1) * self.per_draw
+            draw = 0 if fold is None else fold // self.folds_per_draw
+            first_of_draw, first_of_next_draw = draw * self.folds_per_draw, (draw + 1) * self.folds_per_draw
             folds_of_draw = range(first_of_draw, first_of_next_draw)
             training_parts = [self.parts[other] for other in folds_of_draw if other != fold]
             self._training[fold] = Part.merge(training_parts)
@@ -344,7 +344,7 @@ def _propose_further_weights(weights: FloatArray, errors: FloatArray) -> list[fl
         errors: (K, W) errors of K held-out folds.
     """
     quarters = np.rint(4.0 * np.log10(weights)).astype(int).tolist()
-    least, greatest = (round(4.0 * float(np.log10(limit))) for limit in LIMITS)
+    least, greatest = (round(4.0 * float(np.log10(limit))) for limit in LIMITS)  # in quarters of a decade
     best_index = choose_weight_index(errors, "best")
     is_first, is_last = best_index == 0, best_index == len(quarters) - 1
     best = quarters[best_index]
@@ -416,7 +416,7 @@ class HeldOut:
     by_fold: FloatArray
     #: (P,) mean norm of the held-out residuals in each of P postures, mean over the draws [m]
     by_posture: FloatArray
-    per_draw: int  #: number of folds of one draw
+    folds_per_draw: int  #: number of folds of one draw
 
     @property
     def compensation(self) -> float:
@@ -426,7 +426,7 @@ class HeldOut:
     @property
     def standard_error(self) -> float:
         """Standard error of the mean compensation of one draw, from the dispersion over the folds."""
-        return float(self.by_fold.std(ddof=1) / np.sqrt(self.per_draw))
+        return float(self.by_fold.std(ddof=1) / np.sqrt(self.folds_per_draw))
 
     @property
     def mean_residual(self) -> float:
@@ -462,7 +462,10 @@ class Selection:
         return _pick_best_loss(self.models, model, losses)
 
     def replace_refined(self, refined: HeldOut) -> Selection:
-        """Return this selection, where `refined` replaces the entry with the same model and loss."""
+        """Return this selection with a new accuracy of one model and loss, for a better penalty.
+
+        The choice of the models is not repeated; `choose_among` does so.
+        """
         key = refined.model, refined.loss
         models = tuple(refined if (each.model, each.loss) == key else each for each in self.models)
         return replace(self, models=models)
@@ -568,7 +571,7 @@ def _score_models(folds: Folds, chosen_fits: Sequence[_ChosenFit]) -> list[HeldO
             penalty=chosen.penalty,
             by_fold=scores.compensation[number],
             by_posture=by_posture[number],
-            per_draw=folds.per_draw,
+            folds_per_draw=folds.folds_per_draw,
         )
         models.append(held_out)
     return models

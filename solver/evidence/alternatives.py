@@ -231,7 +231,8 @@ def _list_couplings(kinds: Sequence[JointKind]) -> Iterator[Alternative]:
     Some controllers state joint 3 relative to the ground, not to link 2.
     """
     n = len(kinds)
-    if n > 2 and kinds[1] == kinds[2]:
+    joint_2_can_move_joint_3 = n > 2 and kinds[1] == kinds[2]
+    if joint_2_can_move_joint_3:
         for sign in (1.0, -1.0):
             coupled = np.eye(n)
             coupled[2, 1] = sign

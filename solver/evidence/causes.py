@@ -24,9 +24,7 @@ from jointstiff.solver.evidence.suspects import MOST_TESTED_OBSERVATIONS
 from jointstiff.solver.evidence.term_tests import LINKS_LEVEL, MISTAKE_LEVEL, TermTests
 from jointstiff.solver.fit.estimate import Estimate
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.mechanics.block import (
-    fitted_errors,
-)
+from jointstiff.solver.mechanics.block import fitted_errors
 from jointstiff.solver.mechanics.springs import DIAGONAL_BASE, DIAGONAL_LINKS, FULL_BASE
 from jointstiff.solver.messages import build_messages
 
@@ -46,15 +44,19 @@ class HeldOutGain:
     error_of_joints: float  #: mean length of the residuals of joints alone [m]
     standard_error: float  #: of the difference, paired by posture [m]
 
+    @property
+    def is_clear(self) -> bool:
+        """True if joints alone predict worse by more than `CLEAR_GAIN` standard errors."""
+        return self.error_of_joints - self.error > CLEAR_GAIN * self.standard_error
+
 
 @dataclass(frozen=True, eq=False)
 class Screening:
     """Outcome of the tests for causes, links and base in addition to the joints."""
 
     links_p_value: float  #: of the test of links added to the joints; 1 where the readings cannot decide
-    tests: tuple[
-        CauseTest, ...
-    ]  #: tests of all causes, the most significant first; empty where no test was possible
+    #: tests of all causes, the most significant first; empty where no test was possible
+    tests: tuple[CauseTest, ...]
     #: causes that explain the readings together, step by step; causes of one step explain them equally well
     causes: tuple[Cause, ...]
     gain: HeldOutGain | None = None  #: gain of the cross-validation; None where none was run
@@ -63,7 +65,7 @@ class Screening:
     #: the base alone is not significant
     links_p_value_with_base: float = 1.0
     base_p_value_with_links: float = 1.0
-    wrong: tuple[str, ...] = ()  #: labels of single postures whose readings are wrong
+    wrong: tuple[str, ...] = ()  #: labels of single postures whose readings are wrong, left out of the tests
     comparable: bool = True  #: whether the options allow a comparison of joints alone with elastic links
 
     @property
@@ -78,20 +80,20 @@ class Screening:
     def lack_of_fit(self) -> bool:
         """True if a model with links explains the readings better than joints alone.
 
-        The cross-validation decides if one was run, else the F test of links.
+        The F test of links must suggest links, which no cause makes unnecessary. Then the cross-validation
+        decides if one was run; else the F test at a stricter level.
         """
         if not self.links_need_validation:
             return False
-        gain = self.gain
-        if gain is None:
+        if self.gain is None:
             return self.links_p_value < MISTAKE_LEVEL
-        return gain.error_of_joints - gain.error > CLEAR_GAIN * gain.standard_error
+        return self.gain.is_clear
 
     @property
     def links_need_validation(self) -> bool:
         """True if models with links should be cross-validated.
 
-        The test of links is then significant, and no cause explains what the links would explain.
+        The F test of links is then significant, and no cause explains what the links would explain.
         """
         return self.links_p_value < LINKS_LEVEL and not self.makes_links_unnecessary
 

@@ -89,7 +89,7 @@ def _subtract_named_causes(
     terms = _find_named_terms(measurements, tested, compliance, named)
     fitted = _fit_with_scatter(tested, terms, compliance)
     corrected = subtract_errors(rows.at(fitted.compliance), fitted.errors)
-    errors = replace(fitted.errors, loads=group_distinct_loads(measurements))
+    errors = replace(fitted.errors, labels_by_load=group_distinct_loads(measurements))
     return CorrectedMeasurements.from_measurements(corrected, errors)
 
 
@@ -134,8 +134,8 @@ def _find_named_terms(
     """
     # A turn includes a shift: if both begin at the same observation, only the turn is fitted.
     named = [(name, first) for name, first in named if name != "shift" or ("turn", first) not in named]
-    firsts = [first for _, first in named if first is not None]
-    suspects = list_suspects(measurements, tested, compliance, (), firsts)
+    onsets = [first for _, first in named if first is not None]
+    suspects = list_suspects(measurements, tested, compliance, (), onsets)
     terms = {(suspect.name, suspect.first): suspect.term for suspect in suspects}
     for name, first in named:
         if (name, first) not in terms:
@@ -205,11 +205,11 @@ def _take_step(
     previous = np.zeros(()) if before is None else np.concatenate(before.errors.unknowns)
     unknowns = previous + step.unknowns
     if before is None:
-        size = _compute_typical_sizes(_split_by_term(unknowns, terms, tests.stated))
+        size = _compute_typical_sizes(_split_by_term(unknowns, terms, tests.triangle))
     else:
         size = before.size
     unknowns, root = _zero_undetermined_part(unknowns, step, sigma, size)
-    unknowns_of_terms = _split_by_term(unknowns, terms, tests.stated)
+    unknowns_of_terms = _split_by_term(unknowns, terms, tests.triangle)
     step_length = np.linalg.norm((unknowns - previous) / size)
     return FittedCauses(
         errors=FittedErrors(tuple(terms), unknowns_of_terms, root, determined=step.root.shape[1]),
@@ -330,7 +330,7 @@ def _compress_with_doubts(rows: Rows, fitted: FittedCauses, doubts: Sequence[Ter
     triangle, sigma = _compress_rows(TermTests(remaining, fitted.compliance, fitted.visible, terms, ()))
     for term in doubts:
         uncertainties = np.ones(len(triangle.span[term.name]))
-        triangle = triangle.state(term.name, uncertainties, sigma)
+        triangle = triangle.state_as_zero(term.name, uncertainties, sigma)
     triangle.span[JOINTS.name] = np.flatnonzero(fitted.visible)
     return triangle, sigma
 

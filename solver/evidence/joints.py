@@ -30,10 +30,9 @@ class IdentifiedJoints(NamedTuple):
     estimate: Estimate
     rows: Rows  #: N observations, with the scatter that the fit accounts for
     shows_scatter: bool  #: whether the residuals show a scatter beyond the stated one
-    tested: JointsFit  #: fit with the scatter that tests count: what is stated or shown
-    posterior: Posterior | None = (
-        None  #: posterior of the scatter of `rows`; None if the scatter is as stated
-    )
+    tested: JointsFit  #: fit for tests, with the scatter that is stated or shown, but none that is assumed
+    #: posterior of the scatter of `rows`; None if the scatter is as stated
+    posterior: Posterior | None = None
 
 
 class JointsAlone:
@@ -49,11 +48,12 @@ class JointsAlone:
 
     def __init__(self, rows: Rows, stated: Settings, noticed: Sequence[Finding] = ()) -> None:
         """Keep the data of the identification; nothing is computed yet."""
+        measurements = rows.measurements
         self.robot, self.stated = rows.robot, stated
-        self.noticed, self.labels = tuple(noticed), rows.measurements.labels
-        self.refuted = list_refuted(rows.measurements, noticed)
-        self._read = rows.of(leave_out(rows.measurements, self.refuted)) if self.refuted else rows
-        self._whole = rows
+        self.noticed, self.labels = tuple(noticed), measurements.labels
+        self.refuted = list_refuted(measurements, noticed)
+        self._whole = rows  # with the refuted observations
+        self._read = rows.of(leave_out(measurements, self.refuted)) if self.refuted else rows
         self._by_loss: dict[Loss, JointsAlone] = {stated.loss: self}
 
     def with_loss(self, loss: Loss) -> JointsAlone:
@@ -116,17 +116,17 @@ class JointsAlone:
         """
         first = fit(self.given, JOINTS, self.stated)
         found = find_scatter(self.given, first)
-        if found.scatter == self.given.measurements.scatter:
+        if found.scatter == self.given.measurements.scatter:  # nothing is assumed or shown
             return self._describe_without_scatter(first)
         rows = self.given.with_scatter(found.scatter)
         last = fit(rows, JOINTS, self.stated)
         estimate = describe(last)
         # If the residuals are too large even with the scatter, the scatter is no explanation of them.
-        if not _are_within_stated_noise(estimate):
+        if _exceed_stated_noise(estimate):
             return self._describe_without_scatter(first)
         if not found.scatter.is_assumed:
             return IdentifiedJoints(last.settings, estimate, rows, found.is_shown, last, found.posterior)
-        tested = self._fit_without_assumed(first, found)
+        tested = self._fit_without_assumed_scatter(first, found)
         # Errors that are only assumed must make a stated sigma seem neither too large nor right.
         if tested.scale.given:
             estimate = estimate.with_residuals_of(tested.scale)
@@ -138,18 +138,20 @@ class JointsAlone:
             first.settings, describe(first), self.given, shows_scatter=False, tested=first
         )
 
-    def _fit_without_assumed(self, first: JointsFit, found: FoundScatter) -> JointsFit:
-        """Return the fit that tests count: without errors that are only assumed.
+    def _fit_without_assumed_scatter(self, first: JointsFit, found: FoundScatter) -> JointsFit:
+        """Return the fit for tests: with the stated scatter, but none that is only assumed.
 
-        The noise of the encoders is the most likely one, as in the fit with these errors.
+        The first fit has the stated scatter, too, but the stated noise of the encoders; the joints are fitted
+        again only if another noise of the encoders is more likely.
 
         Args:
-            first: fit with the errors that were stated.
-            found: errors that the targets of a posture share.
+            first: fit with scatter and noise of the encoders as stated.
+            found: scatter that was found from prior and residuals.
         """
-        if found.without_assumed == self.given.measurements.scatter:
+        scatter_of_first = self.given.measurements.scatter
+        if found.as_stated == scatter_of_first:
             return first
-        return fit(self.given.with_scatter(found.without_assumed), JOINTS, self.stated)
+        return fit(self.given.with_scatter(found.as_stated), JOINTS, self.stated)
 
     @property
     def rows(self) -> Rows:
@@ -158,7 +160,7 @@ class JointsAlone:
 
     @property
     def tested(self) -> Rows:
-        """Rows of the N observations, with the scatter that tests count: what is stated or shown."""
+        """Rows of the N observations for tests: with the scatter that is stated or shown, none assumed."""
         return self.given if self.measurements.scatter.is_assumed else self.rows
 
     @property
@@ -205,20 +207,20 @@ class JointsAlone:
         return self._alternative
 
     @property
-    def are_sound(self) -> bool:
+    def has_sound_data(self) -> bool:
         """True if no gross mistake was found in the data: only then are tests of smaller effects valid."""
         if any(finding.weight == "do_not_use" for finding in self.noticed):
             return False
         return self.find_gross_mistake(self.estimate) is None
 
 
-def _are_within_stated_noise(estimate: Estimate) -> bool:
-    """Return whether the residuals are not larger than a stated sigma predicts."""
-    test = estimate.sigma_test
-    return test is None or test.result != "residuals_too_large"
+def _exceed_stated_noise(estimate: Estimate) -> bool:
+    """Return whether sigma was stated, and the residuals are larger than sigma predicts."""
+    test = estimate.sigma_test  # None if no sigma was stated
+    return test is not None and test.result == "residuals_too_large"
 
 
 def residuals_within_noise(estimate: Estimate) -> bool:
     """Return whether sigma was stated, and the residuals are not larger than sigma predicts."""
-    test = estimate.sigma_test
+    test = estimate.sigma_test  # None if no sigma was stated
     return test is not None and test.result != "residuals_too_large"

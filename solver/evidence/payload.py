@@ -226,8 +226,9 @@ class _Comparison:
         """
         for unit, size in _UNITS_OF_PAYLOADS.items():
             payload = size * self.payload
-            is_carried = self._is_carried(payload) and self.is_plausible(1.0 / size)
-            if is_carried and (not self._is_carried(self.payload) or _is_round(payload, self.payload)):
+            is_possible = self._is_carried(payload) and self.is_plausible(1.0 / size)
+            is_only_round_in_unit = _is_round(payload) and not _is_round(self.payload)
+            if is_possible and (is_only_round_in_unit or not self._is_carried(self.payload)):
                 return f"the payload of {figure(self.payload)} kg is in {unit} ({figure(payload, '.3g')} kg)"
         return None
 
@@ -306,12 +307,10 @@ def _report_mistaken_payload(
     )
 
 
-def _is_round(number: float, other: float) -> bool:
-    """Return whether a number is within 0.1 % of one of two digits, and another number is not."""
-    return all(
-        (abs(float(f"{each:.2g}") / each - 1.0) < _ROUND) is is_wanted
-        for each, is_wanted in ((number, True), (other, False))
-    )
+def _is_round(number: float) -> bool:
+    """Return whether a number has two digits only, within 0.1 %."""
+    rounded = float(f"{number:.2g}")
+    return abs(rounded / number - 1.0) < _ROUND
 
 
 def _report_confused_unit(unit: ConfusedForceUnit, message: str) -> Finding:

@@ -59,7 +59,7 @@ class StageStack:
     stack: Stack  #: N configurations, p + q columns of unit length
     unit: FloatArray  #: (p + q,) unit of the scaled parameters x, ``c = unit · x`` [rad/(N·m)]
 
-    def total(self, weights: FloatArray) -> FloatArray:
+    def sum_grams(self, weights: FloatArray) -> FloatArray:
         """Return the Gram matrices ``Σ_i w_ki M_iᵀM_i`` (K, p + q + 1, p + q + 1) of K weighted subsets.
 
         M_i are the rows of configuration i: columns of p joints, q joints of an earlier stage, and the
@@ -75,7 +75,7 @@ class StageStack:
 class MethodStacks:
     """Rows of a method on a measurement set, ready to fit any subset of the N configurations."""
 
-    parameters: int  #: n, number of joints
+    joint_count: int  #: n
     stages: tuple[StageStack, ...]  #: stages of the method, in the order in which they are solved
     visible: IndexArray  #: (v,) joints that have an effect on the readings of the full set
     #: (v, 3, M) regressor of the M readings of all targets in all configurations, axes of R0 [m/(rad/(N·m))];
@@ -86,10 +86,11 @@ class MethodStacks:
     def __len__(self) -> int:
         return len(self.stages[0].stack)
 
-    def compensation(self, compliance: FloatArray) -> FloatArray:
-        """Return the compensation ``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all readings (method.md §6).
+    def compute_compensation(self, compliance: FloatArray) -> FloatArray:
+        """Return the fraction of the deflections that a correction by their prediction compensates.
 
-        δp are the deflections that were read, δp̂ those that the compliances predict.
+        It is ``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all readings (method.md §6): δp are the deflections that
+        were read, δp̂ those that the compliances predict.
 
         Args:
             compliance: (K, n) compliances of K repetitions [rad/(N·m)].
@@ -132,7 +133,7 @@ def build_method_stacks(rows: Rows, settings: Settings, estimate: Estimate) -> M
             stages.append(_build_stage_stack(stage_rows, joints, known))
     visible = np.flatnonzero(observable)
     return MethodStacks(
-        parameters=rows.robot.n,
+        joint_count=rows.robot.n,
         stages=tuple(stages),
         visible=visible,
         regressor=np.ascontiguousarray(collected.regressor.T[visible]),
@@ -224,7 +225,8 @@ class Draws:
             span: range of repetitions, as (first, one past the last); K repetitions.
 
         Returns:
-            Arrays by name: `compliance` (K, n) [rad/(N·m)] and `compensation` (K,), dimensionless.
+            Arrays by name: `compliance` (K, n) [rad/(N·m)]; and `compensation` (K,), the fraction of the
+            deflections of the whole set that a correction by their prediction compensates, dimensionless.
 
         Raises:
             JointstiffError: the identification of the whole set fails.
@@ -320,8 +322,8 @@ class Resamples:
     """
 
     compliance: FloatArray  #: (K, n) optimum [rad/(N·m)]; NaN where undetermined
-    #: (K,) ``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all N configurations, drawn or not; NaN where a joint
-    #: that is visible in the full set is undetermined
+    #: (K,) compensated fraction ``1 − mean‖δp − δp̂‖ / mean‖δp‖`` of the deflections of all N configurations,
+    #: drawn or not; NaN where a joint that is visible in the full set is undetermined
     compensation: FloatArray
 
     @classmethod
@@ -334,12 +336,12 @@ class Resamples:
 
 
 def resample(
-    blocks: MethodStacks, plan: Resampling, bounds: Bounds, start: int = 0, stop: int | None = None
+    stacks: MethodStacks, plan: Resampling, bounds: Bounds, start: int = 0, stop: int | None = None
 ) -> Resamples:
     """Draw configurations and fit the compliances to them, for the repetitions from `start` to `stop`.
 
     Args:
-        blocks: rows of the method on the measurement set.
+        stacks: rows of the method on the measurement set.
         plan: size, number and seed of the draws.
         bounds: bounds on all n compliances.
         start: first repetition.
@@ -352,12 +354,12 @@ def resample(
         SolverError: if optimality of an estimate could not be certified.
     """
     stop = plan.repetitions if stop is None else stop
-    batch_size = max(1, min(TILE, _TILE_WEIGHTS // len(blocks)))
+    batch_size = max(1, min(TILE, _TILE_WEIGHTS // len(stacks)))
     batches = []
     for first in range(start, stop, batch_size) or [start]:  # an empty range is one empty batch
-        drawn = draw_configurations(plan, len(blocks), first, min(first + batch_size, stop))
-        compliance = fit_subsets(blocks, _count_draws(drawn, len(blocks)), bounds)
-        batches.append(Resamples(compliance, blocks.compensation(compliance)))
+        drawn = draw_configurations(plan, len(stacks), first, min(first + batch_size, stop))
+        compliance = fit_subsets(stacks, _count_draws(drawn, len(stacks)), bounds)
+        batches.append(Resamples(compliance, stacks.compute_compensation(compliance)))
     return Resamples.concatenate(batches)
 
 
@@ -374,11 +376,11 @@ def _count_draws(drawn: IndexArray, configurations: int) -> FloatArray:
     return counts.reshape(len(drawn), configurations).astype(np.float64)
 
 
-def fit_subsets(blocks: MethodStacks, weights: FloatArray, bounds: Bounds) -> FloatArray:
+def fit_subsets(stacks: MethodStacks, weights: FloatArray, bounds: Bounds) -> FloatArray:
     """Fit the compliances to each of K subsets of the configurations, stage by stage.
 
     Args:
-        blocks: rows of the method on the measurement set.
+        stacks: rows of the method on the measurement set.
         weights: (K, N) how often each configuration counts in each subset.
         bounds: on all n compliances.
 
@@ -388,8 +390,8 @@ def fit_subsets(blocks: MethodStacks, weights: FloatArray, bounds: Bounds) -> Fl
     Raises:
         SolverError: if optimality of an estimate could not be certified.
     """
-    compliance = np.full((len(weights), blocks.parameters), np.nan)
-    for stage in blocks.stages:
+    compliance = np.full((len(weights), stacks.joint_count), np.nan)
+    for stage in stacks.stages:
         compliance_of_earlier_stages = compliance[:, stage.known]
         compliance[:, stage.joints] = _solve_stage(
             stage, weights, compliance_of_earlier_stages, bounds.select(stage.joints)
@@ -469,7 +471,7 @@ def _build_normal_equations(
     """
     joint_count = len(stage.joints)
     of_joints, of_known = slice(0, joint_count), slice(joint_count, -1)
-    grams = stage.total(weights)  # of the columns [A_j A_k d] of each subset
+    grams = stage.sum_grams(weights)  # of the columns [A_j A_k d] of each subset
     explained_by_known = (grams[:, of_joints, of_known] * scaled_known[:, None, :]).sum(axis=2)
     return _NormalEquations(grams[:, of_joints, of_joints], grams[:, of_joints, -1] - explained_by_known)
 

@@ -30,6 +30,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -42,11 +43,7 @@ from jointstiff.solver.fit.identify import JointsFit
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
 from jointstiff.solver.fit.triangle import INDEPENDENT, orthonormal_basis
-from jointstiff.solver.mechanics.block import (
-    RegressorBlock,
-    Term,
-    fitted_errors,
-)
+from jointstiff.solver.mechanics.block import RegressorBlock, Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
 from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.mechanics.terms import list_stated_terms
@@ -70,11 +67,13 @@ mistake, and the noise is as stated."""
 _START_VARIANCES: Final = (0.0, 0.1, 1.0, 10.0, 1e3)
 """Variances of the shared errors from which the search starts, relative to the noise of the readings."""
 _MOST_VARIANCE: Final = 1e5
+"""Greatest variance of the shared errors in the search, relative to the noise of the readings."""
 _RESOLUTION: Final = 1e-7
 """Residual of a coordinate [m] that is taken for rounding."""
 _MOST_OBSERVATIONS: Final = 100
 """Number of observations that suffice to estimate shared errors."""
 _LEAST_DEGREES_OF_FREEDOM: Final = 3
+"""Degrees of freedom of the residuals below which shared errors are as stated."""
 _GROSS: Final = 10.0
 """Mean square of a posture's residuals, relative to the median posture's, above which the posture is left
 out: a single wrong reading must not widen all intervals."""
@@ -85,13 +84,14 @@ _AT_BOUND: Final = 1e-3
 """Relative distance from the greatest logarithm within which a noise is that of a mistake."""
 _TURN_NODES: Final = 12
 _STATION_NODES: Final = 9
-_SIGMA_NODES: Final = np.linspace(-1.0, 1.0, 7)
-_SIGMA_RANGE: Final = 3.0
-"""Range of an unknown sigma, in standard deviations of its logarithm."""
+"""Number of nodes of the posterior's grid, for the turns of the joints and for the station."""
+_SIGMA_NODES: Final = np.linspace(-3.0, 3.0, 7)
+"""Nodes of the logarithm of an unknown sigma, in standard deviations from its most likely value."""
 _LEAST_RATIO: Final = 0.03
 _GREATEST_RATIO: Final = 100.0
 """Least and greatest nodes of the first grid, in which 1 moves the targets as far as noise does."""
 _NARROWINGS: Final = 2
+"""Number of times that the grid is narrowed to the nodes whose density counts."""
 _NEGLIGIBLE: Final = 3e-4
 """Density of a node, relative to the greatest, below which the node does not count."""
 _STEP_OF_RATIO: Final = 1e-4
@@ -108,12 +108,12 @@ class FoundScatter(NamedTuple):
     """Errors that all targets of a posture share, as a fit accounts for them."""
 
     scatter: Scatter  #: roots of the posterior means of the variances
-    without_assumed: Scatter  #: errors as stated, with the most likely noise of the encoders
+    as_stated: Scatter  #: errors as stated, none of them assumed, with the most likely noise of the encoders
     is_shown: bool  #: whether the residuals show such errors beyond those stated, by a test
     posterior: Posterior | None = None  #: None if the errors are as stated
 
     @classmethod
-    def as_stated(cls, scatter: Scatter) -> FoundScatter:
+    def of_stated(cls, scatter: Scatter) -> FoundScatter:
         """Return the stated errors, beyond which nothing is assumed or shown."""
         return cls(scatter, scatter, is_shown=False)
 
@@ -130,18 +130,19 @@ def find_scatter(rows: Rows, fit: JointsFit) -> FoundScatter:
         fit: fit of joints alone to these observations.
     """
     measurements = rows.measurements
-    by_stages = measurements.encoders is not None and len(fit.method.stages) > 1
-    if by_stages and measurements.scatter:
-        return FoundScatter.as_stated(measurements.scatter)
+    has_encoders_in_stages = measurements.encoders is not None and len(fit.method.stages) > 1
+    if has_encoders_in_stages and measurements.scatter:
+        return FoundScatter.of_stated(measurements.scatter)
     tested = rows.select_evenly(_MOST_OBSERVATIONS).at(fit.balanced)
     terms = [JOINTS, *fitted_errors(measurements).terms, *list_stated_terms(measurements)]
-    compliance, visible = np.maximum(fit.compliance, 0.0), ~fit.observability.null
+    compliance = np.maximum(fit.compliance, 0.0)
+    visible = ~fit.observability.null
     try:
         likelihood = RestrictedLikelihood.from_rows(
-            tested, terms, compliance, visible, finds_turns=not by_stages
+            tested, terms, compliance, visible, finds_turns=not has_encoders_in_stages
         )
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
-        return FoundScatter.as_stated(measurements.scatter)
+        return FoundScatter.of_stated(measurements.scatter)
     return likelihood.find_believable(tested.block)
 
 
@@ -196,7 +197,7 @@ class Repeatability:
             sigma: standard uncertainty of a coordinate of a reading [m], as stated or estimated by the fit.
         """
         scatter = rows.measurements.scatter
-        if not (scatter and sigma) or scatter.is_assumed:
+        if not scatter or scatter.is_assumed or not sigma:
             return None
         unloaded_rows = rows.at(None)
         block = unloaded_rows.select_evenly(_MOST_OBSERVATIONS).block
@@ -209,7 +210,13 @@ class Repeatability:
 
 
 class RestrictedLikelihood:
-    """Restricted likelihood of the shared errors of a campaign, given sigma or maximised over sigma."""
+    """Restricted likelihood of the shared errors of a campaign, given sigma or maximised over sigma.
+
+    The search for its greatest value is over 2 + m `parameters`: the variance of the joints' turns and that
+    of the station's shift, relative to the noise of the readings; and for each of m encoders the logarithm of
+    the variance of its noise, relative to the stated noise. Turns of variance 1 move the targets as far as
+    the noise does.
+    """
 
     def __init__(
         self, block: RegressorBlock, stack: Stack, fitted: IndexArray, *, finds_turns: bool = True
@@ -224,36 +231,32 @@ class RestrictedLikelihood:
             finds_turns: whether turns of the joints are sought, or are as stated.
         """
         self._finds_turns = finds_turns
-        columns, last = stack.rows[..., fitted], stack.rows[..., -1:]
+        columns, readings = stack.rows[..., fitted], stack.rows[..., -1]
         # The likelihood depends on the columns' span alone; dependent columns would make it rounding.
-        unit = orthonormal_basis(unit_columns(columns.reshape(-1, columns.shape[-1]))[0])
+        scaled_columns, _ = unit_columns(columns.reshape(-1, columns.shape[-1]))
+        basis = orthonormal_basis(scaled_columns)
         # Residuals of a first fit: they change no likelihood, but avoid the rounding of large deflections.
-        fit = np.linalg.lstsq(unit, last.reshape(-1), rcond=INDEPENDENT)[0]
-        residual = last[..., 0] - (unit @ fit).reshape(last.shape[:2])
-        squares = np.square(residual).sum(axis=1) / np.maximum(stack.read, 1)
-        # The fewer coordinates a posture has, the further its mean square spreads by chance.
-        freedom = np.maximum(stack.read, 1)
-        typical = special.chdtri(freedom, 0.5) / freedom
-        beyond = np.maximum(_GROSS, special.chdtri(freedom, _BY_CHANCE) / special.chdtri(freedom, 0.5))
-        used = squares / typical <= beyond * np.median(squares / typical)
+        coefficients = np.linalg.lstsq(basis, readings.reshape(-1), rcond=INDEPENDENT)[0]
+        residual = readings - (basis @ coefficients).reshape(readings.shape)
+        used = _find_postures_in_order(residual, stack.read)
         by_joints, by_station = block.shared_motion
         motion = np.concatenate([by_joints, by_station], axis=-1)[used]
-        unit = unit.reshape(*columns.shape[:2], -1)[used]
+        basis = basis.reshape(*columns.shape[:2], -1)[used]
         if not used.all():  # an unknown that only the other postures show is no unknown of these
-            unit = orthonormal_basis(unit.reshape(-1, unit.shape[-1])).reshape(*unit.shape[:2], -1)
-        rows = np.concatenate([unit, residual[used, :, None]], axis=-1)
+            basis = orthonormal_basis(basis.reshape(-1, basis.shape[-1])).reshape(*basis.shape[:2], -1)
+        all_rows = np.concatenate([basis, residual[used, :, None]], axis=-1)
+        target_row_count = motion.shape[1]  # of a posture; the rows of its encoders come last
+        rows, rows_of_encoders = all_rows[:, :target_row_count], all_rows[:, target_row_count:]
         self._joint_count: int = by_joints.shape[-1]
-        rows, of_encoders = rows[:, : motion.shape[1]], rows[:, motion.shape[1] :]
         self._motion_products = motion.mT @ motion
         self._motion_rows = motion.mT @ rows
         self._row_products = (rows.mT @ rows).sum(axis=0)
-        self._encoders = _EncoderRows.of(block.measurements, of_encoders, used)
+        self._encoders = _EncoderRows.of(block.measurements, rows_of_encoders, used)
         self._measurements = block.measurements
-        self._degrees_of_freedom: int = int(stack.read[used].sum()) - unit.shape[-1]
+        self._degrees_of_freedom: int = int(stack.read[used].sum()) - basis.shape[-1]
         # Ratio ρ with which turns of the joints move the targets as far as the noise of the readings does.
-        self._turns_like_noise: float = 1.0 / max(
-            float(np.linalg.norm(by_joints) / np.sqrt(by_joints[..., 0].size)), 1e-12
-        )
+        motion_per_turn = float(np.linalg.norm(by_joints) / np.sqrt(by_joints[..., 0].size))
+        self._unit_turn_ratio: float = 1.0 / max(motion_per_turn, 1e-12)
         # With one target, a shift of all targets cannot be distinguished from the noise of this target.
         self._can_show_station = bool((self._measurements.present.sum(axis=1) > 1).any())
 
@@ -289,23 +292,25 @@ class RestrictedLikelihood:
     def find_significant(self) -> tuple[Scatter, float]:
         """Return (most likely shared errors, p-value of the test that there are none).
 
-        A repeatability that is stated is not tested. With one target the turns of the joints hardly differ
-        from noise, so that they also have to explain more than a larger sigma does.
+        The statistic of the likelihood ratio test has the distribution ½ χ²₀ + ½ χ²₁ if only the station's
+        shift is tested, since turns that are stated are not; else ¼ χ²₀ + ½ χ²₁ + ¼ χ²₂.
+
+        With one target the turns of the joints hardly differ from noise, so that they also have to explain
+        more than a sigma larger than the stated one does.
         """
-        scatter, likelihood_gain = self.fit_shared_errors()
-        if likelihood_gain <= 0.0:
+        scatter, statistic = self.fit_shared_errors()
+        if statistic <= 0.0:
             return scatter, 1.0
-        if self._measurements.repeatability is not None or not self._finds_turns:
-            return scatter, 0.5 * float(special.chdtrc(1, likelihood_gain))
-        p_value = 0.5 * float(special.chdtrc(1, likelihood_gain)) + 0.25 * float(
-            special.chdtrc(2, likelihood_gain)
-        )
+        p_value = 0.5 * float(special.chdtrc(1, statistic))
+        tests_station_only = self._measurements.repeatability is not None or not self._finds_turns
+        if tests_station_only:
+            return scatter, p_value
+        p_value += 0.25 * float(special.chdtrc(2, statistic))
         if not self._can_show_station and self._measurements.sigma is not None:
-            likelihood_gain = 2.0 * (
-                self._minus_log_likelihood_at_free_sigma()
-                - float(self._minus_log_likelihoods(np.array([self._variances(scatter)]))[0])
-            )
-            p_value = max(p_value, 0.5 * float(special.chdtrc(1, max(likelihood_gain, 0.0))))
+            with_scatter = float(self._minus_log_likelihoods(np.array([self._parameters(scatter)]))[0])
+            with_larger_sigma = self._minus_log_likelihood_at_free_sigma()
+            statistic = max(2.0 * (with_larger_sigma - with_scatter), 0.0)
+            p_value = max(p_value, 0.5 * float(special.chdtrc(1, statistic)))
         return scatter, p_value
 
     def find_believable(self, block: RegressorBlock) -> FoundScatter:
@@ -315,18 +320,20 @@ class RestrictedLikelihood:
             block: the observations.
         """
         most_likely, p_value = self.find_significant()
-        without_assumed = self.without_further_errors
+        as_stated = self.without_further_errors
         if self._degrees_of_freedom < _LEAST_DEGREES_OF_FREEDOM:
-            return FoundScatter.as_stated(without_assumed)
+            return FoundScatter.of_stated(as_stated)
         posterior = self.compute_posterior(most_likely)
-        motion_by_turn = compute_target_motion(block, Scatter(joints=1.0), 1.0)
-        if posterior.probability_of_motion(LARGEST_REPEATABILITY, motion_by_turn) < _BELIEVABLE:
-            return FoundScatter.as_stated(without_assumed)
-        scatter = replace(posterior.scatter, encoders=most_likely.encoders)
+        motion_per_turn = compute_target_motion(block, Scatter(joints=1.0), sigma=1.0)
+        probability_in_order = posterior.compute_probability_of_motion(LARGEST_REPEATABILITY, motion_per_turn)
+        if probability_in_order < _BELIEVABLE:
+            return FoundScatter.of_stated(as_stated)
         is_shown = p_value < SCATTER_LEVEL
-        is_assumed = not is_shown and not self._measurements.repeatability
-        scatter = replace(scatter, is_assumed=is_assumed)
-        return FoundScatter(scatter, without_assumed, is_shown, posterior)
+        is_stated = bool(self._measurements.repeatability)
+        scatter = replace(
+            posterior.scatter, encoders=most_likely.encoders, is_assumed=not (is_shown or is_stated)
+        )
+        return FoundScatter(scatter, as_stated, is_shown, posterior)
 
     def compute_posterior(self, most_likely: Scatter) -> Posterior:
         """Compute the posterior of turns and station, on a grid that is narrowed to where it counts.
@@ -336,7 +343,7 @@ class RestrictedLikelihood:
         Args:
             most_likely: shared errors of the greatest likelihood.
         """
-        turns = self._list_nodes(_TURN_NODES) * self._turns_like_noise
+        turns = self._list_nodes(_TURN_NODES) * self._unit_turn_ratio
         station = self._list_nodes(_STATION_NODES)
         if not self._finds_turns or self._measurements.repeatability == 0.0:
             turns = np.zeros(1)
@@ -345,15 +352,15 @@ class RestrictedLikelihood:
         motions = self._decompose_motions(most_likely)
         for _ in range(_NARROWINGS):
             posterior = self._compute_posterior(turns, station, motions)
-            turns = _narrow(turns, posterior.by_turns)
-            station = _narrow(station, posterior.by_station)
+            turns = _narrow(turns, posterior.density_of_turns)
+            station = _narrow(station, posterior.density_of_station)
         return self._compute_posterior(turns, station, motions)
 
     def _decompose_motions(self, scatter: Scatter) -> _Motions:
         """Return the motions by shared errors, with the noise of the encoders that the scatter has."""
-        logarithms = np.array([self._encoders.logarithms(scatter)])
+        log_variances = np.array([self._encoders.list_log_variances(scatter)])
         motion_products, motion_rows, row_products, log_noise = self._encoders.add(
-            logarithms, self._motion_products, self._motion_rows, self._row_products
+            log_variances, self._motion_products, self._motion_rows, self._row_products
         )
         return _Motions.decompose(
             motion_products[0],
@@ -370,29 +377,38 @@ class RestrictedLikelihood:
         return np.concatenate([[0.0], np.geomspace(_LEAST_RATIO, _GREATEST_RATIO, count - 1)])
 
     def _compute_posterior(self, turns: FloatArray, station: FloatArray, motions: _Motions) -> Posterior:
-        """Compute the posterior on a grid of ratios.
+        """Compute the posterior of turns, station and sigma at the nodes of a grid.
+
+        Its unknowns are the standard deviations ``s = ρ σ`` and ``u = τ σ``, and log σ where σ is unknown. A
+        node (ρ, τ) has Z values of σ: the stated one alone, or several about the one that its fit estimates.
 
         Args:
             turns: (S,) ratios ρ of the joints' turns to sigma [rad/m].
             station: (U,) ratios τ of the station's shift to sigma.
             motions: motions of the targets by turns of the joints and by the station.
         """
-        rho, tau = (each.ravel() for each in np.meshgrid(turns, station, indexing="ij"))  # (K,)
         fit = motions.fit(turns, station)
-        freedom = self._degrees_of_freedom
-        sigma = np.full((len(rho), 1), self._measurements.sigma or 0.0)  # (K, 1), or (K, Z) if not stated
-        measure = np.zeros(1)  # logarithm of the volume ds du dσ/σ of a node, relative to dρ dτ
+        sigma = self._list_nodes_of_sigma(fit)  # (S U, Z)
+        s = np.repeat(turns, len(station))[:, None] * sigma  # [rad]
+        u = np.tile(station, len(turns))[:, None] * sigma  # [m]
+        log_prior = self._log_prior_of_turns(s) + _log_half_cauchy(u / ASSUMED_STATION_ERROR)
         if self._measurements.sigma is None:
-            spread = _SIGMA_RANGE / np.sqrt(2.0 * freedom)
-            sigma = np.sqrt(fit.squares / freedom)[:, None] * np.exp(spread * _SIGMA_NODES)
-            unknowns = int(len(turns) > 1) + int(len(station) > 1)
-            measure = unknowns * np.log(sigma)
-        of_residuals = 0.5 * fit.squares[:, None] / sigma**2 + freedom * np.log(sigma)
-        log_likelihood = -(fit.half_log_determinant + 0.5 * fit.log_variance)[:, None] - of_residuals
-        log_prior = self._log_prior_of_turns(rho[:, None] * sigma)
-        shift = tau[:, None] * sigma  # (K, Z) [m]
-        log_prior = log_prior + _log_half_cauchy(shift / ASSUMED_STATION_ERROR)
-        return Posterior(turns, station, sigma, log_likelihood, log_prior + measure, motions)
+            # The volume ds du of a node grows with σ: ds = σ dρ and du = σ dτ, where s and u are unknown.
+            unknown_count = int(len(turns) > 1) + int(len(station) > 1)
+            log_prior = log_prior + unknown_count * np.log(sigma)
+        return Posterior(turns, station, sigma, fit.compute_log_likelihood(sigma), log_prior, motions)
+
+    def _list_nodes_of_sigma(self, fit: _Fit) -> FloatArray:
+        """Return the nodes of sigma [m] for each of K fits: (K, 1) as stated, or (K, Z) if sigma is unknown.
+
+        The nodes of an unknown sigma are spread about the root mean square of the residuals. With ν degrees
+        of freedom the logarithm of that estimate has the standard deviation 1/√(2ν).
+        """
+        stated_sigma = self._measurements.sigma
+        if stated_sigma is not None:
+            return np.full((len(fit.squares), 1), stated_sigma)
+        estimates = np.sqrt(fit.squares / fit.degrees_of_freedom)[:, None]
+        return np.asarray(estimates * np.exp(_SIGMA_NODES / np.sqrt(2.0 * fit.degrees_of_freedom)))
 
     def _log_prior_of_turns(self, turns: FloatArray) -> FloatArray:
         """Return the logarithm of the prior density of standard deviations [rad], up to a constant."""
@@ -406,63 +422,74 @@ class RestrictedLikelihood:
         """Fit the errors that all targets of a posture share; return (errors, likelihood ratio statistic).
 
         The statistic is 2 (log L − log L₀): L is the greatest likelihood of the residuals, L₀ the greatest
-        without shared errors, but with a stated repeatability.
+        without shared errors, but with a stated repeatability. With too few degrees of freedom the errors are
+        as stated, and the statistic is 0.
         """
         if self._degrees_of_freedom < _LEAST_DEGREES_OF_FREEDOM:
             return self.without_further_errors, 0.0
-        without = self._without_further_errors
-        starts = [
-            np.array([joints, station, *noise])
-            for joints in self._list_start_variances()
-            for station in (_START_VARIANCES if self._can_show_station else (0.0,))
-            for noise in self._encoders.list_starts(without[2:])
-        ]
-        start = starts[int(self._minus_log_likelihoods(np.array(starts)).argmin())]
+        without = self._parameters_without_further_errors
+        starts = np.array(self._list_starts(log_variances_without=without[2:]))
+        best_start = starts[int(self._minus_log_likelihoods(starts).argmin())]
         lower, upper = self._bounds()
-        candidates = np.array([self._minimise(start, lower, upper), start, without])
-        values = self._minus_log_likelihoods(candidates)
-        best_variances = candidates[int(values[:2].argmin())]
-        gain = 2.0 * float(values[2] - values[:2].min())
-        return self._scatter(best_variances), max(gain, 0.0)
+        # By rounding, the search may end at a worse point than its start.
+        fitted = np.array([self._minimise(best_start, lower, upper), best_start])
+        *values, value_without = self._minus_log_likelihoods(np.vstack([fitted, without])).tolist()
+        best = int(np.argmin(values))
+        statistic = 2.0 * (value_without - values[best])
+        return self._scatter(fitted[best]), max(statistic, 0.0)
+
+    def _list_starts(self, log_variances_without: FloatArray) -> list[FloatArray]:
+        """Return parameters (2 + m,) from which the search starts: all combinations of a few of each.
+
+        Args:
+            log_variances_without: (m,) of the encoders' noise, most likely without shared errors.
+        """
+        stated = self._stated_joint_variance
+        of_turns = _START_VARIANCES if stated is None else (stated,)
+        of_station = _START_VARIANCES if self._can_show_station else (0.0,)
+        of_encoders = self._encoders.list_starts(log_variances_without)
+        return [
+            np.array([turns, station, *encoders])
+            for turns, station, encoders in product(of_turns, of_station, of_encoders)
+        ]
 
     @property
     def without_further_errors(self) -> Scatter:
         """Shared errors as stated, with the noise of the encoders that is most likely then."""
         if self._degrees_of_freedom < _LEAST_DEGREES_OF_FREEDOM:
-            return self._stated
-        return self._scatter(self._without_further_errors)
+            return self._stated_scatter
+        return self._scatter(self._parameters_without_further_errors)
 
     @property
-    def _stated(self) -> Scatter:
+    def _stated_scatter(self) -> Scatter:
         """Shared errors as stated; none where sigma is unknown, or nothing is stated."""
         repeatability, sigma = self._measurements.repeatability, self._measurements.sigma
         return Scatter(joints=repeatability / sigma) if repeatability and sigma else NO_SCATTER
 
     @cached_property
-    def _without_further_errors(self) -> FloatArray:
-        """Variances without shared errors, but with a stated repeatability and noise of the encoders."""
+    def _parameters_without_further_errors(self) -> FloatArray:
+        """Parameters (2 + m,) of the greatest likelihood without shared errors beyond those stated."""
         lower, upper = self._bounds()
-        upper[:2] = lower[0], 0.0
-        first = np.array([lower[0], 0.0, *self._encoders.list_starts()[0]])
-        return self._minimise(first, lower, upper) if len(first) > 2 else first
+        upper[:2] = lower[0], 0.0  # turns as stated, and no shift of the station
+        start = np.array([lower[0], 0.0, *self._encoders.list_starts()[0]])
+        has_encoders = len(start) > 2
+        return self._minimise(start, lower, upper) if has_encoders else start
 
     @property
     def _stated_joint_variance(self) -> float | None:
-        """Variance of the joints' turns, where it is known; None where the residuals have to show it."""
-        repeatability, sigma = self._measurements.repeatability, self._measurements.sigma
-        if not self._finds_turns:
-            return 0.0
-        if repeatability is not None and (sigma is not None or repeatability == 0.0):
-            return float((repeatability / (sigma or 1.0) / self._turns_like_noise) ** 2)
-        return None
+        """Relative variance of the joints' turns as stated; None where the residuals have to show it.
 
-    def _list_start_variances(self) -> tuple[float, ...]:
-        """Return the variances of the joints' turns from which the search starts."""
-        stated = self._stated_joint_variance
-        return _START_VARIANCES if stated is None else (stated,)
+        A stated repeatability other than 0 is a known ratio to the noise only if sigma is stated, too.
+        """
+        repeatability, sigma = self._measurements.repeatability, self._measurements.sigma
+        if not self._finds_turns or repeatability == 0.0:
+            return 0.0
+        if repeatability is None or sigma is None:
+            return None
+        return float((repeatability / sigma / self._unit_turn_ratio) ** 2)
 
     def _bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Return the least and the greatest variances (2 + m,) of joints, station, and m encoders."""
+        """Return the least and the greatest parameters (2 + m,): of joints, station, and m encoders."""
         stated = self._stated_joint_variance
         joints = (0.0, _MOST_VARIANCE) if stated is None else (stated, stated)
         station = (0.0, _MOST_VARIANCE if self._can_show_station else 0.0)
@@ -470,7 +497,7 @@ class RestrictedLikelihood:
         return lower, upper
 
     def _minimise(self, start: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-        """Return the variances of the greatest likelihood within bounds, from a start."""
+        """Search the parameters (2 + m,) of the greatest likelihood within bounds, from a start."""
         optimum = minimize(
             self._value_and_gradient,
             start,
@@ -483,77 +510,120 @@ class RestrictedLikelihood:
 
     def sigma(self, scatter: Scatter) -> float:
         """Return sigma of the readings [m], estimated from the residuals for given shared errors."""
-        fit = self._fit(np.array([self._variances(scatter)]))
+        fit = self._fit(np.array([self._parameters(scatter)]))
         return float(np.sqrt(fit.squares[0] / max(self._degrees_of_freedom, 1)))
 
-    def _variances(self, scatter: Scatter) -> tuple[float, ...]:
-        """Return the variances (joints, station, encoders), relative to the noise of the readings."""
-        of_encoders = self._encoders.logarithms(scatter)
-        return (scatter.joints / self._turns_like_noise) ** 2, scatter.station**2, *of_encoders
+    def _parameters(self, scatter: Scatter) -> tuple[float, ...]:
+        """Return the parameters (2 + m) of given shared errors and noise of the encoders."""
+        of_encoders = self._encoders.list_log_variances(scatter)
+        return (scatter.joints / self._unit_turn_ratio) ** 2, scatter.station**2, *of_encoders
 
-    def _minus_log_likelihood_at_free_sigma(self) -> float:
-        """Return −log L without shared errors, maximised over sigma, up to the same constant."""
-        fit = self._fit(np.zeros((1, 2 + len(self._encoders.joints))))
-        squares = self._degrees_of_freedom * (np.log(fit.squares[0] / self._degrees_of_freedom) + 1.0)
-        return float(fit.half_log_determinant[0] + 0.5 * squares)
-
-    def _scatter(self, variances: FloatArray) -> Scatter:
-        """Return the errors of given variances (2 + m,), relative to the readings' noise."""
-        joints, station = np.sqrt(variances[:2]).tolist()
-        turns = self._turns_like_noise * joints
+    def _scatter(self, parameters: FloatArray) -> Scatter:
+        """Return the shared errors and the noise of the encoders that parameters (2 + m,) mean."""
+        joints, station = np.sqrt(parameters[:2]).tolist()
+        turns = self._unit_turn_ratio * joints
         if self._stated_joint_variance is not None:  # as stated, without the rounding of a root
             turns = (self._measurements.repeatability or 0.0) / (self._measurements.sigma or 1.0)
-        return Scatter(turns, station, self._encoders.list_noise(variances[2:]))
+        return Scatter(turns, station, self._encoders.list_noise(parameters[2:]))
+
+    def _minus_log_likelihood_at_free_sigma(self) -> float:
+        """Return −log L without shared errors, maximised over sigma, up to the same constant.
+
+        With ν degrees of freedom the best sigma² is the sum of squared residuals over ν.
+        """
+        without_errors = np.zeros((1, 2 + len(self._encoders.joints)))
+        fit = self._fit(without_errors)
+        freedom = self._degrees_of_freedom
+        of_residuals = freedom * (np.log(fit.squares[0] / freedom) + 1.0)
+        return float(fit.half_log_determinant_of_unknowns[0] + 0.5 * of_residuals)
 
     def _value_and_gradient(
-        self, variances: FloatArray, lower: FloatArray, upper: FloatArray
+        self, parameters: FloatArray, lower: FloatArray, upper: FloatArray
     ) -> tuple[float, list[float]]:
-        """Return −log L at variances (2 + m,) and its gradient by differences within the bounds."""
-        step = _STEP * np.maximum(1.0, np.abs(variances))
-        step = np.where((lower < upper) & (variances + step > upper), -step, step)
-        values = self._minus_log_likelihoods(np.vstack([variances, variances + np.diag(step)]))
-        gradient = np.where(lower == upper, 0.0, (values[1:] - values[0]) / step)
+        """Return −log L at parameters (2 + m,) and its gradient by differences within the bounds.
+
+        A parameter whose bounds are equal cannot change, and its derivative is 0.
+        """
+        is_variable = lower < upper
+        step = _STEP * np.maximum(1.0, np.abs(parameters))
+        step = np.where(is_variable & (parameters + step > upper), -step, step)
+        values = self._minus_log_likelihoods(np.vstack([parameters, parameters + np.diag(step)]))
+        gradient = np.where(is_variable, (values[1:] - values[0]) / step, 0.0)
         return float(values[0]), gradient.tolist()
 
-    def _minus_log_likelihoods(self, variances: FloatArray) -> FloatArray:
-        """Return −log L (K,) of errors of variances (K, 2 + m): joints, station, encoders; up to constants.
+    def _minus_log_likelihoods(self, parameters: FloatArray) -> FloatArray:
+        """Return −log L (K,) of the residuals for each of K sets of parameters (K, 2 + m), up to a constant.
 
-        L is the likelihood of the residuals; variances are relative to the noise of the readings, those of
-        encoders as logarithms.
+        Where sigma is unknown, L is the greatest over all values of sigma.
         """
-        fit = self._fit(variances)
-        free = self._degrees_of_freedom * np.log(fit.squares)
-        sigma = self._stated_sigma(variances)
-        is_free = np.isnan(sigma)
-        sigma = np.where(is_free, 1.0, sigma)
-        stated = fit.squares / sigma**2 + 2.0 * self._degrees_of_freedom * np.log(sigma)
-        return fit.half_log_determinant + 0.5 * (fit.log_variance + np.where(is_free, free, stated))
+        fit = self._fit(parameters)
+        freedom = self._degrees_of_freedom
+        sigma = self._find_stated_sigma(parameters)
+        is_unknown = np.isnan(sigma)
+        sigma = np.where(is_unknown, 1.0, sigma)
+        with_stated_sigma = fit.squares / sigma**2 + 2.0 * freedom * np.log(sigma)
+        with_best_sigma = freedom * np.log(fit.squares)
+        of_residuals = np.where(is_unknown, with_best_sigma, with_stated_sigma)
+        of_readings = fit.log_determinant_of_readings + of_residuals
+        return fit.half_log_determinant_of_unknowns + 0.5 * of_readings
 
-    def _stated_sigma(self, variances: FloatArray) -> FloatArray:
-        """Return sigma (K,) [m] as stated, or from the stated repeatability; NaN where sigma is free."""
+    def _find_stated_sigma(self, parameters: FloatArray) -> FloatArray:
+        """Return sigma (K,) [m] as stated for each of K sets of parameters; NaN where sigma is unknown.
+
+        A stated repeatability s₀ of the joints states sigma, too, where sigma itself is not stated:
+        ``σ = s₀ / ρ``, with ρ the ratio of the joints' turns to sigma.
+
+        Args:
+            parameters: (K, 2 + m); the first of each set is the variance of the joints' turns, relative to
+                turns with the ratio `_unit_turn_ratio`.
+        """
         sigma, repeatability = self._measurements.sigma, self._measurements.repeatability
-        if sigma is not None or not repeatability:
-            return np.full(len(variances), np.nan if sigma is None else sigma)
-        joints = self._turns_like_noise * np.sqrt(variances[:, 0])
-        return np.where(joints > 0.0, repeatability / np.where(joints > 0.0, joints, 1.0), np.nan)
+        if sigma is not None:
+            return np.full(len(parameters), sigma)
+        found = np.full(len(parameters), np.nan)
+        if not repeatability:
+            return found
+        turn_ratio = self._unit_turn_ratio * np.sqrt(parameters[:, 0])  # ρ [rad/m]
+        np.divide(repeatability, turn_ratio, out=found, where=turn_ratio > 0.0)
+        return found
 
-    def _fit(self, variances: FloatArray) -> _Fit:
-        """Fit the unknowns to rows that are whitened by noise and shared errors of variances (K, 2 + m).
+    def _fit(self, parameters: FloatArray) -> _Fit:
+        """Fit the unknowns to whitened rows, for each of K sets of parameters (K, 2 + m).
 
-        The shared errors of a posture have n + 3 directions G_i. By ``V_i⁻¹ = I − G_i (I + G_iᵀ G_i)⁻¹ G_iᵀ``
-        a posture with many targets costs no more than a posture with one.
+        Rows are whitened by the noise and the shared errors. The shared errors of a posture have n + 3
+        directions G_i. By ``V_i⁻¹ = I − G_i (I + G_iᵀ G_i)⁻¹ G_iᵀ`` a posture with many targets costs no more
+        than a posture with one.
         """
-        scale = np.sqrt(variances[:, :2]) * (self._turns_like_noise, 1.0)
-        scale = np.repeat(scale, (self._joint_count, 3), axis=1)[:, None, :, None]
+        ratios = np.sqrt(parameters[:, :2]) * (self._unit_turn_ratio, 1.0)  # (K, 2) ρ and τ
+        scale = np.repeat(ratios, (self._joint_count, 3), axis=1)[:, None, :, None]  # (K, 1, n + 3, 1)
         motion_products, motion_rows, row_products, log_noise = self._encoders.add(
-            variances[:, 2:], self._motion_products, self._motion_rows, self._row_products
+            parameters[:, 2:], self._motion_products, self._motion_rows, self._row_products
         )
-        covariance = np.eye(scale.shape[2]) + scale * motion_products * scale.mT
-        root = np.linalg.cholesky(covariance)
+        inner = np.eye(scale.shape[2]) + scale * motion_products * scale.mT  # I + G_iᵀ G_i
+        root = np.linalg.cholesky(inner)
         shared = np.linalg.solve(root, scale * motion_rows)
         products = row_products - (shared.mT @ shared).sum(axis=1)
-        log_variance = log_noise + 2.0 * np.log(np.diagonal(root, axis1=2, axis2=3)).sum(axis=(1, 2))
-        return _Fit.solve(products, log_variance, self._degrees_of_freedom)
+        # log|V_i| = log|I + G_iᵀ G_i|, twice the logarithms of the diagonal of the root.
+        log_determinant = log_noise + 2.0 * np.log(np.diagonal(root, axis1=2, axis2=3)).sum(axis=(1, 2))
+        return _Fit.solve(products, log_determinant, self._degrees_of_freedom)
+
+
+def _find_postures_in_order(residual: FloatArray, read_count: IndexArray) -> BoolArray:
+    """Return which of N postures have no far larger residuals than most: the others have a wrong reading.
+
+    The fewer coordinates a posture has, the further its mean square spreads by chance, and the larger is the
+    limit.
+
+    Args:
+        residual: (N, rows) residuals of a fit; zero where nothing was read.
+        read_count: (N,) number of coordinates that were read.
+    """
+    count = np.maximum(read_count, 1)
+    mean_square = np.square(residual).sum(axis=1) / count
+    median_by_chance = special.chdtri(count, 0.5)  # of χ²
+    limit = np.maximum(_GROSS, special.chdtri(count, _BY_CHANCE) / median_by_chance)
+    relative_square = mean_square / (median_by_chance / count)
+    return np.asarray(relative_square <= limit * np.median(relative_square))
 
 
 @dataclass(frozen=True, eq=False)
@@ -564,7 +634,7 @@ class Posterior:
     station: FloatArray  # (U,) ratios τ, ascending
     sigma: FloatArray  # (S U, Z) [m]
     log_likelihood: FloatArray  # (S U, Z)
-    log_prior: FloatArray  # (S U, Z) per volume of a node
+    log_prior: FloatArray  # (S U, Z) log of the prior density times the volume of a node
     motions: _Motions  # of the targets by shared errors
 
     @cached_property
@@ -587,7 +657,7 @@ class Posterior:
             by_both = _interpolate(self.station, by_turns.swapaxes(0, 1), station).swapaxes(0, 1)
             return np.asarray(by_both.reshape(-1, values.shape[-1]))
 
-        expected = self.log_likelihood + further * self._of_further[:, None]
+        expected = self.log_likelihood + further * self._log_likelihood_of_further_posture[:, None]
         return Posterior(
             turns,
             station,
@@ -598,7 +668,7 @@ class Posterior:
         )
 
     @cached_property
-    def _of_further(self) -> FloatArray:
+    def _log_likelihood_of_further_posture(self) -> FloatArray:
         """(S U,) expected log-likelihood of a further posture that shows no shared errors."""
         return self.motions.expect_without_shared_errors(self.turns, self.station)
 
@@ -609,12 +679,12 @@ class Posterior:
         return weight * self.density.reshape(len(self.turns), len(self.station), -1)
 
     @property
-    def by_turns(self) -> FloatArray:
+    def density_of_turns(self) -> FloatArray:
         """Density (S,) of the turns, whatever station and sigma."""
         return np.asarray(self._mass.sum(axis=(1, 2)) / _trapezoids(self.turns))
 
     @property
-    def by_station(self) -> FloatArray:
+    def density_of_station(self) -> FloatArray:
         """Density (U,) of the station, whatever turns and sigma."""
         return np.asarray(self._mass.sum(axis=(0, 2)) / _trapezoids(self.station))
 
@@ -633,22 +703,24 @@ class Posterior:
         """√(E[u²] / E[σ²])."""
         return self._root_mean_square(self.station[:, None])
 
-    def probability_of_motion(self, most: float, by_turn: float) -> float:
+    def compute_probability_of_motion(self, most: float, motion_per_turn: float) -> float:
         """Return the probability that shared errors move the targets by at most a length.
 
         Args:
             most: root mean square motion of a target [m].
-            by_turn: motion of a target by turns of all joints [m/rad].
+            motion_per_turn: motion of a target by turns of all joints [m/rad].
         """
-        ratio = (by_turn * self.turns[:, None, None]) ** 2 + 3.0 * self.station[:, None] ** 2
-        motion = np.sqrt(ratio) * self.sigma.reshape(len(self.turns), len(self.station), -1)
+        # A shift of the station moves all three coordinates of a target.
+        squared_ratio = (motion_per_turn * self.turns[:, None, None]) ** 2 + 3.0 * self.station[:, None] ** 2
+        motion = np.sqrt(squared_ratio) * self.sigma.reshape(len(self.turns), len(self.station), -1)
         mass = self._mass
         return float(mass[motion <= most].sum() / mass.sum())
 
     def _root_mean_square(self, ratio: FloatArray) -> float:
+        """Return √(E[(ratio σ)²] / E[σ²]) for a ratio at each node, broadcast to (S, U, Z)."""
         variance = self.sigma.reshape(len(self.turns), len(self.station), -1) ** 2
-        mass = self._mass * variance
-        return float(np.sqrt((mass * ratio**2).sum() / mass.sum()))
+        weight = self._mass * variance
+        return float(np.sqrt((weight * ratio**2).sum() / weight.sum()))
 
 
 def _log_half_cauchy(size: FloatArray) -> FloatArray:
@@ -692,11 +764,11 @@ class _EncoderRows:
     """Rows of the encoders of m joints in B postures, whitened by the stated noise; m may be zero."""
 
     joints: IndexArray  # (m,) joints with an encoder
-    count: int  # n, number of joints
+    joint_count: int  # n
     present: FloatArray  # (B, m) 1 where the encoder was read, else 0
     rows: FloatArray  # (B, m, k + 1) fitted columns, then the residual
-    by_turn: float  # motion of a whitened row by a turn of its joint [sigma per rad]
-    most: float  # greatest logarithm of a noise's variance, relative to the stated one
+    motion_per_turn: float  # of a whitened row by a turn of its joint [m/rad]
+    greatest_log_variance: float  # of a noise, relative to the stated noise
 
     @classmethod
     def of(cls, measurements: Measurements, rows: FloatArray, used: BoolArray) -> _EncoderRows:
@@ -707,43 +779,61 @@ class _EncoderRows:
             return cls(none, n, np.zeros((len(rows), 0)), np.zeros((len(rows), 0, rows.shape[-1])), 0.0, 0.0)
         present = encoders.present[used]
         joints = np.flatnonzero(present.any(axis=0))
-        most = 2.0 * np.log(max(_LARGEST_ENCODER_NOISE / encoders.sigma, 1.0))
-        by_turn = measurements.encoder_lever / np.sqrt(2.0)
-        return cls(joints, n, present[:, joints].astype(float), rows[:, joints], by_turn, float(most))
+        greatest_noise = max(_LARGEST_ENCODER_NOISE / encoders.sigma, 1.0)  # relative to the stated noise
+        return cls(
+            joints,
+            n,
+            present[:, joints].astype(float),
+            rows[:, joints],
+            motion_per_turn=measurements.encoder_lever / np.sqrt(2.0),
+            greatest_log_variance=float(2.0 * np.log(greatest_noise)),
+        )
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
         """Bounds of the logarithm of each variance: a stated noise is the least."""
-        return [(0.0, self.most)] * len(self.joints)
+        return [(0.0, self.greatest_log_variance)] * len(self.joints)
 
     def list_starts(self, further: FloatArray | None = None) -> list[FloatArray]:
-        """Return the logarithms (m,) of variances from which a search starts: residuals', further, stated."""
-        squares = np.square(self.rows[..., -1]).sum(axis=0) / np.maximum(self.present.sum(axis=0), 1.0)
-        of_residuals = np.clip(np.log(np.maximum(squares, 1.0)), 0.0, self.most)
-        starts = [of_residuals, np.zeros(len(self.joints))] if len(self.joints) else [of_residuals]
-        return starts if further is None or not len(self.joints) else [*starts, further]
+        """Return logarithms (m,) of the encoders' variances from which a search starts.
 
-    def logarithms(self, scatter: Scatter) -> list[float]:
-        """Return the logarithms (m,) of the variances of given errors."""
-        noise = np.array(scatter.encoders or (1.0,) * self.count)
-        logarithms: list[float] = (2.0 * np.log(noise[self.joints])).tolist()
-        return logarithms
+        These are the mean squares of the residuals, the stated noise, and `further` ones if there are any.
+        Without encoders the only start is empty.
+        """
+        if not len(self.joints):
+            return [np.zeros(0)]
+        read_count = np.maximum(self.present.sum(axis=0), 1.0)
+        mean_squares = np.square(self.rows[..., -1]).sum(axis=0) / read_count
+        of_residuals = np.clip(np.log(np.maximum(mean_squares, 1.0)), 0.0, self.greatest_log_variance)
+        as_stated = np.zeros(len(self.joints))
+        return [of_residuals, as_stated] if further is None else [of_residuals, as_stated, further]
 
-    def list_noise(self, logarithms: FloatArray) -> tuple[float, ...]:
+    def list_log_variances(self, scatter: Scatter) -> list[float]:
+        """Return for each of m encoders the logarithm of its noise's variance, relative to the stated noise.
+
+        Without a noise of the encoders in `scatter` the noise is the stated one, whose logarithm is 0.
+        """
+        if not scatter.encoders:
+            return [0.0] * len(self.joints)
+        noise_of_joints = np.array(scatter.encoders)  # (n,), of joints without an encoder, too
+        log_variances: list[float] = (2.0 * np.log(noise_of_joints[self.joints])).tolist()
+        return log_variances
+
+    def list_noise(self, log_variances: FloatArray) -> tuple[float, ...]:
         """Return the noise of each of n encoders, relative to the stated noise; empty without encoders.
 
         The noise of an encoder whose residuals are those of a mistake is as stated.
         """
         if not len(self.joints):
             return ()
-        noise = np.ones(self.count)
-        is_believable = logarithms < self.most * (1.0 - _AT_BOUND)
-        noise[self.joints] = np.where(is_believable, np.exp(0.5 * logarithms), 1.0)
+        noise = np.ones(self.joint_count)
+        is_believable = log_variances < self.greatest_log_variance * (1.0 - _AT_BOUND)
+        noise[self.joints] = np.where(is_believable, np.exp(0.5 * log_variances), 1.0)
         return tuple(noise.tolist())
 
     def add(
         self,
-        logarithms: FloatArray,
+        log_variances: FloatArray,
         motion_products: FloatArray,
         motion_rows: FloatArray,
         row_products: FloatArray,
@@ -751,7 +841,7 @@ class _EncoderRows:
         """Add the rows of the encoders, with K noises, to products of the rows of the targets.
 
         Args:
-            logarithms: (K, m) logarithms of the variances of the encoders' noise.
+            log_variances: (K, m) logarithms of the variances of the encoders' noise.
             motion_products: (B, q, q) ``GᵀG`` of the motion G by shared errors, of joints first.
             motion_rows: (B, q, k + 1) Gᵀ times the rows.
             row_products: (k + 1, k + 1) products of the rows.
@@ -759,35 +849,49 @@ class _EncoderRows:
         Returns:
             The three products for each of the K noises, and the sum (K,) of the logarithms of all variances.
         """
-        weight = np.exp(-logarithms)
-        products, by_rows = (
-            np.repeat(each[None], len(weight), axis=0) for each in (motion_products, motion_rows)
-        )
-        products[:, :, self.joints, self.joints] += self.by_turn**2 * weight[:, None] * self.present
-        by_rows[:, :, self.joints] += self.by_turn * weight[:, None, :, None] * self.rows
-        of_encoders = np.einsum("bmi,bmj->mij", self.rows, self.rows)
-        row_products = row_products + np.einsum("km,mij->kij", weight, of_encoders)
-        return products, by_rows, row_products, logarithms @ self.present.sum(axis=0)
+        weight = np.exp(-log_variances)
+        motion_products = np.repeat(motion_products[None], len(weight), axis=0)
+        motion_rows = np.repeat(motion_rows[None], len(weight), axis=0)
+        # A turn of a joint moves the row of its own encoder only.
+        squared_motion = self.motion_per_turn**2 * weight[:, None] * self.present
+        motion_products[:, :, self.joints, self.joints] += squared_motion
+        motion_rows[:, :, self.joints] += self.motion_per_turn * weight[:, None, :, None] * self.rows
+        products_of_encoders = np.einsum("bmi,bmj->mij", self.rows, self.rows)
+        row_products = row_products + np.einsum("km,mij->kij", weight, products_of_encoders)
+        return motion_products, motion_rows, row_products, log_variances @ self.present.sum(axis=0)
 
 
 class _Fit(NamedTuple):
-    """Fit of the unknowns for each of K pairs of variances."""
+    """Fits of the unknowns, one for each of K covariances V_i of the readings in units of sigma²."""
 
-    squares: FloatArray  #: (K,) sum of squared residuals, with an allowance for rounding
-    half_log_determinant: FloatArray  #: (K,) ½ log|Σ A_iᵀ V_i⁻¹ A_i|
-    log_variance: FloatArray  #: (K,) Σ log|V_i|
+    squares: FloatArray  #: (K,) sum Σ r_iᵀ V_i⁻¹ r_i of squared residuals, with an allowance for rounding
+    half_log_determinant_of_unknowns: FloatArray  #: (K,) ½ log|Σ A_iᵀ V_i⁻¹ A_i|
+    log_determinant_of_readings: FloatArray  #: (K,) Σ log|V_i|
+    degrees_of_freedom: int  #: ν of the residuals
 
     @classmethod
-    def solve(cls, products: FloatArray, log_variance: FloatArray, degrees_of_freedom: int) -> _Fit:
+    def solve(
+        cls, products: FloatArray, log_determinant_of_readings: FloatArray, degrees_of_freedom: int
+    ) -> _Fit:
         """Fit the k unknowns from products (K, k + 1, k + 1) of whitened rows, those of the residual last."""
         factor = np.linalg.cholesky(products[:, :-1, :-1])
         explained = np.square(np.linalg.solve(factor, products[:, :-1, -1:])).sum(axis=(1, 2))
-        left = np.maximum(products[:, -1, -1] - explained, 0.0)
+        unexplained = np.maximum(products[:, -1, -1] - explained, 0.0)
         return cls(
-            squares=left + degrees_of_freedom * _RESOLUTION**2,
-            half_log_determinant=np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1),
-            log_variance=log_variance,
+            squares=unexplained + degrees_of_freedom * _RESOLUTION**2,
+            half_log_determinant_of_unknowns=np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1),
+            log_determinant_of_readings=log_determinant_of_readings,
+            degrees_of_freedom=degrees_of_freedom,
         )
+
+    def compute_log_likelihood(self, sigma: FloatArray) -> FloatArray:
+        """Return the restricted log-likelihood (K, Z) of sigma (K, Z) for each fit, up to a constant.
+
+        It is ``−½ (Σ log|V_i| + log|Σ A_iᵀ V_i⁻¹ A_i| + Σ r_iᵀ V_i⁻¹ r_i / σ²) − ν log σ``.
+        """
+        of_covariance = self.half_log_determinant_of_unknowns + 0.5 * self.log_determinant_of_readings
+        of_residuals = 0.5 * self.squares[:, None] / sigma**2 + self.degrees_of_freedom * np.log(sigma)
+        return np.asarray(-of_covariance[:, None] - of_residuals)
 
 
 @dataclass(frozen=True, eq=False)
@@ -850,7 +954,7 @@ class _Motions:
         squares_by_turns = _square(self.rows_by_turns)  # (B n, (k + 1)²)
         row_products = self.row_products.ravel() - by_turns.reshape(len(turns), -1) @ squares_by_turns
         log_of_turns = np.log1p(np.square(turns)[:, None, None] * self.eigenvalues).sum(axis=(1, 2))
-        products, log_variances = list[FloatArray](), list[FloatArray]()
+        products, log_determinants = list[FloatArray](), list[FloatArray]()
         eigenvalues, vectors = np.linalg.eigh(station_products)  # (S, B, 3)
         eigenvalues = np.maximum(eigenvalues, 0.0)
         along_vectors = vectors.mT @ rows_by_station
@@ -858,9 +962,10 @@ class _Motions:
             by_station = _reduce(station, eigenvalues[s]).reshape(len(station), -1)  # (U, 3 B)
             products.append(row_products[s] - by_station @ _square(along_vectors[s]))
             log_of_station = np.log1p(np.square(station)[:, None, None] * eigenvalues[s]).sum(axis=(1, 2))
-            log_variances.append(log_of_turns[s] + log_of_station)
-        log_variance = self.log_noise + np.concatenate(log_variances)
-        return _Fit.solve(np.concatenate(products).reshape(-1, k, k), log_variance, self.degrees_of_freedom)
+            log_determinants.append(log_of_turns[s] + log_of_station)
+        log_determinant = self.log_noise + np.concatenate(log_determinants)
+        products_of_fits = np.concatenate(products).reshape(-1, k, k)
+        return _Fit.solve(products_of_fits, log_determinant, self.degrees_of_freedom)
 
     def expect_without_shared_errors(self, turns: FloatArray, station: FloatArray) -> FloatArray:
         """Compute the expected log-likelihood (S U,) of a further posture whose targets share no errors.
@@ -873,10 +978,12 @@ class _Motions:
             station: (U,) ratios τ of the station's shift to sigma.
         """
         larger = 1.0 + _STEP_OF_RATIO
-        log_variance = self.fit(turns, station).log_variance - self.log_noise
-        of_larger = self.fit(larger * turns, larger * station).log_variance - self.log_noise
-        derivative = (of_larger - log_variance) / (2.0 * np.log(larger))
-        return np.asarray(-0.5 * (log_variance - derivative) / len(self.eigenvalues))
+        fit = self.fit(turns, station)
+        fit_of_larger = self.fit(larger * turns, larger * station)
+        log_determinant = fit.log_determinant_of_readings - self.log_noise
+        of_larger = fit_of_larger.log_determinant_of_readings - self.log_noise
+        derivative = (of_larger - log_determinant) / (2.0 * np.log(larger))
+        return np.asarray(-0.5 * (log_determinant - derivative) / len(self.eigenvalues))
 
 
 def _reduce(ratios: FloatArray, eigenvalues: FloatArray) -> FloatArray:

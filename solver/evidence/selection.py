@@ -94,9 +94,9 @@ class Step:
         single_p_values = tests.p_values([term.name for term in terms]) if terms else []
         p_values = {}
         for suspect, single_p_value in zip(suspects, single_p_values, strict=True):
-            p_value = max(suspect.least_p, single_p_value)
+            p_value = max(suspect.least_p_value, single_p_value)
             # A cause sought by its onset is tested once for each onset that was tried (Bonferroni).
-            p_values[suspect] = min(1.0, suspect.tried * p_value)
+            p_values[suspect] = min(1.0, suspect.onsets_tried * p_value)
         return cls(p_values, tests)
 
     @cached_property
@@ -398,9 +398,8 @@ class _Search:
         are a tie, a cause with more columns is none. Scales of two loads are the same as a force along the
         rope, but scales of three loads contain this force.
         """
-        columns_of_chosen, columns_of_other = (
-            self._find_own_columns(fit.suspects[position]) for fit in (chosen, other)
-        )
+        columns_of_chosen = self._find_own_columns(chosen.suspects[position])
+        columns_of_other = self._find_own_columns(other.suspects[position])
         overlap = columns_of_other.T @ columns_of_chosen
         unexplained = columns_of_chosen - columns_of_other @ overlap
         contains_chosen = np.linalg.norm(unexplained, ord=2) < _ALIKE
@@ -411,7 +410,7 @@ class _Search:
     def _find_own_columns(self, suspect: Suspect) -> FloatArray:
         """Return a basis (K, k) of the motion by a cause that joints do not explain; empty if unknown."""
         tests = self._start.tests
-        triangle = tests.stated
+        triangle = tests.triangle
         if suspect.term.name not in triangle.span:
             return np.zeros((len(triangle.rhs), 0))
         of_joints = orthonormal_basis(triangle.unit_columns(tests.fitted))

@@ -79,9 +79,8 @@ class Apart:
     free_compliance: FloatArray  #: (2, m) without the constraint [rad/(N·m)]
     uncertainty: FloatArray  #: (2, m) standard uncertainties of the free compliances [rad/(N·m)]
     interval: FloatArray  #: (2, m, 2) intervals of the compliances [rad/(N·m)]
-    noise: (
-        FloatArray  #: (m,) standard uncertainty of an angle of each encoder, as the residuals show it [rad]
-    )
+    #: (m,) standard uncertainty of an angle of each encoder, as the residuals show it [rad]
+    noise: FloatArray
     p_value: float  #: of the test that nothing behind the encoders bends
     #: (m,) by how much more an encoder shows than the difference of two runs, in standard uncertainties;
     #: zeros for a single run
@@ -89,7 +88,7 @@ class Apart:
 
     def select_part(self, name: PartName) -> PartOfJoints:
         """Return the compliances of one part of all m joints."""
-        part = 0 if name == "gearboxes" else 1
+        part = 0 if name == "gearboxes" else 1  # row of the arrays
         return PartOfJoints(self.joints, self.compliance[part], self.uncertainty[part], self.interval[part])
 
     @property
@@ -99,15 +98,18 @@ class Apart:
 
     @cached_property
     def against(self) -> IndexArray:
-        """Indices of the joints whose encoders see more than the targets, which no structure explains."""
-        standardised = self.free_compliance[1] / self.uncertainty[1]
-        p_values = len(self.joints) * special.ndtr(standardised)
+        """Indices of the joints whose encoders see more than the targets, which no structure explains.
+
+        The free compliance of the structure is then negative beyond chance.
+        """
+        standardised_structure = self.free_compliance[1] / self.uncertainty[1]
+        p_values = len(self.joints) * special.ndtr(standardised_structure)  # Bonferroni
         return np.asarray(self.joints[p_values < _AGAINST_LEVEL])
 
     @cached_property
     def differing(self) -> IndexArray:
         """Indices of the joints whose encoders see something else than the difference of two runs."""
-        p_values = 2.0 * len(self.joints) * special.ndtr(-np.abs(self.excess))
+        p_values = 2.0 * len(self.joints) * special.ndtr(-np.abs(self.excess))  # two-sided, Bonferroni
         return np.asarray(self.joints[p_values < _AGAINST_LEVEL])
 
 
@@ -173,7 +175,10 @@ class TargetsEstimate:
 
 
 def take_apart(rows: Rows, of_targets: Estimate, confidence: float) -> Apart | None:
-    """Return the compliances of gearboxes and of structure; None if no joint shows both.
+    """Return the compliances of gearboxes and of structure, fitted to one run.
+
+    None if no joint shows both, or if the fit of both fails: its optimum is not certified, or the readings do
+    not determine all unknowns.
 
     Args:
         rows: N observations with readings of encoders, with the scatter that was stated.
@@ -220,7 +225,10 @@ def take_two_runs_apart(
     same_load: bool,
     same_cell: bool,
 ) -> Apart | None:
-    """Return gearboxes and structure by one fit of two runs; None if no joint shows both.
+    """Return the compliances of gearboxes and of structure, by one fit of two runs.
+
+    None if no joint shows both, or if the fit fails: its optimum is not certified, or the readings do not
+    determine all unknowns.
 
     Args:
         motor: run with readings of encoders, in which the encoders of the motors close the position loop.
@@ -321,7 +329,7 @@ class _Equations:
             if name in unstated:
                 unit[triangle.span[name]] = uncertainty
             else:
-                triangle = triangle.state(name, uncertainty, sigma)
+                triangle = triangle.state_as_zero(name, uncertainty, sigma)
         noise = _list_encoder_noise(measurements, rows.robot.n)
         return cls(triangle.matrix * unit / sigma, triangle.rhs / sigma, triangle.span, noise)
 
@@ -333,11 +341,11 @@ class _Equations:
             shared: names of errors that are the same in both runs.
         """
         height, width = self.matrix.shape
-        places = np.full(second.matrix.shape[1], -1)
+        places = np.full(second.matrix.shape[1], -1)  # columns of the second run among those of both
         places[second.span[JOINTS.name]] = self.span[STRUCTURE.name]
         for name in shared:
             places[second.span[name]] = self.span[name]
-        is_own = places < 0
+        is_own = places < 0  # unknowns of the second run alone: further columns
         places[is_own] = width + np.arange(is_own.sum())
         matrix = np.zeros((height + len(second.matrix), width + is_own.sum()))
         matrix[:height, :width] = self.matrix
@@ -388,11 +396,13 @@ def _state_motor_run(run: TargetsEstimate, joints: IndexArray, errors: Sequence[
         joints: (m,) joints that are taken apart.
         errors: terms of errors.
     """
-    terms, whole, n = [JOINTS, STRUCTURE, *errors], run.linearisation, run.rows.robot.n
+    terms = [JOINTS, STRUCTURE, *errors]
+    whole, n = run.linearisation, run.rows.robot.n
     gear = _fit_gearboxes(run.rows, whole, joints)
     seen = np.flatnonzero(run.is_seen)
 
     def list_columns(width: int) -> IndexArray:
+        """Return the fitted columns: of joints that are seen, of structure, and of errors."""
         return np.concatenate([seen, n + joints, np.arange(2 * n, width)])
 
     rows = run.rows.with_scatter(find_most_likely_scatter(run.rows, terms, whole, list_columns))
@@ -403,11 +413,13 @@ def _state_secondary_run(
     run: TargetsEstimate, errors: Sequence[Term], unstated: Collection[str]
 ) -> _Equations:
     """Return the equations of a run without gearboxes; `unstated` are errors that the other run states."""
-    terms, compliance, n = [JOINTS, *errors], run.linearisation, run.rows.robot.n
+    terms = [JOINTS, *errors]
+    compliance, n = run.linearisation, run.rows.robot.n
     rows = run.rows.of(replace(run.rows.measurements, sigma=run.sigma, encoders=None))
     seen = np.flatnonzero(run.is_seen)
 
     def list_columns(width: int) -> IndexArray:
+        """Return the fitted columns: of joints that are seen, and of errors."""
         return np.concatenate([seen, np.arange(n, width)])
 
     rows = rows.with_scatter(find_most_likely_scatter(rows, terms, compliance, list_columns))
@@ -458,7 +470,7 @@ class _Problem:
             degrees_of_freedom: degrees of freedom of the noise; inf if it was given.
         """
         matrix = self.equations.matrix[:, self.columns]
-        unit = 1.0 / np.linalg.norm(matrix, axis=0)
+        unit = 1.0 / np.linalg.norm(matrix, axis=0)  # columns are scaled to unit norm
         squares = LeastSquares(matrix * unit, self.equations.rhs)
         best = solve(Problem(squares, Scalars(self._bounds))).x
         free = _fit_freely(squares.R, squares.z)

@@ -46,8 +46,8 @@ class Suspect:
     name: str  #: name of the cause
     term: Term  #: how the cause moves the targets
     first: str | None = None  #: label of the first observation that the cause concerns; None for all
-    tried: int = 1  #: number of observations that were tried as the onset; multiplies the p-value
-    least_p: float = 0.0  #: lower limit of the p-value: without the observation that the cause explains most
+    onsets_tried: int = 1  #: number of observations that were tried as the onset; multiplies the p-value
+    least_p_value: float = 0.0  #: p-value without the observation that the cause explains most
 
 
 def list_suspected_terms(measurements: Measurements, tested: Rows) -> list[Term]:
@@ -73,7 +73,7 @@ def list_suspects(
     tested: Rows,
     compliance: FloatArray,
     always_fitted: Sequence[Term],
-    firsts: Sequence[str] | None = None,
+    onsets: Sequence[str] | None = None,
 ) -> list[Suspect]:
     """Return the causes that may have moved the targets and are to be tested.
 
@@ -85,16 +85,16 @@ def list_suspects(
         tested: some of these observations.
         compliance: (n,) of the joints [rad/(N·m)].
         always_fitted: terms that are fitted in any case; these terms are not suspected again.
-        firsts: labels of observations that may be the onset of a cause; None to search for the onset.
+        onsets: labels of the observations at which a cause may set in; None to search for the onset.
     """
     labels = measurements.labels
     terms_of_set = list_suspected_terms(measurements, tested)
     later = _list_later_terms(terms_of_set, labels)
-    if firsts is None:
+    if onsets is None:
         suspects = _search_suspects(tested, compliance, always_fitted, terms_of_set, later, labels)
     else:
         of_all = [Suspect(term.name, term) for term in terms_of_set]
-        suspects = of_all + _limit_to_onsets(later, firsts, labels)
+        suspects = of_all + _limit_to_onsets(later, onsets, labels)
     always_fitted_names = {term.name for term in always_fitted}
     return [suspect for suspect in suspects if suspect.term.name not in always_fitted_names]
 
@@ -118,19 +118,19 @@ def _list_later_terms(terms_of_set: Sequence[Term], labels: Sequence[str]) -> di
 
 
 def _limit_to_onsets(
-    later: Mapping[str, Term], firsts: Sequence[str], labels: Sequence[str]
+    later: Mapping[str, Term], onsets: Sequence[str], labels: Sequence[str]
 ) -> list[Suspect]:
     """Return each cause that may set in later, from each of the given onsets on.
 
     Args:
         later: name → term.
-        firsts: labels of the onsets; labels of no observation are left out.
+        onsets: labels of the onsets; labels of no observation are left out.
         labels: labels of all observations.
     """
-    onsets = [first for first in firsts if first in labels]
+    known_onsets = [first for first in onsets if first in labels]
     suspects = []
     for term in later.values():
-        suspects += [Suspect(term.name, limit_to_later(term, labels, first), first) for first in onsets]
+        suspects += [Suspect(term.name, limit_to_later(term, labels, first), first) for first in known_onsets]
     return suspects
 
 
@@ -175,7 +175,7 @@ def _suspect_from_first(fits: _OnsetFits, terms: Sequence[Term]) -> list[Suspect
     p_values = fits.compute_p_values_without_best_observation(first_observation).tolist()
     suspects = []
     for term, p_value in zip(terms, p_values[: len(terms)], strict=True):
-        suspects.append(Suspect(term.name, term, least_p=p_value))
+        suspects.append(Suspect(term.name, term, least_p_value=p_value))
     return suspects
 
 
@@ -198,7 +198,9 @@ def _suspect_from_best_onset(
         if name in later:
             first = tested_labels[onset]
             term = limit_to_later(later[name], labels, first)
-            suspects.append(Suspect(later[name].name, term, first, tried=tried_count, least_p=p_value))
+            suspects.append(
+                Suspect(later[name].name, term, first, onsets_tried=tried_count, least_p_value=p_value)
+            )
     return suspects
 
 
@@ -230,12 +232,17 @@ def list_shown_terms(stack: Stack, fitted: Sequence[str], names: Sequence[str]) 
 def group_distinct_loads(measurements: Measurements) -> tuple[tuple[str, ...], ...]:
     """Return the labels of the observations under each distinct load, from the smallest load to the largest.
 
-    Loads of nearly the same size count as one load. There are no groups for more than `_MOST_LOADS` loads.
-    Loads count as they were stated: a constant force that was fitted makes loads of one size differ.
+    Loads of nearly the same size count as one load. A load with fewer than `_LEAST_PART` observations is left
+    out, because they could not determine a scale of their own. If more than `_MOST_LOADS` loads remain, there
+    are no groups.
+
+    Measurements that were corrected for fitted errors keep the groups from before the correction: a fitted
+    constant force would make loads of one size differ.
     """
     fitted = fitted_errors(measurements)
-    if fitted.terms:
-        return fitted.loads
+    is_corrected = len(fitted.terms) > 0
+    if is_corrected:
+        return fitted.labels_by_load
     force_size = np.linalg.norm(measurements.force, axis=1)
     moment_size = np.linalg.norm(measurements.moment, axis=1)
     load_size = np.hypot(force_size, moment_size)
@@ -243,10 +250,12 @@ def group_distinct_loads(measurements: Measurements) -> tuple[tuple[str, ...], .
     ascending_sizes = load_size[ascending]
     is_distinct = np.diff(ascending_sizes) > _DISTINCT * ascending_sizes[1:]  # from the next smaller load
     starts = 1 + np.flatnonzero(is_distinct)  # where the next group begins
-    groups = [group for group in np.split(ascending, starts) if len(group) >= _LEAST_PART]
-    if len(groups) > _MOST_LOADS:
-        return ()
-    return tuple(tuple(measurements.labels[i] for i in group.tolist()) for group in groups)
+    groups = []
+    for group in np.split(ascending, starts):
+        if len(group) >= _LEAST_PART:
+            labels = tuple(measurements.labels[i] for i in group.tolist())
+            groups.append(labels)
+    return tuple(groups) if len(groups) <= _MOST_LOADS else ()
 
 
 class _FitsFromOnsets(NamedTuple):

@@ -97,7 +97,7 @@ def join_statements(
     joined.span = dict(triangle.span)
     for term in stated:
         uncertainty = np.resize(term.prior(measurements.common_uncertainty), len(triangle.span[term.name]))
-        joined = joined.given(term.name, uncertainty, sigma)
+        joined = joined.project_out_stated(term.name, uncertainty, sigma)
     return joined
 
 
@@ -192,7 +192,7 @@ class TermTests:
     Attributes:
         rows: the observations.
         visible: (n,) whether the readings see each joint.
-        stated: triangle with the weights stated with the readings.
+        triangle: compressed rows, with the weights stated with the readings.
     """
 
     def __init__(
@@ -221,7 +221,7 @@ class TermTests:
         self._scattered = scattered
         self._stated_terms = list_stated_terms(rows.measurements)
         self._terms = [JOINTS, *always_fitted, *terms, DIAGONAL_LINKS, DIAGONAL_BASE]
-        self.stated = self._compress_rows(whitened=True)
+        self.triangle = self._compress_rows(whitened=True)
 
     @cached_property
     def _equally_weighted(self) -> Triangle:
@@ -249,17 +249,17 @@ class TermTests:
             fitted: terms that are fitted in any case.
             test: function of a triangle, and of the names of tested terms, that returns their p-values.
         """
-        p_values = test(self.stated, names)
+        p_values = test(self.triangle, names)
+        is_significant = p_values < level
         # Readings that share one covariance (3, 3) have equal weights already.
-        if (p_values < level).any() and self.rows.measurements.covariance.ndim > 2:
-            p_values = np.where(
-                p_values < level, np.maximum(p_values, test(self._equally_weighted, names)), p_values
-            )
+        have_equal_weights = self.rows.measurements.covariance.ndim == 2
+        if is_significant.any() and not have_equal_weights:
+            of_equal_weights = test(self._equally_weighted, names)
+            p_values = np.where(is_significant, np.maximum(p_values, of_equal_weights), p_values)
         if self._scattered or self._stated_terms:
             for index in np.flatnonzero(p_values < level).tolist():
-                p_values[index] = max(
-                    p_values[index], self._compute_p_value_given_statements(names[index], fitted, test)
-                )
+                given_statements = self._compute_p_value_given_statements(names[index], fitted, test)
+                p_values[index] = max(p_values[index], given_statements)
         return p_values
 
     def _compute_p_value_given_statements(
@@ -399,11 +399,11 @@ class TermTests:
     @property
     def _leading_count(self) -> int:
         """Number of leading combinations of link compliances to test; lower if there are few readings."""
-        return max(0, min(_MOST_COMBINATIONS, (self.stated.rows - len(self.visible)) // 3))
+        return max(0, min(_MOST_COMBINATIONS, (self.triangle.rows - len(self.visible)) // 3))
 
     def residual_squares(self) -> float:
         """Return the sum of squared residuals of the joints and the terms that are fitted in any case."""
-        return max(self.stated.residual_squares(self.fitted), 1e-300)
+        return max(self.triangle.residual_squares(self.fitted), 1e-300)
 
     def criterion(self, squares: float, unknowns: int) -> float:
         """Return the Bayesian information criterion of a fit.
@@ -412,20 +412,19 @@ class TermTests:
             squares: sum of squared residuals of the fit.
             unknowns: number of unknowns in addition to the joints.
         """
-        return self.stated.rows * float(np.log(squares)) + unknowns * float(np.log(self.stated.rows))
+        return self.triangle.rows * float(np.log(squares)) + unknowns * float(np.log(self.triangle.rows))
 
     def links_criterion(self) -> float:
         """Return the Bayesian information criterion of joints with the leading combinations of links."""
-        fitted_basis = orthonormal_basis(self.stated.unit_columns(self.fitted))
-        link_columns = self.stated.unit_columns([DIAGONAL_LINKS.name])
-        leading_basis = orthonormal_basis(
-            link_columns - fitted_basis @ (fitted_basis.T @ link_columns), INDEPENDENT
-        )[:, : self._leading_count]
-        explained = float(np.square(leading_basis.T @ self.stated.rhs).sum())
+        fitted_basis = orthonormal_basis(self.triangle.unit_columns(self.fitted))
+        link_columns = self.triangle.unit_columns([DIAGONAL_LINKS.name])
+        unexplained_columns = link_columns - fitted_basis @ (fitted_basis.T @ link_columns)
+        leading_basis = orthonormal_basis(unexplained_columns, INDEPENDENT)[:, : self._leading_count]
+        explained = float(np.square(leading_basis.T @ self.triangle.rhs).sum())
         return self.criterion(max(self.residual_squares() - explained, 1e-300), leading_basis.shape[1])
 
     def base_criterion(self) -> float:
         """Return the Bayesian information criterion of joints with a base that bends."""
         fitted = (*self.fitted, DIAGONAL_BASE.name)
-        squares = max(self.stated.residual_squares(fitted), 1e-300)
-        return self.criterion(squares, len(self.stated.span[DIAGONAL_BASE.name]))
+        squares = max(self.triangle.residual_squares(fitted), 1e-300)
+        return self.criterion(squares, len(self.triangle.span[DIAGONAL_BASE.name]))

@@ -136,8 +136,8 @@ class Matrices:
         return self.nonnegative + sum(size * (size + 1) // 2 for size in self.sizes)
 
     @property
-    def free(self) -> int:
-        """Number of scalars without a penalty; they come first."""
+    def unpenalised(self) -> int:
+        """Number of scalars without a penalty, such as compliances of joints; they come first."""
         return self.nonnegative - self.penalised
 
     @property
@@ -182,7 +182,7 @@ class Matrices:
         The gradient is `weight` at penalised scalars and diagonal entries of blocks, and zero elsewhere.
         """
         gradient = np.zeros(self.dimension)
-        penalised_scalars = slice(self.free, self.nonnegative)
+        penalised_scalars = slice(self.unpenalised, self.nonnegative)
         gradient[penalised_scalars] = weight
         for size, place in self.blocks():
             gradient[place.start + find_diagonal_entries(size)] = weight

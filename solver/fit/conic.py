@@ -147,10 +147,15 @@ def _propose_cone_solutions(problem: Problem[Matrices]) -> Iterator[Solution]:
 
 
 def find_interior_point(problem: Problem[Matrices], tolerance: float, unit: float) -> FloatArray | None:
-    """Solve a problem by Clarabel in the scaled variables y = (x − origin) / unit.
+    """Minimise ``‖T x − z‖² + penaltyᵀ x`` over a cone by Clarabel, in variables y = (x − origin) / unit.
 
     The origin is a point near the optimum. With a unit of the residual's size, Clarabel's absolute
-    tolerances are relative to the residual, not to the much larger readings.
+    tolerances are relative to the residual, not to the much larger readings. With x = origin + unit · y the
+    objective is, but for a constant, unit² times
+
+        ``‖T y − (z − T origin) / unit‖² + (penalty / unit)ᵀ y``,
+
+    and x is in the cone if origin / unit + y is.
 
     Args:
         problem: problem over matrices.
@@ -164,9 +169,9 @@ def find_interior_point(problem: Problem[Matrices], tolerance: float, unit: floa
 
     origin = problem.squares.origin
     T, z = problem.squares.compressed
-    clarabel_program = programs.state_semidefinite(len(T), problem.cone)
+    program_in_y = programs.state_semidefinite(len(T), problem.cone)
     data = {"T": T, "z": (z - T @ origin) / unit, "p": problem.penalty / unit, "near": origin / unit}
-    y = clarabel_program.solve(data, tolerance)
+    y = program_in_y.solve(data, tolerance)
     return None if y is None else origin + unit * y
 
 
@@ -257,7 +262,9 @@ def _select_certified(
     raise SolverError(f"the optimum over cones could not be certified: {reason}")
 
 
-def certify_cone(problem: Problem[Matrices], x: FloatArray, own: FloatArray | None = None) -> Certificate:
+def certify_cone(
+    problem: Problem[Matrices], x: FloatArray, clarabel_point: FloatArray | None = None
+) -> Certificate:
     """Return the certificate of a point x (p,): its duality gap proves how near x is to the optimum.
 
     For any ν with slack ``s = p + Rᵀν`` in the dual cone, ``−‖ν‖²/4 − νᵀz`` is a lower bound of the optimum.
@@ -267,7 +274,7 @@ def certify_cone(problem: Problem[Matrices], x: FloatArray, own: FloatArray | No
     Args:
         problem: problem with squared residuals.
         x: (p,) point in the cone.
-        own: (p,) Clarabel's own answer, a witness of the optimum; None without a witness.
+        clarabel_point: (p,) Clarabel's own answer, a witness of the optimum; None without a witness.
     """
     R, z, cone = problem.squares.R, problem.squares.z, problem.cone
     r = R @ x - z
@@ -276,8 +283,8 @@ def certify_cone(problem: Problem[Matrices], x: FloatArray, own: FloatArray | No
     slack_times_x = _compute_complementarity(dual.slack, x, cone, _SLACK_ROUNDING)
     gap = float(np.sqrt(np.square(0.5 * nu - r).sum() + slack_times_x))
     witness = None
-    if own is not None:
-        distance = float(np.linalg.norm(R @ (own - x)))
+    if clarabel_point is not None:
+        distance = float(np.linalg.norm(R @ (clarabel_point - x)))
         witness = Witness(distance, _CONE_WITNESS)
     primal_violation = max(0.0, -cone.least_value(x))
     return Certificate(primal_violation, dual.violation, gap, nu, "clarabel", witness)
@@ -379,7 +386,7 @@ def _correct_slacks_without_penalty(cone: Matrices, rows: FloatArray, nu: FloatA
         rows: A (m, p).
         nu: (m,) multipliers ν.
     """
-    columns_without_penalty = rows[:, : cone.free].T
+    columns_without_penalty = rows[:, : cone.unpenalised].T
     shortfall = np.maximum(-(columns_without_penalty @ nu), 0.0)
     if not shortfall.any():
         return nu
@@ -392,7 +399,7 @@ def _find_violation(cone: Matrices, slack: FloatArray) -> float:
 
     This is minus the least slack of a scalar or eigenvalue of a block's slack.
     """
-    penalised_scalars = slice(cone.free, cone.nonnegative)
+    penalised_scalars = slice(cone.unpenalised, cone.nonnegative)
     must_not_be_negative = slack[penalised_scalars].tolist()
     for size, place in cone.blocks():
         eigenvalues = np.linalg.eigvalsh(to_matrix(slack[place], size))
@@ -407,10 +414,10 @@ def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Matrices, r
     with its absolute value, so that the product is not understated. The result is inf if such a slack is more
     negative.
     """
-    slacks_without_penalty = slack[: cone.free]
+    slacks_without_penalty = slack[: cone.unpenalised]
     if not (slacks_without_penalty >= -rounding).all():
         return float("inf")
-    safe_slack = np.concatenate([np.abs(slacks_without_penalty), slack[cone.free :]])
+    safe_slack = np.concatenate([np.abs(slacks_without_penalty), slack[cone.unpenalised :]])
     return max(0.0, float(safe_slack @ x))
 
 
@@ -788,7 +795,9 @@ def _propose_solutions_with_masses(problem: Problem[WithMasses]) -> Iterator[Sol
             near, unit = x, max(float(np.sqrt(problem.squares.loss(x))), _LEAST_UNIT * b_norm)
 
 
-def _certify_with_masses(problem: Problem[WithMasses], x: FloatArray, own: FloatArray) -> Certificate:
+def _certify_with_masses(
+    problem: Problem[WithMasses], x: FloatArray, clarabel_point: FloatArray
+) -> Certificate:
     """Return the certificate of a point x (p,) of the set, with A = R and b = z of the problem.
 
     For any x and y: ``‖A y − b‖² ≥ ‖A x − b‖² + 2 gᵀ(y − x)`` with g = Aᵀ(A x − b), so that the loss at x
@@ -798,7 +807,7 @@ def _certify_with_masses(problem: Problem[WithMasses], x: FloatArray, own: Float
     Args:
         problem: least squares over a set of cones.
         x: (p,) point of the set.
-        own: (p,) Clarabel's own answer, a witness of the optimum.
+        clarabel_point: (p,) Clarabel's own answer, a witness of the optimum.
     """
     A, b = problem.squares.R, problem.squares.z
     b_norm = float(np.linalg.norm(b)) or 1.0
@@ -807,7 +816,7 @@ def _certify_with_masses(problem: Problem[WithMasses], x: FloatArray, own: Float
     # The violation is zero for g in the dual cone.
     dual_violation = -2.0 * problem.cone.minimise_linear_function(g) / b_norm**2
     gap = dual_violation + 2.0 * float(g @ x) / b_norm**2
-    witness = Witness(float(np.linalg.norm(A @ (own - x))) / b_norm)
+    witness = Witness(float(np.linalg.norm(A @ (clarabel_point - x))) / b_norm)
     return Certificate(0.0, dual_violation, gap, residual / b_norm, "clarabel", witness)
 
 

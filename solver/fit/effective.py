@@ -124,7 +124,7 @@ def compute_effective_compliances(
     robot: Robot,
     elastic: ElasticFit,
     confidence: float,
-    range_estimate: ElasticFit | None = None,
+    fit_for_ranges: ElasticFit | None = None,
     *,
     publishes_ranges: bool = True,
 ) -> EffectiveCompliances:
@@ -140,22 +140,22 @@ def compute_effective_compliances(
         robot: n joints.
         elastic: estimate of the chosen model; its effective compliances are returned if no range is known.
         confidence: confidence level of the ranges.
-        range_estimate: estimate of the richest model compared, from which the ranges are computed; None takes
+        fit_for_ranges: estimate of the richest model compared, from which the ranges are computed; None takes
             `elastic`.
         publishes_ranges: whether the ranges may be published as intervals: only if cross-validation chose the
-            penalty.
+            penalty. Otherwise the returned compliances are those at the given penalty.
     """
-    range_estimate = range_estimate or elastic
+    fit_for_ranges = fit_for_ranges or elastic
     to_effective = build_effective_rows(robot, elastic.candidate.columns)
     effective = to_effective @ elastic.entries
-    quantile = range_estimate.likelihood.scale.quantile(0.5 * (1.0 + confidence))
+    quantile = fit_for_ranges.likelihood.scale.quantile(0.5 * (1.0 + confidence))
     ranges = _Ranges.unknown(effective)
     with suppress(SolverError):  # Without a certified optimum the ranges remain unknown.
-        ranges = _find_ranges(range_estimate, to_effective, quantile) or ranges
+        ranges = _find_ranges(fit_for_ranges, to_effective, quantile) or ranges
     if publishes_ranges:
         effective = ranges.at_optimum
     # An error of all loads' size changes all compliances in proportion, and no reading shows it.
-    scale_error = quantile * range_estimate.force_scale * effective
+    scale_error = quantile * fit_for_ranges.force_scale * effective
     return EffectiveCompliances(
         compliance=np.where(np.isnan(elastic.compliance), np.nan, effective),
         range=ranges.widen_around(effective, scale_error),
@@ -213,7 +213,7 @@ def _find_ranges(estimate: ElasticFit, to_effective: FloatArray, quantile: float
     if sigma is None:
         return None
     reduced = likelihood.reduced
-    program = reduced.state(_LIGHTER * likelihood.weight)
+    program = reduced.build_problem(_LIGHTER * likelihood.weight)
     optimum = solve(program, gap=_GAP).x
     functions = to_effective[:, reduced.columns] * reduced.unit  # of the program's parameters x
     root_of_increase = quantile * sigma / reduced.reading_norm

@@ -407,7 +407,7 @@ def _summarise_residuals(
     part = squares.part
     effective_freedom = np.zeros(part.compliances)
     effective_freedom[squares.columns] = compute_effective_freedom(
-        squares.state(weight), squares.to_parameters(compliances)
+        squares.build_problem(weight), squares.to_parameters(compliances)
     )
     degrees_of_freedom = max(0.0, part.count - float(effective_freedom.sum()))
     S, s = part.regression
@@ -423,20 +423,21 @@ def _summarise_residuals(
 def _compute_gap_scale(reduced: Reduced) -> float:
     """Return the length [m] by which the duality gap of a fit is judged: the size of the noise.
 
-    The length is sigma, or the rms residual of an unconstrained fit without penalty, if that is greater: an
-    optimum more exact than these residuals would have no use. If sigma is None, the rms residual of a fit of
-    joints alone replaces sigma.
+    The length is the stated sigma, or the rms residual of an unconstrained fit without penalty, if that is
+    greater: an optimum more exact than these residuals would have no use. If no sigma is stated, the rms
+    residual of a fit of joints alone replaces sigma.
     """
+    # Rows and residuals are relative to the norm of the readings, `reduced.reading_norm` [m].
     squares, reading_count = reduced.squares, reduced.part.sums.readings
-    joint_count = reduced.cone.free  # the first parameters, which have no penalty
-    joint_columns = squares.R[:, :joint_count]
-    compliances, *_ = np.linalg.lstsq(joint_columns, squares.z, rcond=None)
-    joints_residual = float(np.linalg.norm(joint_columns @ compliances - squares.z))
+    noise = reduced.sigma
+    if noise is None:
+        joint_count = reduced.cone.unpenalised  # the joints are the first parameters
+        joint_columns = squares.R[:, :joint_count]
+        compliances, *_ = np.linalg.lstsq(joint_columns, squares.z, rcond=None)
+        residual = max(float(np.linalg.norm(joint_columns @ compliances - squares.z)), _LEAST_SCALE)
+        noise = residual * reduced.reading_norm / sqrt(max(1, reading_count - joint_count))
     # `squares.origin` are the parameters of the unconstrained fit.
     least_residual = float(np.linalg.norm(squares.R @ squares.origin - squares.z))
-    # Residuals are relative to the norm of the readings, `reduced.reading_norm` [m].
-    joints_scale = max(joints_residual, _LEAST_SCALE) * reduced.reading_norm
-    noise = reduced.sigma or joints_scale / sqrt(max(1, reading_count - joint_count))
     return max(noise, least_residual * reduced.reading_norm / sqrt(max(1, reading_count)))
 
 

@@ -839,12 +839,12 @@ class Evidence:
 
     def _compare_with_prior(self, j: int) -> JointPrior | None:
         """Return the prior of joint j with the compliance by the readings alone; None without a prior."""
-        if self.prior is None or self.fit.alone is None:
+        if self.prior is None or self.fit.without_prior is None:
             return None
         return JointPrior(
             mean=float(self.prior.mean[j]),
             standard_uncertainty=float(self.prior.standard_uncertainty[j]),
-            by_readings=float(self.fit.alone.compliance[j]),
+            by_readings=float(self.fit.without_prior.compliance[j]),
         )
 
     def _judge(
@@ -1368,7 +1368,8 @@ def predict(
         rows: N observations. Where the loads are in balance with compliances, the predicted deflections equal
             the exact balance to third order; else this bending is neglected.
         compliance: (n,) compliances c [rad/(N·m)].
-        is_estimated: (n,) mask of joints with an estimate; all if None. Other joints have zero contributions.
+        is_estimated: (n,) mask of joints with an estimate; all if None. Other joints are part of the
+            prediction, but their contributions are zero.
         statements: errors of the load and of places that were fitted with the joints; their motion is part
             of the predicted deflections. None for loads and places as stated.
 
@@ -1380,18 +1381,19 @@ def predict(
     """
     contributing = compliance if is_estimated is None else np.where(is_estimated, compliance, 0.0)
     errors = statements or FittedStatements.none(rows.robot.n)
-    predicted, encoder_deflections, projected = [], [], []
+    predicted, encoder_deflections, contributions_of_blocks = [], [], []
     for block_rows in errors.statements.generate(rows, whitened=False):  # B observations each
         A, torque = block_rows.block.A, block_rows.block.torque  # (B, T, 3, n), (B, n)
-        motion_by_errors, turn_by_errors = errors.predict(block_rows)
+        motion_by_errors, turn_by_errors = errors.compute_motion(block_rows)
         predicted.append(A @ compliance + motion_by_errors)
         joint_deflection = torque * compliance
         if turn_by_errors is not None:
             joint_deflection = joint_deflection + turn_by_errors
         encoder_deflections.append(joint_deflection)
-        projected.append(_project_on_sum(A * contributing))
+        motion_by_joint = A * contributing  # (B, T, 3, n)
+        contributions_of_blocks.append(_project_on_sum(motion_by_joint))
     measurements = rows.measurements
-    contributions = _average_contributions(np.concatenate(projected), measurements.present)
+    contributions = _average_contributions(np.concatenate(contributions_of_blocks), measurements.present)
     prediction = Prediction.from_predicted(measurements, np.concatenate(predicted), contributions)
     return replace(prediction, encoders=np.concatenate(encoder_deflections))
 

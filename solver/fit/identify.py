@@ -311,7 +311,7 @@ def _find_shift_by_complementary_stiffness(fit: JointsFit, sigma: float | None) 
     if only_k_c_changed_the_fit:
         return fit.compliance - fit.first.compliance
     has_prior = fit.settings.prior is not None
-    if fit.expected_shift is not None and not has_prior:  # sigma only weighs a prior
+    if fit.expected_shift is not None and not has_prior:  # the final sigma would only weigh a prior anew
         return fit.expected_shift
     return _estimate_neglected_shift(fit.problem, fit.first, sigma)
 
@@ -412,7 +412,8 @@ class _SingleFit:
     solved: SolvedMethod  # optimum
     without_prior: MethodFit | None  # fit without the prior; None without a prior
     robust: RobustFit | None  # weights of the readings by the Huber loss; None for the squared loss
-    targets: TargetRows | None  # rows for the Huber loss; None for the squared loss
+    #: rows for the Huber loss; None for the squared loss, or after the fit if a further fit follows
+    targets: TargetRows | None
 
     @property
     def compliance(self) -> FloatArray:
@@ -425,13 +426,24 @@ class _SingleFit:
 
     def describe(self) -> MethodFit:
         """Return the fit with its covariance, and with what the readings determine."""
-        return replace(self.solved.describe(), alone=self.without_prior)
+        return replace(self.solved.describe(), without_prior=self.without_prior)
 
     def list_certificates(self) -> tuple[Certificate, ...]:
         """Return the certificates of the stages, after that of the robust fit, if there is one."""
         of_stages = [stage.solution.certificate for stage in self.solved.stages.values()]
         of_robust_fit = [] if self.robust is None else [self.robust.certificate]
         return (*of_robust_fit, *of_stages)
+
+    def compute_huber_chi_square(self) -> float | None:
+        """Return chi-square with residuals limited to the threshold of the Huber loss.
+
+        None for the squared loss.
+        """
+        if self.robust is None or self.targets is None:
+            return None
+        return self.targets.chi_square(
+            self.compliance, sigma=self.robust.sigma, threshold=self.robust.threshold
+        )
 
     def estimate_sigma_from_residuals(self) -> float:
         """Return sigma, the standard deviation of a coordinate, from the residuals [m].
@@ -754,9 +766,15 @@ class _DescribedFit:
         return frozenset(j for group in self.fit.undetermined for j in group.joints)
 
     def collect_evidence(self) -> Evidence:
-        """Return the data on which the verdicts on the joints are based."""
-        settings, sigma = self.problem.settings, self.scale.sigma
-        n = len(self.fit.compliance)
+        """Return the data on which the verdicts on the joints are based.
+
+        They include profile-likelihood intervals of joints near the line of the load, where intervals to
+        first order do not suffice.
+        """
+        settings = self.problem.settings
+        prior_to_data = _compare_prior_to_data(
+            self.fit.without_prior, settings.prior, self.scale.sigma, joint_count=len(self.fit.compliance)
+        )
         return Evidence(
             names=self.problem.rows.robot.joint_names,
             fit=self.fit,
@@ -764,9 +782,9 @@ class _DescribedFit:
             scale=self.scale,
             constraints=settings.constraints,
             confidence=settings.confidence,
-            prior_to_data=_compare_prior_to_data(self.fit.alone, settings.prior, sigma, n),
+            prior_to_data=prior_to_data,
             prior=settings.prior,
-            profiles=_profile_short_levers(self),
+            profiles=_profile_joints_near_load(self),
         )
 
 
@@ -848,8 +866,9 @@ def _widen_likelihood(fit: MethodFit, uncertainty: FloatArray, open_joints: Inde
 def _estimate_final_scale(problem: _Problem, last_fit: _SingleFit, fit: MethodFit) -> Scale:
     """Return sigma, as stated or from the residuals, and the chi-square of the last fit.
 
-    With the Huber loss, a robust scale replaces a sigma that is unknown, and chi-square limits each residual
-    to the threshold of the loss. Sigma is at least the rounding error of a position.
+    The Huber loss has a sigma of its own: the stated one, or a robust scale of the residuals if sigma is
+    unknown; and its chi-square limits each residual to the threshold of the loss. Sigma is at least the
+    rounding error of a position.
 
     Args:
         problem: observations and settings.
@@ -858,14 +877,12 @@ def _estimate_final_scale(problem: _Problem, last_fit: _SingleFit, fit: MethodFi
     """
     stated_sigma = problem.rows.measurements.sigma
     all_readings = last_fit.compressed.all_readings
-    robust, targets = last_fit.robust, last_fit.targets
-    if robust is None or targets is None:
-        scale = _estimate_scale_with_prior(fit, all_readings, stated_sigma)
-    else:
-        scale = _estimate_scale_with_prior(fit, all_readings, robust.sigma)
-        chi_square = targets.chi_square(last_fit.compliance, sigma=robust.sigma, threshold=robust.threshold)
+    sigma = stated_sigma if last_fit.robust is None else last_fit.robust.sigma
+    scale = _estimate_scale_with_prior(fit, all_readings, sigma)
+    huber_chi_square = last_fit.compute_huber_chi_square()
+    if huber_chi_square is not None:
         is_stated = scale.given and stated_sigma is not None  # a robust scale is not a stated sigma
-        scale = replace(scale, given=is_stated, chi_square=chi_square)
+        scale = replace(scale, given=is_stated, chi_square=huber_chi_square)
     return scale if scale.sigma is None else replace(scale, sigma=max(scale.sigma, _LEAST_SIGMA))
 
 
@@ -874,9 +891,9 @@ def _estimate_scale_with_prior(fit: MethodFit, all_readings: Triangle, sigma: fl
 
     With a prior, sigma comes from the fit without the prior, and chi-square from the fit with the prior.
     """
-    if fit.alone is None:
+    if fit.without_prior is None:
         return estimate_scale(fit, all_readings, sigma)
-    without_prior = estimate_scale(fit.alone, all_readings, sigma)
+    without_prior = estimate_scale(fit.without_prior, all_readings, sigma)
     with_prior = estimate_scale(fit, all_readings, without_prior.sigma)
     return replace(with_prior, given=without_prior.given)
 
@@ -967,7 +984,7 @@ def _list_terms_to_propagate(measurements: Measurements) -> list[Term]:
     return stated_terms
 
 
-def _profile_short_levers(described: _DescribedFit) -> dict[int, LeverProfile]:
+def _profile_joints_near_load(described: _DescribedFit) -> dict[int, LeverProfile]:
     """Return profile-likelihood intervals of the joints near the line of the load, by the joint's index.
 
     At such a joint an error of the load's place changes the torque by as much as the torque itself, so that
@@ -1099,7 +1116,7 @@ def _build_free_load(problem: _Problem, last_fit: _SingleFit, sigma: float) -> F
 
 
 def _compare_prior_to_data(
-    fit_without_prior: MethodFit | None, prior: Prior | None, sigma: float | None, n: int
+    fit_without_prior: MethodFit | None, prior: Prior | None, sigma: float | None, *, joint_count: int
 ) -> FloatArray:
     """Return for each joint the ratio (n,) of the prior's information to the readings' information.
 
@@ -1108,7 +1125,7 @@ def _compare_prior_to_data(
     combination with other joints.
     """
     if fit_without_prior is None or prior is None or sigma is None:
-        return np.full(n, np.nan)
+        return np.full(joint_count, np.nan)
     variance = sigma**2 * np.diagonal(fit_without_prior.covariance)
     ratio = variance / prior.standard_uncertainty**2
     for group in fit_without_prior.undetermined:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -49,13 +49,22 @@ class FreedMass:
     change_if_doubled: FloatArray
 
 
-def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> list[FreedMass]:
+class _UncertainMass(NamedTuple):
+    """Mass whose deviation ζ_k from the middle of its bounds changes the torque of a joint."""
+
+    k: int  # index of the deviation
+    body: int  # index of the body
+    mean: float  # middle of the bounds [kg]
+    half_range: float  # from the middle to a bound, the unit of ζ_k [kg]
+
+
+def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise_variance: float) -> list[FreedMass]:
     """Fit the readings with each uncertain mass freed from its bounds in turn.
 
     Args:
         problem: convex problem of the last step.
         burden: bodies and springs.
-        noise: mean square of the residuals, in units of sigma².
+        noise_variance: mean square of the residuals, in the squared unit of the problem's rows.
 
     Returns:
         One result for each uncertain mass that changes the torque of a joint.
@@ -64,29 +73,20 @@ def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> l
 
     # The unknowns are y = (c, ζ): n compliances, then the deviations of the masses. A block has the slice of
     # a joint's parameters in x, and the indices in y of the deviations that act on the joint.
+    n = len(problem.unit)
     blocks = [
-        (span, len(problem.unit) + np.array(unknown_indices, dtype=np.intp))
-        for *_, span, unknown_indices in problem.blocks
+        (span, n + np.array(unknown_indices, dtype=np.intp)) for *_, span, unknown_indices in problem.blocks
     ]
     squares, cone = problem.convex.squares, problem.convex.cone
-    n, size = len(blocks), squares.R.shape[1]
+    size = squares.R.shape[1]
     count = max((k + 1 for unknown_indices in problem.unknowns for k in unknown_indices), default=0)
-    means = [0.5 * (body.most + body.least) for body in burden.bodies]
-    unknown_inertias, _ = burden.unknown
-    # Index of the unknown, index of the body and half-width of the bounds, for each uncertain mass; below,
-    # for those that change the torque of a joint. An unknown first moment has no mass, so its `half` is zero.
-    uncertain = [(k, body, half) for k, (body, (half, *_)) in enumerate(unknown_inertias) if half > 0.0]
-    acting = [
-        (k, body, half)
-        for k, body, half in uncertain
-        if any((indices == n + k).any() for _, indices in blocks)
-    ]
+    masses = _list_uncertain_masses(problem, burden)
     lower = np.full(n + count, -np.inf)
     lower[:n] = 0.0
-    for k, body, half in acting:
-        lower[n + k] = -means[body] / half  # no mass is negative
+    for mass in masses:
+        lower[n + mass.k] = -mass.mean / mass.half_range  # no mass is negative
     bounds = (lower, np.concatenate([cone.cap, np.full(count, np.inf)]))
-    scale = np.sqrt(noise)
+    scale = np.sqrt(noise_variance)
 
     def fit_masses(start: FloatArray, free: int | None) -> tuple[FloatArray, float, FloatArray]:
         """Fit y = (c, ζ); return y, the loss and the Jacobian of the residuals.
@@ -95,7 +95,9 @@ def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> l
             start: y at which the search starts.
             free: index of the deviation ζ whose bounds are dropped; None drops none.
         """
-        prior = np.sqrt(3.0) * np.eye(n + count)[n:] * np.where(np.arange(count) == free, _FREE, 1.0)[:, None]
+        # A mass is uniform within its bounds at ζ = ±1, of variance 1/3; a free one has hardly any prior.
+        weakening = np.where(np.arange(count) == free, _FREE, 1.0)
+        prior = np.sqrt(3.0) * np.eye(n + count)[n:] * weakening[:, None]
 
         def compute_residuals(y: FloatArray) -> FloatArray:
             """Return the residuals of the readings, then of the prior, at y = (c, ζ)."""
@@ -121,35 +123,55 @@ def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> l
     nominal_fit = np.clip(np.linalg.lstsq(compliance_columns, squares.z)[0], 0.0, cone.cap)
     bounded_y, bounded_loss, _ = fit_masses(np.concatenate([nominal_fit, np.zeros(count)]), None)
     freed = []
-    for k, body, half in acting:
-        y, freed_loss, jacobian = fit_masses(bounded_y, k)
+    for mass in masses:
+        y, freed_loss, jacobian = fit_masses(bounded_y, mass.k)
         root = np.linalg.pinv(jacobian, rcond=0.0)  # root rootᵀ is the covariance of y
-        variance = float(root[n + k] @ root[n + k])
-        slope = root[:n] @ root[n + k] / variance  # derivative of the compliances with respect to ζ_k
+        root_of_mass = root[n + mass.k]
+        variance = float(root_of_mass @ root_of_mass)
+        slope = root[:n] @ root_of_mass / variance  # derivative of the compliances with respect to ζ_k
         # A compliance near zero is replaced by its uncertainty for a mass that is fixed as stated.
-        reference = np.maximum(y[:n], np.linalg.norm(root[:n] - np.outer(slope, root[n + k]), axis=1))
-        change_if_doubled = means[body] / half * slope / np.where(reference > 0.0, reference, np.inf)
+        uncertainty_if_fixed = np.linalg.norm(root[:n] - np.outer(slope, root_of_mass), axis=1)
+        reference = np.maximum(y[:n], uncertainty_if_fixed)
+        reference = np.where(reference > 0.0, reference, np.inf)
         # The weak prior alone gives the variance 1 / (3 _FREE²): the readings must at least halve it.
         is_determined = 3.0 * _FREE**2 * variance < 0.5
-        mass = means[body] + half * float(y[n + k])
-        uncertainty = half * float(np.sqrt(variance)) if is_determined else np.inf
-        freed.append(FreedMass(body, mass, uncertainty, bounded_loss - freed_loss, change_if_doubled))
+        freed_mass = FreedMass(
+            body=mass.body,
+            mass=mass.mean + mass.half_range * float(y[n + mass.k]),
+            uncertainty=mass.half_range * float(np.sqrt(variance)) if is_determined else np.inf,
+            gain=bounded_loss - freed_loss,
+            change_if_doubled=mass.mean / mass.half_range * slope / reference,
+        )
+        freed.append(freed_mass)
     return freed
+
+
+def _list_uncertain_masses(problem: ReducedProblem, burden: Burden) -> list[_UncertainMass]:
+    """Return the masses with bounds that change the torque of a joint."""
+    changes_a_torque = {k for *_, unknown_indices in problem.blocks for k in unknown_indices}
+    unknown_inertias, _ = burden.unknown
+    masses = list[_UncertainMass]()
+    for k, unknown in enumerate(unknown_inertias):
+        half_range = float(unknown.greatest[0])  # zero for an unknown first moment, which has no mass
+        if half_range > 0.0 and k in changes_a_torque:
+            body = burden.bodies[unknown.body]
+            masses.append(_UncertainMass(k, unknown.body, 0.5 * (body.most + body.least), half_range))
+    return masses
 
 
 def find_contradicted_mass(freed: Sequence[FreedMass]) -> FreedMass | None:
     """Return the mass that the readings contradict most; None if they contradict no mass."""
     determined = (each for each in freed if np.isfinite(each.uncertainty))
     worst = max(determined, key=lambda each: each.gain, default=None)
-    return None if worst is None or worst.gain <= CONTRADICTED else worst
+    if worst is None or worst.gain <= CONTRADICTED:
+        return None
+    return worst
 
 
 def widen_mass_bounds(bodies: Sequence[Body], wrong_mass: FreedMass) -> tuple[Body, ...]:
     """Return the bodies, with the wrong mass's bounds widened to its fitted value ± two uncertainties."""
-    lower, upper = (
-        wrong_mass.mass - 2.0 * wrong_mass.uncertainty,
-        wrong_mass.mass + 2.0 * wrong_mass.uncertainty,
-    )
+    lower = wrong_mass.mass - 2.0 * wrong_mass.uncertainty
+    upper = wrong_mass.mass + 2.0 * wrong_mass.uncertainty
     body = bodies[wrong_mass.body]
     widened = replace(body, least=max(0.0, min(body.least, lower)), most=max(body.most, upper))
     return (*bodies[: wrong_mass.body], widened, *bodies[wrong_mass.body + 1 :])

@@ -391,7 +391,7 @@ class MethodRows:
     #: triangle of all readings, weighted by covariance, with the stated errors projected out. Residuals,
     #: sigma and degrees of freedom are computed on this triangle, whatever the method fits
     all_readings: Triangle
-    stages: tuple[Triangle, ...]  #: triangle of each stage, with the stated errors projected out
+    triangles: tuple[Triangle, ...]  #: rows of each stage, with the stated errors projected out
     #: triangle of each stage's `StageRows.mapped_twice`; None where rows are weighted by covariance
     spreads: tuple[Triangle, ...] | None
     #: (n, n) weighted covariance between the readings of the two stages: ``A₂ᵀΩ₂ Σ Ω₁A₁``
@@ -434,16 +434,16 @@ class MethodRows:
         sigma = statements.sigma
         all_readings = _project_out_stated_errors(sums.readings, K, sigma)
         if method.is_plain:  # the method fits all readings as they are
-            fitted, stages = [sums.readings], [all_readings]
+            fitted, triangles = [sums.readings], [all_readings]
         else:
             fitted = sums.fitted
-            stages = [_project_out_stated_errors(triangle, K, sigma) for triangle in fitted]
+            triangles = [_project_out_stated_errors(triangle, K, sigma) for triangle in fitted]
         rows_of_statements = np.eye(n + K)[n:] * sigma  # each error is 0 ± 1
         return cls(
             method=method,
             statements=statements,
             all_readings=all_readings,
-            stages=tuple(stages),
+            triangles=tuple(triangles),
             spreads=None if method.by_covariance else tuple(sums.spreads),
             cross=sums.cross,
             seen_from_centre=sums.seen_from_centre,
@@ -506,7 +506,8 @@ class MethodRows:
         """Compute the bias of the estimate that one unit of each unknown of neglected terms causes.
 
         A term is an error or effect that moves the targets in proportion to its k unknowns. Without bounds
-        the estimate is linear, ĉ = H d, so the bias is ``H A_term``, with A_term the columns of the term.
+        the estimate is linear in the readings d, ĉ = H d. The term adds its columns A_term to the readings,
+        but nothing to the prior, so that the bias is ``H A_term``.
 
         Args:
             rows: the observations that were compressed.
@@ -519,18 +520,20 @@ class MethodRows:
             For each term's name the bias (n, k) that its k unknowns cause [rad/(N·m) per unit]; zero for
             joints that are not estimated.
         """
-        products, widths = self._multiply_by_terms(rows, terms, compliance)
-        bias = np.zeros(products[0].shape)
-        for stage, triangle, product in zip(self.method.stages, self.stages, products, strict=True):
+        products_of_stages, widths = self._multiply_by_terms(rows, terms, compliance)
+        bias = np.zeros(products_of_stages[0].shape)  # of all joints, filled in stage by stage
+        of_stages = zip(self.method.stages, self.triangles, products_of_stages, strict=True)
+        for stage, triangle, products in of_stages:
             fitted_joints = np.intersect1d(stage.joints, joints)
             known_joints = np.intersect1d(stage.known, joints)  # estimated by an earlier stage
             A, A_known = triangle.matrix[:, fitted_joints], triangle.matrix[:, known_joints]
-            # The bias b of the fitted joints solves AᵀA b = Aᵀ A_term − Aᵀ A_known b_known.
-            rhs = product[fitted_joints] - A.T @ (A_known @ bias[known_joints])
+            # The bias b of the fitted joints solves (AᵀA + PᵀP) b = Aᵀ (A_term − A_known b_known), with the
+            # rows P of a prior.
+            rhs = products[fitted_joints] - A.T @ (A_known @ bias[known_joints])
             if prior is not None:
-                prior_matrix, _ = prior.rows(fitted_joints)
-                A = np.vstack([A, prior_matrix])
-            inverse = Spectrum(A).inverse  # pseudo-inverse A⁺, so (AᵀA)⁻¹ = A⁺ A⁺ᵀ
+                P, _ = prior.rows(fitted_joints)
+                A = np.vstack([A, P])
+            inverse = Spectrum(A).inverse  # pseudo-inverse A⁺ of all rows, so (AᵀA)⁻¹ = A⁺ A⁺ᵀ
             bias[fitted_joints] = inverse @ (inverse.T @ rhs)
         bias_by_term, start = {}, 0
         for term in terms:
@@ -556,7 +559,7 @@ class MethodRows:
         """
         n = len(self.method.joint_names)
         errors_of_joints = self.to_unknowns[:, :-1]  # fitted errors that explain each joint's column best
-        products: list[FloatArray] = [np.zeros(()) for _ in self.stages]
+        products: list[FloatArray] = [np.zeros(()) for _ in self.triangles]
         widths: dict[str, int] = {}
         joint_blocks = self.statements.generate(rows, [JOINTS])
         for of_terms, of_joints in zip(rows.generate(terms, compliance), joint_blocks, strict=True):
@@ -573,7 +576,7 @@ def _project_out_stated_errors(triangle: Triangle, count: int, sigma: float) -> 
     """Return the triangle of the other columns, in which `count` stated errors are fitted, each 0 ± 1."""
     if not count:
         return triangle
-    return triangle.given("statements", np.ones(count), sigma)
+    return triangle.project_out_stated("statements", np.ones(count), sigma)
 
 
 def _fit_errors_to_columns(rows: FloatArray, joints: int, sigma: float) -> FloatArray:

@@ -199,7 +199,7 @@ def _state_least_squares(shape: _Shape) -> Program:
 
 
 def solve_huber(
-    A: FloatArray, d: FloatArray, S: FloatArray, t: FloatArray, squared: Problem[Scalars]
+    A: FloatArray, d: FloatArray, S: FloatArray, t: FloatArray, least_squares: Problem[Scalars]
 ) -> FloatArray | None:
     """Solve ``minimise Σ_i ρ(‖d_i − A_i c‖) + ½ ‖S c − t‖²`` under the constraints.
 
@@ -210,12 +210,12 @@ def solve_huber(
         d: (K, 3) deflections of the targets, in units of the threshold.
         S: (q, n) regressor of the rows whose loss remains squared.
         t: (q,) readings of these rows.
-        squared: least-squares problem with the same rows: gives the constraints and the scaling of columns.
+        least_squares: problem with the same rows by squares: gives the constraints and the units of c.
 
     Returns:
         (n,) compliances [rad/(N·m)] to Clarabel's tolerance; None if Clarabel fails.
     """
-    scaled = squared.equilibrated
+    scaled = least_squares.equilibrated
     n = len(scaled.unit)
     with COMPILING:
         x = cp.Variable(n)  # c divided by its units

@@ -148,7 +148,7 @@ class Reduced:
             statement=self.part.statements.sigma / self.total_deflection,
         )
 
-    def state(self, weight: float) -> Problem[Matrices]:
+    def build_problem(self, weight: float) -> Problem[Matrices]:
         """Return the problem that minimises squared residuals plus λ times the penalty."""
         return Problem(self.squares, self.cone, weight)
 
@@ -396,12 +396,12 @@ class SquaredLoss(Loss):
         if not cone.has_penalty:
             positive = Scalars(Bounds.positive(cone.dimension))
             return solve(Problem(self.reduced.squares, positive), witnessed=False)
-        return solve(self.reduced.state(weight), gap=gap, accepted=accepted)
+        return solve(self.reduced.build_problem(weight), gap=gap, accepted=accepted)
 
     def certify_gap(self, compliances: FloatArray, weight: float, solution: Solution) -> float:  # noqa: ARG002
         """Return the duality gap at compliances (P,); the solution is not needed."""
         x = self.reduced.to_parameters(compliances)
-        return certify_cone(self.reduced.state(weight), x).gap
+        return certify_cone(self.reduced.build_problem(weight), x).gap
 
     def build_weighted_squares(
         self,

@@ -28,6 +28,6 @@ def check_solver() -> Witness:
 
     positive = Scalars(Bounds.positive(len(_OPTIMUM)))
     scaled = Problem(LeastSquares(_REGRESSOR, _READINGS), positive).equilibrated
-    own = programs.solve_least_squares(scaled.problem)
+    clarabel_point = programs.solve_least_squares(scaled.problem)
     squares = scaled.problem.squares
-    return compare_answers(squares.R, own, np.array(_OPTIMUM) / scaled.unit, squares.z)
+    return compare_answers(squares.R, clarabel_point, np.array(_OPTIMUM) / scaled.unit, squares.z)

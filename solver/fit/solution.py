@@ -244,27 +244,28 @@ def _solve_scalars(problem: Problem[Scalars], *, witnessed: bool) -> SolutionOfS
 
 
 def compare_answers(
-    rows: FloatArray, own: FloatArray | None, optimum: FloatArray, readings: FloatArray
+    rows: FloatArray, clarabel_point: FloatArray | None, optimum: FloatArray, readings: FloatArray
 ) -> Witness:
     """Compare Clarabel's own answer with the certified optimum: how far their fitted readings differ.
 
     Args:
         rows: (m, p) regressor.
-        own: (p,) Clarabel's answer; None if Clarabel gave none.
+        clarabel_point: (p,) Clarabel's answer; None if Clarabel gave none.
         optimum: (p,) the certified optimum.
         readings: (m,) right-hand side.
     """
-    if own is None:
+    if clarabel_point is None:
         return Witness(float("inf"))
     size_of_readings = float(np.linalg.norm(readings)) or 1.0
-    difference = float(np.linalg.norm(rows @ (own - optimum)))
+    difference = float(np.linalg.norm(rows @ (clarabel_point - optimum)))
     return Witness(difference / size_of_readings)
 
 
 def _propose_fast(problem: Problem[Scalars]) -> Iterator[_Proposal]:
-    """Yield points, those of Clarabel last: pivoting or least distance is faster.
+    """Yield points that may be the optimum, the fastest method first.
 
-    Pivoting starts from least squares without bounds; it knows no inequalities.
+    Inequalities: least-distance programming, then Clarabel. Bounds alone: pivoting, which starts from least
+    squares without bounds, then Clarabel, and last an active-set method.
     """
     if problem.cone.inequality_count:
         yield from _propose_by_least_distance(problem)

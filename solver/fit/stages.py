@@ -146,7 +146,7 @@ class MethodFit:
     undetermined: tuple[Combination, ...]
     identifiability: tuple[Identifiability, ...]  #: identifiability of each stage, by the readings alone
     certificates: tuple[Certificate, ...]  #: certificates of each stage
-    alone: MethodFit | None = None  #: the fit without the prior; None if no prior was used
+    without_prior: MethodFit | None = None  #: the fit without the prior; None if no prior was used
 
     def multiply_covariance(self, factor: float) -> MethodFit:
         """Return the fit with the covariance of the estimate multiplied by a factor."""
@@ -338,7 +338,7 @@ class SolvedMethod:
         """
         stages = list(self.stages.values())
         is_by_covariance = self.compressed.spreads is None
-        is_one_stage_by_covariance = is_by_covariance and len(self.compressed.stages) == 1
+        is_one_stage_by_covariance = is_by_covariance and len(self.compressed.triangles) == 1
         if is_one_stage_by_covariance and stages:
             return stages[0].spectrum.determined  # weighted by covariance, so RᵀR is the inverse already
         if not undetermined:
@@ -377,7 +377,7 @@ def solve_method(
     solved_stages: dict[int, SolvedStage] = {}
     if len(stages) > 1:
         _refuse_joints_without_effect_on_centre(compressed, has_no_effect)
-    for number, (stage, triangle) in enumerate(zip(stages, compressed.stages, strict=True)):
+    for number, (stage, triangle) in enumerate(zip(stages, compressed.triangles, strict=True)):
         rows = _StageProblem.of(stage, triangle, has_no_effect)
         if not len(rows.joints):
             continue
@@ -527,7 +527,7 @@ def _propagate_error_of_arm(
     wrist_and_arm = np.ix_(wrist.joints, arm.joints)
     arm_and_wrist = np.ix_(arm.joints, wrist.joints)
     L = wrist.spectrum.inverse
-    A_a = compressed.stages[1].matrix[:, arm.joints]
+    A_a = compressed.triangles[1].matrix[:, arm.joints]
     M = L[:, : len(A_a)] @ A_a  # further columns of L belong to a prior, which does not depend on the arm
     # A stage's estimate is A⁺ z with (AᵀA)⁻¹ = A⁺ A⁺ᵀ, and `cross` the covariance of A_wᵀ z_w and A_aᵀ z_a.
     K = (L @ L.T) @ compressed.cross[wrist_and_arm]
@@ -669,7 +669,7 @@ class TargetRows:
 
     rows: FloatArray  #: (K, 3, n + 1) [A d] of the K readings, whitened, in units of sigma
     present: BoolArray  #: (N, T) mask of the targets that were read in each observation; K entries are true
-    squared: Triangle  #: rows of the encoders, whose loss stays squared
+    encoders: Triangle  #: rows of the encoders, whose loss stays squared
 
     @classmethod
     def of(cls, rows: Rows) -> TargetRows:
@@ -678,14 +678,14 @@ class TargetRows:
         The rows are computed for one block of observations after the other.
         """
         n = rows.robot.n
-        targets, present, squared = [], [], Triangle(joints=n)
+        targets, present, encoders = [], [], Triangle(joints=n)
         for block_rows in rows.generate([JOINTS], compliance=np.zeros(n)):
             is_read = block_rows.block.measurements.present  # (B, T)
             targets.append(block_rows.targets[is_read])  # (B, T, 3, n + 1) → (readings, 3, n + 1)
             present.append(is_read)
             if block_rows.encoders is not None:
-                squared.add(block_rows.encoders)
-        return cls(np.concatenate(targets), np.concatenate(present), squared)
+                encoders.add(block_rows.encoders)
+        return cls(np.concatenate(targets), np.concatenate(present), encoders)
 
     def chi_square(self, compliance: FloatArray, *, sigma: float, threshold: float) -> float:
         """Return the chi-square of an estimate, with each residual cut at the threshold to limit outliers.
@@ -707,7 +707,7 @@ class TargetRows:
         part_beyond = threshold**2 / 3.0 * special.gammaincc(1.5, half_square)
         b = part_below + part_beyond
         from_targets = np.sum(np.minimum(norms, threshold) ** 2) / b
-        encoder_residuals = (self.squared.matrix @ compliance - self.squared.rhs) / sigma
+        encoder_residuals = (self.encoders.matrix @ compliance - self.encoders.rhs) / sigma
         return float(from_targets + encoder_residuals @ encoder_residuals)
 
 
@@ -770,8 +770,9 @@ class RobustFit:
 class _HuberProblem:
     """Data of a fit with the Huber loss, in units of the threshold: the loss ρ is linear beyond 1."""
 
-    rows: FloatArray  # (K, 3, p + 1) [A d] of the K readings of targets
-    squared: FloatArray  # (q, p + 1) [S t] of rows whose loss stays squared
+    target_rows: FloatArray  # (K, 3, p + 1) [A d] of the K readings of targets
+    #: (q, p + 1) [S t] of encoders and of a prior, whose loss stays squared
+    other_rows: FloatArray
     constraints: Constraints
 
     @classmethod
@@ -779,7 +780,7 @@ class _HuberProblem:
         """Return the problem for p of n joints, with rows in metres and constraints on all n compliances."""
         joints_and_readings = [*joints, -1]  # the last column has the readings
         target_rows = targets.rows[..., joints_and_readings]  # (K, 3, p + 1)
-        encoder_rows = targets.squared.R[:, joints_and_readings]
+        encoder_rows = targets.encoders.R[:, joints_and_readings]
         return cls(target_rows, encoder_rows, constraints.select(joints))
 
     def with_prior(self, prior: Prior, joints: IndexArray) -> _HuberProblem:
@@ -791,15 +792,15 @@ class _HuberProblem:
         """
         matrix, prior_values = prior.rows(joints)
         prior_rows = np.column_stack([matrix, prior_values])
-        return replace(self, squared=np.vstack([self.squared, prior_rows]))
+        return replace(self, other_rows=np.vstack([self.other_rows, prior_rows]))
 
     def with_residuals_in(self, length: float) -> _HuberProblem:
         """Return the problem with all rows divided by a length [m], so that residuals are in this unit."""
-        return replace(self, rows=self.rows / length, squared=self.squared / length)
+        return replace(self, target_rows=self.target_rows / length, other_rows=self.other_rows / length)
 
     def residuals_at(self, c: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the residuals d − A c (K, 3) of the targets at compliances c (p,), and their norms (K,)."""
-        A, d = self.rows[..., :-1], self.rows[..., -1]
+        A, d = self.target_rows[..., :-1], self.target_rows[..., -1]
         residual = d - A @ c
         return residual, np.linalg.norm(residual, axis=1)
 
@@ -807,8 +808,9 @@ class _HuberProblem:
         """Return the Huber loss of the targets plus half the squares of the other rows, at c (p,)."""
         _, norm = self.residuals_at(c)
         huber_loss = np.where(norm <= 1.0, 0.5 * norm**2, norm - 0.5).sum()
-        squared_residuals = self.squared[:, :-1] @ c - self.squared[:, -1]
-        return float(huber_loss + 0.5 * (squared_residuals @ squared_residuals))
+        S, t = self.other_rows[:, :-1], self.other_rows[:, -1]
+        other_residuals = S @ c - t
+        return float(huber_loss + 0.5 * (other_residuals @ other_residuals))
 
     def state_problem(self, spectrum: Spectrum, z: FloatArray) -> Problem[Scalars]:
         """Return the problem to minimise ‖R c − z‖² under the constraints.
@@ -820,15 +822,15 @@ class _HuberProblem:
 
     def build_weighted_problem(self, weight: FloatArray) -> Problem[Scalars]:
         """Return the least-squares problem with weights (K,) of the targets, under the constraints."""
-        weighted_rows = np.sqrt(weight)[:, None, None] * self.rows  # (K, 3, p + 1)
-        flat_rows = weighted_rows.reshape(-1, self.rows.shape[2])
-        factor = compute_triangular_factor(np.vstack([flat_rows, self.squared]))
+        weighted_rows = np.sqrt(weight)[:, None, None] * self.target_rows  # (K, 3, p + 1)
+        flat_rows = weighted_rows.reshape(-1, self.target_rows.shape[2])
+        factor = compute_triangular_factor(np.vstack([flat_rows, self.other_rows]))
         R, z = factor[:, :-1], factor[:, -1]
         return self.state_problem(Spectrum(R), z)
 
     def build_unweighted_problem(self) -> Problem[Scalars]:
         """Return the problem with squared instead of Huber loss: least squares with all weights 1."""
-        return self.build_weighted_problem(np.ones(len(self.rows)))
+        return self.build_weighted_problem(np.ones(len(self.target_rows)))
 
     def minimise_quadratic_model(self, c: FloatArray, damping: float) -> tuple[FloatArray, Certificate]:
         """Minimise a quadratic model of the objective around compliances c (p,) under the constraints.
@@ -840,7 +842,7 @@ class _HuberProblem:
         Returns:
             The minimiser (p,), and the certificate of the model's minimum.
         """
-        A, S, t = self.rows[..., :-1], self.squared[:, :-1], self.squared[:, -1]  # A (K, 3, p)
+        A, S, t = self.target_rows[..., :-1], self.other_rows[:, :-1], self.other_rows[:, -1]
         residual, norm = self.residuals_at(c)
         w = _compute_huber_weights(norm)
         u = residual / np.maximum(norm, 1.0)[:, None]  # unit vectors beyond the threshold
@@ -962,7 +964,7 @@ def _minimise_huber_loss(problem: _HuberProblem) -> tuple[FloatArray, Certificat
     Raises:
         SolverError: no certified optimum after `MOST_ROUNDS` rounds.
     """
-    clarabel_point = _solve_by_clarabel(problem) if len(problem.rows) <= MOST_STATED else None
+    clarabel_point = _solve_by_clarabel(problem) if len(problem.target_rows) <= MOST_STATED else None
     point = _HuberPoint.start(problem, clarabel_point)
     certificate: Certificate | None = None
     for _ in range(MOST_ROUNDS):
@@ -1001,12 +1003,16 @@ def _build_no_huber_optimum_error(last: Certificate | None) -> SolverError:
 
 
 def _solve_by_clarabel(problem: _HuberProblem) -> FloatArray | None:
-    """Return Clarabel's optimum (p,) of the Huber problem; None if Clarabel fails."""
+    """Return Clarabel's optimum (p,) of the Huber problem; None if Clarabel fails.
+
+    The loss of the targets' rows [A d] is Huber's, that of all other rows [S t] is squared.
+    """
     from jointstiff.solver.fit import programs  # takes a second to import
 
-    A, d = problem.rows[..., :-1], problem.rows[..., -1]
-    S, t = problem.squared[..., :-1], problem.squared[..., -1]
-    return programs.solve_huber(A, d, S, t, problem.build_unweighted_problem())
+    A, d = problem.target_rows[..., :-1], problem.target_rows[..., -1]
+    S, t = problem.other_rows[..., :-1], problem.other_rows[..., -1]
+    least_squares = problem.build_unweighted_problem()  # has the same constraints and units of variables
+    return programs.solve_huber(A, d, S, t, least_squares)
 
 
 def _add_witness(
@@ -1016,9 +1022,9 @@ def _add_witness(
 
     A problem of more than `MOST_STATED` readings has no witness, as Clarabel did not solve the problem.
     """
-    if len(problem.rows) > MOST_STATED:
+    if len(problem.target_rows) > MOST_STATED:
         return certificate
-    rows = problem.rows.reshape(-1, problem.rows.shape[-1])
+    rows = problem.target_rows.reshape(-1, problem.target_rows.shape[-1])
     A, d = rows[:, :-1], rows[:, -1]
     return replace(certificate, witness=compare_answers(A, clarabel_point, optimum, d))
 
@@ -1037,7 +1043,7 @@ def _estimate_robust_scale(problem: _HuberProblem, threshold: float) -> float:
         UnsupportedMethodError: there are no more readings than parameters.
     """
     compliance = solve(problem.build_unweighted_problem(), witnessed=False).x
-    deflections = problem.rows[..., -1]
+    deflections = problem.target_rows[..., -1]
     factor = _find_factor_of_median_norm(deflections.size, len(compliance))
     least_scale = _LEAST_SCALE * float(np.sqrt(np.mean(deflections**2)))
     scale = np.inf

@@ -123,7 +123,7 @@ class FittedStatements:
         widths = {name: width for name, width in of_block.widths.items() if name not in self._names}
         return BlockRows(of_block.block, self._subtract_motion(of_block.targets), encoders, widths)
 
-    def predict(self, of_block: BlockRows) -> tuple[FloatArray, FloatArray | None]:
+    def compute_motion(self, of_block: BlockRows) -> tuple[FloatArray, FloatArray | None]:
         """Compute by how much the fitted errors move the targets and the encoders of some observations.
 
         Args:

@@ -179,7 +179,7 @@ class Triangle:
         triangle.add(_project_out(basis, remaining), count=self.rows)
         return triangle
 
-    def given(self, name: str, uncertainty: FloatArray, sigma: float) -> Triangle:
+    def project_out_stated(self, name: str, uncertainty: FloatArray, sigma: float) -> Triangle:
         """Return the triangular factor in which a term is fitted, with a prior of mean zero on its unknowns.
 
         A term is a group of columns, one for each unknown. A fit of the other terms to the result equals a
@@ -190,13 +190,14 @@ class Triangle:
             uncertainty: (k,) standard uncertainties of the unknowns; 0 keeps an unknown at zero.
             sigma: standard uncertainty of a reading, in the unit of the rows.
         """
-        with_statements = self.state(name, uncertainty, sigma)
+        with_statements = self.state_as_zero(name, uncertainty, sigma)
         return with_statements.project_out([name], _NULL)
 
-    def state(self, name: str, uncertainty: FloatArray, sigma: float) -> Triangle:
+    def state_as_zero(self, name: str, uncertainty: FloatArray, sigma: float) -> Triangle:
         """Return the triangular factor with a further row for each unknown of a term: the unknown is zero.
 
-        Such a row is like that of a reading: the unknown over its standard uncertainty is zero.
+        Such a row is like that of a reading: sigma times the unknown, in units of its standard uncertainty,
+        is zero. The factor sigma gives the row the weight of a reading.
 
         Args:
             name: term; its unknowns are in units of their standard uncertainties afterwards.

@@ -150,23 +150,30 @@ class WeightFit:
             remedy="read more postures, or more targets in each posture",
         )
 
-    def estimate_noise(self) -> float:
+    def estimate_noise_variance(self) -> float:
         """Return the mean square of the residuals that no compliances and weights explain.
 
-        The unit is that of the fit, squared. The noise is at least the stated sigma, or that of the best
-        instrument.
+        Residuals are in units of the stated sigma, so that the variance is at least 1. If no sigma is stated,
+        they are in metres, and the variance is at least that of the best instrument.
+
+        Raises:
+            NotObservableError: fewer coordinates than unknowns.
         """
-        least_square = 1.0 if self.readings.poses.sigma is not None else _LEAST_NOISE**2
+        sigma_is_unit = self.readings.poses.sigma is not None
+        least_variance = 1.0 if sigma_is_unit else _LEAST_NOISE**2
         mean_square = self.reduced.residual_squares / self.count_degrees_of_freedom()
-        return max(mean_square, least_square)
+        return max(mean_square, least_variance)
 
     def compute_p_value_of_bounds(self) -> float:
         """Return the p-value of the hypothesis that the true masses lie within their bounds (F test).
 
         The loss that the bounds of the masses add is compared with the noise.
+
+        Raises:
+            NotObservableError: fewer coordinates than unknowns.
         """
         rank = self.reduced.rank
-        f_ratio = self.loss / rank / self.estimate_noise()
+        f_ratio = self.loss / rank / self.estimate_noise_variance()
         return float(special.fdtrc(rank, self.count_degrees_of_freedom(), f_ratio))
 
     def add_finding(self, finding: Finding) -> WeightFit:
@@ -223,14 +230,14 @@ class _WeightFitter:
     rigid_arm: PoseState  #: geometry of the best arm without sag
     rms_without_sag: float  #: rms residual of a whitened coordinate for this arm [m]
     statements: Statements  #: stated errors of the loads; none for exact loads
-    #: (N, T, 3, K) motion of the targets by one standard uncertainty of each error of the loads of positions
-    #: [m]; None for exact loads
-    motion_per_error: FloatArray | None
+    #: (N, T, 3, K) motion of the targets by one standard uncertainty of each error of the loads under which
+    #: positions were read [m]; None for exact loads
+    motion_per_uncertainty: FloatArray | None
     free_gravity: bool  #: whether the direction of gravity is estimated
 
     @classmethod
     def start(cls, readings: WeightReadings, *, free_gravity: bool) -> _WeightFitter:
-        """Fit the best arm without sag, from which the fits with exact loads start."""
+        """Fit the best arm without sag, from which the fits start; loads count as exact."""
         rigid = calibrate(readings.robot.chain, readings.poses, start=pin.SE3.Identity(), hold_out=False)
         rigid_arm = PoseState(rigid.axes, rigid.targets, np.zeros(len(readings.poses)))
         rms_without_sag = float(np.sqrt(rigid.rss / rigid.dof))
@@ -246,14 +253,14 @@ class _WeightFitter:
         readings, exact = self.readings, self.fit(self.readings.burden.bodies)
         sigma = readings.poses.sigma
         if sigma is None:
-            sigma = float(np.sqrt(exact.estimate_noise()))
+            sigma = float(np.sqrt(exact.estimate_noise_variance()))
         compliance = np.maximum(exact.compliance, 0.0)
         errors = readings.list_stated_errors()
         statements = Statements(errors, readings.common_uncertainty, compliance, sigma)
         motion = None
         if readings.stated is not None:
             motion = readings.stated.move_positions(compliance)
-        return replace(self, statements=statements, motion_per_error=motion)
+        return replace(self, statements=statements, motion_per_uncertainty=motion)
 
     def try_fit(self, bodies: tuple[Body, ...], *, free_base: bool) -> WeightFit | None:
         """Fit with other bounds of the masses or a tilting base; return None if the fit fails.
@@ -293,18 +300,18 @@ class _WeightFitter:
             nuisance.append("gravity")
         for step in range(1, MOST_STEPS + 1):
             with_gravity = replace(readings, burden=replace(burden, gravity=gravity))
-            rows = linearise_readings(with_gravity, state, sag, compliance, self.motion_per_error)
-            with_statements = self._state_errors(rows)
+            rows = linearise_readings(with_gravity, state, sag, compliance, self.motion_per_uncertainty)
+            with_statements = self._compress_with_stated_errors(rows)
             triangle = with_statements
-            if self.motion_per_error is not None:
+            if self.motion_per_uncertainty is not None:
                 triangle = with_statements.project_out(["statements"], RANK)
             deflection_rows = _compress_deflections(readings, compliance, self.statements)
             reduced = reduce_problem(rows, triangle, nuisance, burden, deflection_rows)
             optimum = solve(reduced.convex)
-            # Change of the nuisance unknowns: geometry, then three of the base, then two of gravity.
-            nuisance_change = triangle.fit(nuisance, reduced.expand_solution(rows, optimum.x), RANK)
-            nuisance_columns = np.concatenate([triangle.span[name] for name in nuisance])
             unknowns = reduced.expand_solution(rows, optimum.x)
+            # Change of the nuisance unknowns: geometry, then three of the base, then two of gravity.
+            nuisance_change = triangle.fit(nuisance, unknowns, RANK)
+            nuisance_columns = np.concatenate([triangle.span[name] for name in nuisance])
             unknowns[nuisance_columns] += nuisance_change
             geometry_width = rows.stack.widths["geometry"]
             previous_sag, sag = sag, reduced.compute_sag(rows.torques, optimum.x)
@@ -345,14 +352,18 @@ class _WeightFitter:
             remedy="check masses, centres of mass, gravity's direction, and the unit and sign of the angles",
         )
 
-    def _state_errors(self, rows: WeightRows) -> Triangle:
-        """Compress linearised readings, with a row for each stated error of the loads of positions."""
+    def _compress_with_stated_errors(self, rows: WeightRows) -> Triangle:
+        """Compress linearised readings, with a further row for each stated error of the loads: it is zero.
+
+        A column of `statements` is the motion by one standard uncertainty of an error, so that each of these
+        unknowns is 0 ± 1. For exact loads there are no such columns and no further rows.
+        """
         triangle = rows.stack.triangle()
-        if self.motion_per_error is None:
+        if self.motion_per_uncertainty is None:
             return triangle
-        sigma = self.statements.sigma / self.readings.unit
-        unit_uncertainties = np.ones(rows.stack.widths["statements"])
-        return triangle.state("statements", unit_uncertainties, sigma)
+        one_uncertainty_each = np.ones(rows.stack.widths["statements"])
+        sigma_of_reading = self.statements.sigma / self.readings.unit  # in the unit of the rows
+        return triangle.state_as_zero("statements", one_uncertainty_each, sigma_of_reading)
 
     def _move_by_loads(self, triangle: Triangle, unknowns: FloatArray) -> FloatArray | float:
         """Return the motion (N, T, 3) of the targets by the errors of the loads that fit best [m].
@@ -363,11 +374,12 @@ class _WeightFitter:
             triangle: compressed rows of the positions and of the statements, whose columns come last.
             unknowns: (P,) all other unknowns.
         """
-        if self.motion_per_error is None:
+        if self.motion_per_uncertainty is None:
             return 0.0
         count = len(triangle.span["statements"])
-        errors = triangle.fit(["statements"], np.concatenate([unknowns, np.zeros(count)]), RANK)
-        return np.asarray(self.motion_per_error @ errors)
+        other_unknowns = np.concatenate([unknowns, np.zeros(count)])
+        errors = triangle.fit(["statements"], other_unknowns, RANK)  # in standard uncertainties
+        return np.asarray(self.motion_per_uncertainty @ errors)
 
 
 def _turn_gravity(gravity: FloatArray, angles: FloatArray) -> FloatArray:
@@ -394,16 +406,17 @@ def _compress_deflections(
     if loaded is None:
         return np.zeros((0, robot.n + 1))
     sigma = loaded.sigma or 1.0
-    stated = {term.name for term in statements.terms}
-    terms = tuple(term for term in list_errors_of_deflections(loaded) if term.name in stated)
+    stated_names = {term.name for term in statements.terms}
+    terms = tuple(term for term in list_errors_of_deflections(loaded) if term.name in stated_names)
     of_deflections = replace(statements, terms=terms, sigma=max(sigma, LEAST_STATED_SIGMA))
     blocks = list(of_deflections.generate(Rows(robot, loaded, compliance), [JOINTS]))
-    count = blocks[0].targets.shape[-1] - 1 - robot.n
-    triangle = Triangle(joints=robot.n, statements=count)
+    error_count = blocks[0].targets.shape[-1] - 1 - robot.n  # besides the joints and the readings
+    triangle = Triangle(joints=robot.n, statements=error_count)
     for of_block in blocks:
         triangle.add(of_block.flat)
-    if count:
-        triangle = triangle.given("statements", np.ones(count), of_deflections.sigma)
+    if error_count:
+        one_uncertainty_each = np.ones(error_count)
+        triangle = triangle.project_out_stated("statements", one_uncertainty_each, of_deflections.sigma)
     return triangle.R / sigma
 
 
@@ -467,10 +480,12 @@ def reduce_problem(
     # A joint without weight torque may be pulled by a known load, so its scale must not be zero.
     torque_scale = np.maximum(torque_scale, NEGLIGIBLE_TORQUE * torque_scale.max())[observed]
     cone = WithMasses(tuple(blocks), LARGEST_SAG / torque_scale / unit_of_joints)
+    residual_squares = float(unexplained @ unexplained)
+    if len(R) > column_count:  # the last row has what no column explains
+        residual_squares += float(R[column_count, column_count] ** 2)
     return ReducedProblem(
         convex=Problem(LeastSquares(A, b - unexplained), cone),
-        residual_squares=float(unexplained @ unexplained)
-        + (float(R[column_count, column_count] ** 2) if len(R) > column_count else 0.0),
+        residual_squares=residual_squares,
         rank=column_count - null_vectors.shape[1],
         unit=unit_of_joints,
         observed_joints=observed,
@@ -520,14 +535,14 @@ def compute_tilt_p_value(rigid: WeightFit, tilting: WeightFit) -> float:
         rigid: fit without tilt.
         tilting: fit with the tilt of the base.
     """
-    noise = tilting.estimate_noise()
+    noise_variance = tilting.estimate_noise_variance()
     gain = (
         rigid.loss + rigid.reduced.residual_squares - tilting.loss - tilting.reduced.residual_squares
-    ) / noise
-    wrong_mass = find_contradicted_mass(
-        fit_freed_masses(rigid.reduced, rigid.readings.burden, rigid.estimate_noise())
-    )
-    tilt_is_better = gain > (0.0 if wrong_mass is None else wrong_mass.gain)
+    ) / noise_variance
+    freed = fit_freed_masses(rigid.reduced, rigid.readings.burden, rigid.estimate_noise_variance())
+    wrong_mass = find_contradicted_mass(freed)
+    gain_by_mass = 0.0 if wrong_mass is None else wrong_mass.gain
+    tilt_is_better = gain > gain_by_mass
     if not tilt_is_better or tilting.compute_p_value_of_bounds() <= BEYOND_CHANCE:
         return 1.0
     return float(special.fdtrc(3, tilting.count_degrees_of_freedom(), gain / 3.0))
@@ -553,7 +568,7 @@ def _correct_wrong_mass(fitter: _WeightFitter, fit: WeightFit) -> WeightFit:
         fit: fit with the bounds as stated.
     """
     burden = fit.readings.burden
-    freed = fit_freed_masses(fit.reduced, burden, fit.estimate_noise())
+    freed = fit_freed_masses(fit.reduced, burden, fit.estimate_noise_variance())
     wrong_mass = find_contradicted_mass(freed)
     if wrong_mass is None:
         remark = report_unchecked_masses(burden.bodies, freed)

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -81,6 +81,22 @@ class Balancer:
                 )
 
 
+class UnknownInertia(NamedTuple):
+    """Unknown mass, or unknown component of the first moment, of a body."""
+
+    body: int  #: index of the body
+    #: (4,) mass and first moment [kg, kg·m] of the greatest deviation from the nominal body
+    greatest: FloatArray
+
+
+class UncertainCentre(NamedTuple):
+    """Uncertain centre of mass: three unknown first moments in a ball, whose radius grows with the mass."""
+
+    first_moment: int  #: index among the unknowns of the first of its three moments
+    mass: int  #: index among the unknowns of the mass of the body; −1 if the mass is exact
+    relative_increase: float  #: of the moments' bound at the greatest mass
+
+
 @dataclass(frozen=True, eq=False)
 class Burden:
     """Bodies that the joints carry, balancing springs, and gravity."""
@@ -90,26 +106,20 @@ class Burden:
     gravity: FloatArray = field(default_factory=lambda: STANDARD_GRAVITY)  #: (3,) acceleration in R0 [m/s²]
 
     @cached_property
-    def unknown(self) -> tuple[list[tuple[int, FloatArray]], list[tuple[int, int, float]]]:
-        """Two lists: the unknown masses and first moments, and the uncertain centres of mass.
-
-        An unknown is the index of a body, and the mass and first moment (4,) [kg, kg·m] of the greatest
-        deviation from the nominal body. The order is that of `Torques.of_unknowns`. An uncertain centre is
-        the index of the first of its three moments in the first list, the index of the body's mass in the
-        first list (−1 if the mass is exact), and the relative increase of the moments' bound at the greatest
-        mass.
-        """
-        unknowns: list[tuple[int, FloatArray]] = []
-        uncertain_centres = []
+    def unknown(self) -> tuple[list[UnknownInertia], list[UncertainCentre]]:
+        """Unknown masses and first moments, in the order of `Torques.of_unknowns`; and uncertain centres."""
+        unknowns = list[UnknownInertia]()
+        uncertain_centres = list[UncertainCentre]()
         for body_index, body in enumerate(self.bodies):
             mean, half_range = 0.5 * (body.most + body.least), 0.5 * (body.most - body.least)
             mass_index = -1
             if half_range > 0.0:
                 mass_index = len(unknowns)
-                unknowns.append((body_index, half_range * np.array([1.0, *body.centre])))
+                unknowns.append(UnknownInertia(body_index, half_range * np.array([1.0, *body.centre])))
             if body.radius > 0.0:
-                uncertain_centres.append((len(unknowns), mass_index, half_range / mean))
-                unknowns += [(body_index, body.radius * mean * axis) for axis in np.eye(4)[1:]]
+                uncertain_centres.append(UncertainCentre(len(unknowns), mass_index, half_range / mean))
+                for axis in np.eye(4)[1:]:  # the mass keeps its value
+                    unknowns.append(UnknownInertia(body_index, body.radius * mean * axis))
         return unknowns, uncertain_centres
 
     def build_block(self, is_acting: BoolArray) -> tuple[Block, list[int]]:
@@ -122,24 +132,23 @@ class Burden:
             The block; and the indices of the block's unknowns among all K: masses and springs, then moments.
         """
         _, uncertain_centres = self.unknown
-        acting_centres = [
-            (first_moment, mass_index, ratio)
-            for first_moment, mass_index, ratio in uncertain_centres
-            if is_acting[first_moment : first_moment + 3].any()
-        ]
-        all_moments = [
-            first_moment + component for first_moment, _, _ in uncertain_centres for component in range(3)
-        ]
-        # Masses and springs, and then the three moments of each centre, in the order of the block.
+        all_moments = set[int]()
+        in_balls = list[int]()  # the three moments of each centre that acts
+        acting_centres = list[UncertainCentre]()
+        for centre in uncertain_centres:
+            moments = range(centre.first_moment, centre.first_moment + 3)
+            all_moments.update(moments)
+            if is_acting[moments].any():
+                acting_centres.append(centre)
+                in_balls.extend(moments)
         in_boxes = [unknown for unknown in np.flatnonzero(is_acting).tolist() if unknown not in all_moments]
-        in_balls = [
-            first_moment + component for first_moment, _, _ in acting_centres for component in range(3)
-        ]
-        balls = tuple(
-            (in_boxes.index(mass_index), ratio) if mass_index in in_boxes else (-1, 0.0)
-            for _, mass_index, ratio in acting_centres
-        )
-        return Block(len(in_boxes), balls), in_boxes + in_balls
+        balls = list[tuple[int, float]]()  # place of the mass in the block, and increase of the radius by it
+        for centre in acting_centres:
+            if centre.mass in in_boxes:
+                balls.append((in_boxes.index(centre.mass), centre.relative_increase))
+            else:
+                balls.append((-1, 0.0))
+        return Block(len(in_boxes), tuple(balls)), in_boxes + in_balls
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +183,8 @@ def list_errors_of_loads(measurements: Measurements) -> tuple[Term, ...]:
     common = measurements.common_uncertainty
     fitted = {TARGET_PLACES.name, AXES.name}
     errors = [term for term in list_stated_terms(measurements) if term.name not in fitted]
-    return (*errors, FORCE_SCALE) if any(FORCE_SCALE.prior(common)) else tuple(errors)
+    has_uncertain_scale = any(FORCE_SCALE.prior(common))
+    return (*errors, FORCE_SCALE) if has_uncertain_scale else tuple(errors)
 
 
 def list_errors_of_deflections(measurements: Measurements) -> tuple[Term, ...]:
@@ -183,7 +193,8 @@ def list_errors_of_deflections(measurements: Measurements) -> tuple[Term, ...]:
     Next to the weight of the robot the size of a force shows, too.
     """
     errors = list_stated_terms(measurements)
-    return (*errors, FORCE_SCALE) if any(FORCE_SCALE.prior(measurements.common_uncertainty)) else errors
+    has_uncertain_scale = any(FORCE_SCALE.prior(measurements.common_uncertainty))
+    return (*errors, FORCE_SCALE) if has_uncertain_scale else errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,7 +321,7 @@ def linearise_readings(
     state: PoseState,
     sag: FloatArray,
     compliance: FloatArray,
-    motion_per_error: FloatArray | None = None,
+    motion_per_uncertainty: FloatArray | None = None,
 ) -> WeightRows:
     """Linearise readings of positions about a geometry and a sag: rows of a least-squares problem.
 
@@ -319,52 +330,45 @@ def linearise_readings(
         state: geometry to linearise about.
         sag: (N, n) sag θ of the joints to linearise about [rad].
         compliance: (n,) compliances [rad/(N·m)], for the effect of the direction of gravity on the sag.
-        motion_per_error: (N, T, 3, K) motion of the targets by one standard uncertainty of each error of the
-            loads [m]; None for exact loads.
+        motion_per_uncertainty: (N, T, 3, K) motion of the targets by one standard uncertainty of each error
+            of the loads [m]; None for exact loads.
     """
     whitened = readings.whitened
     motion = state.motion(replace(whitened, angles=whitened.angles + sag))
     torques = compute_torques(readings, motion)
     angle_derivative = motion.differentiate_by_angles()  # (N, T, 3, n), J_θ of the module's equation
     differences = whitened.points - motion.points + np.einsum("ktin,kn->kti", angle_derivative, sag)
-    whitened_derivative = (whitened.weight @ angle_derivative).reshape(
-        *angle_derivative.shape[:1], -1, angle_derivative.shape[-1]
-    )
-    geometry = whitened.weight @ motion.jacobian()
-    gravity, observation_count = readings.burden.gravity, len(differences)
+    N, coordinate_count = len(differences), differences[0].size
+
+    def whiten(derivatives: FloatArray) -> FloatArray:
+        """Return whitened columns (N, 3 T, k) for derivatives (N, T, 3, k) of the positions."""
+        return np.asarray(whitened.weight @ derivatives).reshape(N, coordinate_count, -1)
+
+    by_angles = whiten(angle_derivative)  # (N, 3 T, n)
+    gravity = readings.burden.gravity
     gravity_size = np.linalg.norm(gravity)
-    # Change of the positions when gravity turns by a radian about each of two perpendicular axes.
-    gravity_columns = np.einsum(
-        "kij,kjg,j->kig",
-        whitened_derivative,
-        torques.gravity_derivative @ (compute_perpendicular_basis(gravity) * gravity_size),
-        compliance,
-    )
+    # Change of the torques when gravity turns by a radian about each of two perpendicular axes.
+    torques_by_turn = torques.gravity_derivative @ (compute_perpendicular_basis(gravity) * gravity_size)
+    by_unknown_torques = by_angles[..., None] * torques.of_unknowns[:, None]  # (N, 3 T, n, K)
     terms = {
-        "geometry": geometry.reshape(observation_count, whitened_derivative.shape[1], -1),
-        "base": (whitened.weight @ differentiate_by_base_compliance(torques, motion.points)).reshape(
-            observation_count, -1, 3
-        ),
-        "gravity": gravity_columns,
-        "joints": whitened_derivative * torques.known[:, None],
-        "products": (whitened_derivative[..., None] * torques.of_unknowns[:, None]).reshape(
-            *whitened_derivative.shape[:2], -1
-        ),
+        "geometry": whiten(motion.jacobian()),
+        "base": whiten(differentiate_by_base_compliance(torques, motion.points)),
+        "gravity": np.einsum("kij,kjg,j->kig", by_angles, torques_by_turn, compliance),
+        "joints": by_angles * torques.known[:, None],
+        "products": by_unknown_torques.reshape(N, coordinate_count, -1),
     }
-    if motion_per_error is not None:
-        columns = whitened.weight @ motion_per_error
-        terms["statements"] = columns.reshape(*whitened_derivative.shape[:2], -1)
-    readings_column = (whitened.weight @ differences[..., None]).reshape(observation_count, -1, 1)
+    if motion_per_uncertainty is not None:
+        terms["statements"] = whiten(motion_per_uncertainty)
     # A coordinate that was not read has weight zero, so that its columns of the geometry are zero.
     coordinates_read = terms["geometry"].any(axis=2).sum(axis=1)
-    rows = np.concatenate([*terms.values(), readings_column], axis=-1)
+    rows = np.concatenate([*terms.values(), whiten(differences[..., None])], axis=-1)
+    widths = {name: columns.shape[-1] for name, columns in terms.items()}
+    greatest_known_torque = np.abs(torques.known).max(axis=0)
+    greatest_weight_torque = gravity_size * np.linalg.norm(torques.gravity_derivative, axis=2).max(axis=0)
     return WeightRows(
-        stack=Stack(rows, coordinates_read, {name: columns.shape[-1] for name, columns in terms.items()}),
+        stack=Stack(rows, coordinates_read, widths),
         torques=torques,
-        crosswise_torque=np.maximum(
-            np.abs(torques.known).max(axis=0),
-            gravity_size * np.linalg.norm(torques.gravity_derivative, axis=2).max(axis=0),
-        ),
+        crosswise_torque=np.maximum(greatest_known_torque, greatest_weight_torque),
     )
 
 
@@ -374,8 +378,10 @@ def differentiate_by_base_compliance(torques: Torques, places: FloatArray) -> Fl
     The last axis of the result is the compliance. The base turns about R0's origin by ``φ = C M``; M is the
     moment of weights and loads about the axes x and y.
     """
-    (x, y), zero = torques.base_moment[:, :2].T, np.zeros(len(places))
-    turns = np.array([[x, zero, zero], [zero, y, zero], [y, x, zero]])  # (unknowns, 3, B)
+    M_x, M_y = torques.base_moment[:, :2].T
+    zero = np.zeros(len(places))
+    # Turns φ by a unit of C_xx, C_yy and C_xy, which is also C_yx.
+    turns = np.array([[M_x, zero, zero], [zero, M_y, zero], [M_y, M_x, zero]])  # (unknowns, 3, B)
     return np.stack([np.cross(turn.T[:, None], places) for turn in turns], axis=-1)
 
 
@@ -392,7 +398,8 @@ def compute_torques(readings: WeightReadings, motion: Motion) -> Torques:
     """
     robot, burden, axes = readings.robot, readings.burden, motion.axes
     home = Postures(robot, np.zeros((1, robot.n)))  # nominal robot with all angles zero
-    rotations, nominal_origins = (part[0] for part in home.joint_frames)
+    rotations_of_postures, origins_of_postures = home.joint_frames
+    rotations, nominal_origins = rotations_of_postures[0], origins_of_postures[0]  # of the only posture
     origins = [axis.nearest_point_to(origin) for axis, origin in zip(axes, nominal_origins, strict=True)]
     frames = [
         pin.SE3(axis_rotation, origin) for axis_rotation, origin in zip(rotations, origins, strict=True)
@@ -408,16 +415,17 @@ def compute_torques(readings: WeightReadings, motion: Motion) -> Torques:
     base_moment = readings.moment.copy()
     for number, body in enumerate(burden.bodies):
         centre = origin[:, body.joint] + rotation[:, body.joint] @ np.array(body.centre)
-        pull = 0.5 * (body.most + body.least) * readings.carried[:, number, None] * burden.gravity
-        base_moment += np.cross(centre, pull)
+        nominal_mass = 0.5 * (body.most + body.least)
+        weight = nominal_mass * readings.carried[:, number, None] * burden.gravity
+        base_moment += np.cross(centre, weight)
         of_one_kilogram = np.einsum("bjpi,p->bji", levers[:, :, body.joint], [1.0, *body.centre])
-        gravity_derivative += 0.5 * (body.most + body.least) * is_carried[number] * of_one_kilogram
+        gravity_derivative += nominal_mass * is_carried[number] * of_one_kilogram
     inertia_torques = levers @ burden.gravity
     unknown_inertias, _ = burden.unknown
-    of_unknowns = [
-        is_carried[number, ..., 0] * (inertia_torques[:, :, burden.bodies[number].joint] @ inertia)
-        for number, inertia in unknown_inertias
-    ]
+    of_unknowns = []
+    for number, inertia in unknown_inertias:
+        torque_if_carried = inertia_torques[:, :, burden.bodies[number].joint] @ inertia
+        of_unknowns.append(is_carried[number, ..., 0] * torque_if_carried)
     known_torques = gravity_derivative @ burden.gravity
     for balancer in burden.balancers:
         joint, on_link = balancer.joint, np.array(balancer.on_link)
@@ -428,7 +436,8 @@ def compute_torques(readings: WeightReadings, motion: Motion) -> Torques:
         for force, (least, most) in ((-spring_line, balancer.rate), (spring_line / length, balancer.pull)):
             torque = np.einsum("bji,bi->bj", lever, force)
             known_torques += 0.5 * (least + most) * torque
-            of_unknowns += [0.5 * (most - least) * torque] if most > least else []
+            if most > least:
+                of_unknowns.append(0.5 * (most - least) * torque)
 
     known_torques += postures.load(readings.load_point, readings.force, readings.moment)[1]
     load_position = postures.to_base(readings.load_point[:, None])[:, 0]

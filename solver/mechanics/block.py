@@ -802,7 +802,7 @@ class FittedErrors:
     root: FloatArray  #: (K, r) root R of the covariance R Rᵀ of all unknowns
     determined: int  #: number of combinations of the unknowns that the readings distinguish from the joints
     #: labels of the observations under each distinct load, before fitted errors changed the loads
-    loads: tuple[tuple[str, ...], ...] = ()
+    labels_by_load: tuple[tuple[str, ...], ...] = ()
 
 
 NOTHING_FITTED: Final = FittedErrors((), (), np.zeros((0, 0)), 0)

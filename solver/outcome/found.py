@@ -67,7 +67,7 @@ def find_joints(joints: JointsAlone, screening: Screening, choice: ModelChoice) 
     """
     predictor = JointModel.from_estimate(joints.rows.robot, joints.estimate, joints.settings.constraints)
     model_error = _estimate_error_of_joints(joints, predictor)
-    has_lack_of_fit = screening.lack_of_fit and joints.are_sound
+    has_lack_of_fit = screening.lack_of_fit and joints.has_sound_data
     budget = _build_budget(joints, model_error, has_lack_of_fit=has_lack_of_fit)
     estimate = joints.estimate
     if budget is not None and has_lack_of_fit:
@@ -122,7 +122,7 @@ def _find_doubt(joints: JointsAlone, estimate: Estimate, screening: Screening) -
     Causes that were found, links that bend and mistakes in the data all explain more than a doubt does.
     """
     is_explained = bool(screening.causes) or screening.lack_of_fit
-    if is_explained or not joints.are_sound:
+    if is_explained or not joints.has_sound_data:
         return None
     return find_doubt(joints.tested, estimate)
 

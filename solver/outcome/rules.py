@@ -229,7 +229,7 @@ def assess(
         return replace(derive_assessment(estimate.joints, reasons), notes=tuple(notes))
     explanation = _choose_explanation(joints, estimate, screening)
     reasons = list(_list_reasons(joints, estimate, prediction, explanation, unloading))
-    if doubt is not None and explanation.screening is not None and not explanation.causes:
+    if doubt is not None and explanation.finds_nothing:  # else the doubt may have the same reason
         notes.append(doubt.describe())
     return replace(derive_assessment(estimate.joints, reasons), notes=tuple(notes))
 
@@ -266,6 +266,11 @@ class _Explanation:
     wrong: tuple[str, ...]  # labels of single postures whose readings are wrong
 
     @property
+    def finds_nothing(self) -> bool:
+        """True if the readings were tested, and neither a mistake in the data nor a cause was found."""
+        return self.screening is not None and not self.causes
+
+    @property
     def spoils_stiffnesses(self) -> bool:
         """True if the data have a mistake that changes the stiffnesses, and enlarges the residuals."""
         return self.has_gross_error or self.mistake is not None
@@ -278,7 +283,7 @@ def _choose_explanation(joints: JointsAlone, estimate: Estimate, screening: Scre
     """
     mistake = _find_gross_mistake(joints, estimate)
     noticed: Sequence[Finding] = joints.noticed
-    if mistake is not None:  # reports these mistakes, too
+    if mistake is not None:  # the finding about this mistake replaces those of the integrity checks
         noticed = [finding for finding in noticed if finding.code not in _SAME_MISTAKES]
     has_gross_error = any(finding.weight == "do_not_use" for finding in noticed)
     # With a gross error in the data, tests of smaller effects mean nothing.
@@ -575,15 +580,20 @@ _ALTERNATIVE_TEXTS: Final[dict[AlternativeKind, tuple[str, str]]] = {
 def _find_gross_mistake(joints: JointsAlone, estimate: Estimate) -> BetterAlternative | None:
     """Return the mistake that explains the deflections far better; None if places prove another correction.
 
-    Places of targets are within millimetres of a model, and deflections within a part of themselves.
+    The integrity checks find a correction by the places of the targets, which fit a model to millimetres.
+    Deflections fit only to a part of themselves, so that their correction counts only if it is the same.
     """
     better = joints.find_gross_mistake(estimate)
-    proved = [each.action for each in joints.noticed if each.code in _SAME_MISTAKES and each.action]
-    if better is None or not proved:
+    proved_by_places = [
+        finding.action for finding in joints.noticed if finding.code in _SAME_MISTAKES and finding.action
+    ]
+    if better is None or not proved_by_places:
         return better
-    action = report_alternative(joints.robot, joints.measurements, better).action
-    is_same = action and any((each.kind, each.joints) == (action.kind, action.joints) for each in proved)
-    return better if is_same else None
+    action = _advise_correction(joints.robot, joints.measurements, better.alternative)
+    for proved in proved_by_places:
+        if (proved.kind, proved.joints) == (action.kind, action.joints):
+            return better
+    return None
 
 
 def report_alternative(robot: Robot, measurements: Measurements, better: BetterAlternative) -> Finding:
@@ -704,20 +714,22 @@ def report_causes(
     change_text = f"compliances change by up to {100 * change.largest:.2g} %"
     remedies: list[str] = []
     if loads is not None:
-        selected = selected.leave_out_absurd(loads[1])
-        if not all(selected.steps):
+        robot, measurements = loads
+        selected = selected.leave_out_implausible(measurements)
+        if selected.has_empty_step:  # a step of which no cause has a plausible size
             return _report_unknown_cause(causes, weight, change_text)
-        point_in_base = _describe_point_in_base(*loads, selected)
+        point_in_base = _describe_point_in_base(robot, measurements, selected)
         if point_in_base:
             change_text += point_in_base
-            remedies.insert(0, "give the load point in the flange frame, not its place in R0")
-    fitted = selected.choose_to_fit(most)
+            remedies.append("give the load point in the flange frame, not its place in R0")
+    remedies += selected.list_remedies(wrong)
+    causes_to_fit = selected.choose_to_fit(most)
     return Finding(
         code="alternative_explains_better",
         weight=weight,
         message=f"{selected.describe(wrong)}; {change_text}",
-        remedy="; ".join(dict.fromkeys([*remedies, *selected.list_remedies(wrong)])),
-        action=AdvisedAction.of("fit_causes", wrong, causes=fitted) if fitted else None,
+        remedy="; ".join(dict.fromkeys(remedies)),  # each remedy once
+        action=AdvisedAction.of("fit_causes", wrong, causes=causes_to_fit) if causes_to_fit else None,
     )
 
 
@@ -776,8 +788,11 @@ class _SelectedCauses:
         """Group causes by their step, whose order they have already."""
         return cls([list(step) for _, step in groupby(causes, key=lambda cause: cause.step)])
 
-    def leave_out_absurd(self, measurements: Measurements) -> _SelectedCauses:
-        """Return the causes of a plausible size; a step that has none of them is empty."""
+    def leave_out_implausible(self, measurements: Measurements) -> _SelectedCauses:
+        """Return the causes of a plausible size; a step that has none of them is empty.
+
+        A force is plausible up to a multiple of the largest stated force, and in any size if none is stated.
+        """
         largest_force = float(np.linalg.norm(measurements.force, axis=1).max())
         limits = _LARGEST_CAUSES | {"N": _LARGEST_BY_LOAD * largest_force or np.inf}
         steps = []
@@ -789,6 +804,11 @@ class _SelectedCauses:
                     plausible.append(cause)
             steps.append(plausible)
         return _SelectedCauses(steps)
+
+    @property
+    def has_empty_step(self) -> bool:
+        """True if a step has no cause, so that the causes of all other steps do not explain the readings."""
+        return not all(self.steps)
 
     @property
     def make_links_unnecessary(self) -> bool:
@@ -1548,7 +1568,7 @@ def _report_unexplained(fit: _AssessedFit) -> Iterator[Finding]:
     weight: Verdict = "use_with_care" if share >= UNUSABLE_SHARE else "do_not_use"
     yield Finding(
         code="deflection_unexplained",
-        weight="use" if is_noise else weight,
+        weight="use" if is_noise else weight,  # noise is no fault of the model
         message=f"the joints explain only {100 * share:.3g} % of the mean deflection; the joints of "
         "industrial robots usually explain about 80 %",
         remedy="check the robot's model, the joint map, the frame and signs of the forces, and the units",

@@ -453,14 +453,14 @@ def _compute_joint_root(elastic: ElasticFit) -> FloatArray | None:
         return None
     cone, part = reduced.cone, reduced.part
     scaled_entries = elastic.entries[reduced.columns] / reduced.unit
-    traces_of_diagonal_links = scaled_entries[cone.free : cone.nonnegative].reshape(-1, 6).sum(axis=1)
+    traces_of_diagonal_links = scaled_entries[cone.unpenalised : cone.nonnegative].reshape(-1, 6).sum(axis=1)
     traces = [
         *traces_of_diagonal_links,
         *(scaled_entries[place][find_diagonal_entries(size)].sum() for size, place in cone.blocks()),
     ]
     prior_deviation = max(_SHARE_OF_TRACE * float(np.sqrt(np.mean(np.square(traces)))), _LEAST_PRIOR)
     prior = np.full(len(scaled_entries), prior_deviation)
-    prior[: cone.free] = _JOINT_PRIOR
+    prior[: cone.unpenalised] = _JOINT_PRIOR
     unit = np.concatenate([np.ones(part.stated_errors), reduced.unit * prior])
     errors = np.arange(part.compliances, part.compliances + part.stated_errors)
     known = np.vstack([part.triangle, part.stated[part.stated_errors :]])  # statements follow as a prior

@@ -619,7 +619,7 @@ def held_out(behind):
             error=5e-5,
             penalty=None if name == "joints" else 0.1,
             by_fold=np.full(5, 0.98),
-            per_draw=5,
+            folds_per_draw=5,
             by_posture=best if size is None else best + 1e-6 * size + spread,
         )
         for name, size in behind.items()

@@ -103,7 +103,7 @@ def objective(program, x, errors=()):
         loss = np.where(norms > h, norms - 0.5 * h, np.square(norms) / (2.0 * h)).sum()
         loss += np.square(of_targets.statement * errors).sum() / (2.0 * h)
     traces = sum(np.trace(to_matrix(x[place], size)) for size, place in cone.blocks())
-    return float(loss + program.weight * (traces + x[cone.free : cone.nonnegative].sum()))
+    return float(loss + program.weight * (traces + x[cone.unpenalised : cone.nonnegative].sum()))
 
 
 @examples(30)
