@@ -653,11 +653,14 @@ def _refuse_rows_of_several_lengths(value: object, name: str) -> None:
         return
     for number, row in enumerate(value):
         if len(row) != len(value[0]):
+            remedy = "give every row the same number of values"
+            if name in {"unloaded", "loaded"}:
+                remedy += "; NaN means that a target was not read"
             raise MeasurementError(
                 f"`{name}` has rows of different lengths: {len(value[0])} in the first, {len(row)} in row "
                 f"{number + 1}",
-                where=f"{name}[{number}]",
-                remedy="give every row the same number of values; NaN means that a target was not read",
+                where=name,
+                remedy=remedy,
             )
 
 

@@ -76,6 +76,21 @@ class _LoadsInRows:
         predicted = self.A[np.arange(len(order)), order] @ compliance
         return float(np.linalg.norm(self.d - predicted) / np.linalg.norm(self.d))
 
+    def measure_unexplained_by_exchanged_states(self) -> float:
+        """Return the share that remains if some rows have exchanged states, which reverses deflections."""
+        as_posted = np.arange(len(self.d))
+        predicted = self.A[as_posted, as_posted]
+        signs = np.ones(len(self.d))
+        for _ in range(_ROUNDS):
+            exchanged = replace(self, d=signs[:, None] * self.d)
+            work = np.einsum("im,im->i", self.d, predicted @ exchanged.fit(as_posted))
+            refined = np.where(work < 0.0, -1.0, 1.0)
+            if np.array_equal(refined, signs):
+                break
+            signs = refined
+        exchanged = replace(self, d=signs[:, None] * self.d)
+        return exchanged.measure_unexplained(as_posted, exchanged.fit(as_posted))
+
     def guess_compliances(self) -> list[FloatArray]:
         """Return compliances (n,) to begin with: those as posted, and joints that bend alike."""
         as_posted = np.arange(len(self.d))
@@ -117,6 +132,8 @@ def find_permuted_loads(view: View, measurements: Measurements) -> Finding | Non
     other = np.abs(loads[order] - loads).max(axis=1) > _SAME * np.abs(loads).max()
     if after > min(_EXPLAINED, _BETTER * before) or not other.any():
         return None
+    if trials.measure_unexplained_by_exchanged_states() < after:
+        return None  # another check names the rows with exchanged states
     sorted_by = _find_sorted_quantity(measurements.force)
     cause = "the forces belong to other rows"
     if sorted_by:

@@ -249,7 +249,7 @@ NO_POSES = {
         np.where(np.arange(16).reshape(4, 4) == 15, 2.0, IN_MM),
         "must be 0, 0, 0, 1, but is 0, 0, 0, 2",
     ),
-    "ragged": ([[1, 2], [3]], "`poses` is not an array of numbers"),
+    "ragged": ([[1, 2], [3]], "`poses` has rows of different lengths: 2 in the first, 1 in row 2"),
     "words": ([["x"] * 6], "`poses` is not an array of numbers"),
     "of another shape": (IN_MM[0], r"`poses` has shape \(4, 4\)"),
 }
