@@ -288,6 +288,14 @@ def is_load_header(header: str) -> bool:
     return fold_word(split_unit(header)[0]) in _LOAD_HEADERS
 
 
+def is_force(name: str) -> bool:
+    """Return whether a name without an axis is that of a force, such as `F`, `force_N` or `Kraft [kN]`."""
+    base, unit = split_unit(name)
+    if unit is None:
+        base, unit = _split_unit_suffix(base) or (base, None)
+    return _VECTOR_OF.get(fold_word(base)) == "force" and (unit is None or _is_unit_of("force", unit))
+
+
 def find_unit_of_size(header: str) -> str | None:
     """Return the unit of force of a load without an axis, such as `Kraft [kN]`; None for other headers."""
     base, unit = split_unit(header)

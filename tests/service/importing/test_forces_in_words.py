@@ -1,7 +1,11 @@
 """Forces as people name and write them: in words of several languages, as a size, in lists and in arrays."""
 
+import io
+import json
+
 import numpy as np
 import pytest
+import scipy.io
 from support.strange_files import JOINTS, both, digits, joint_rows, judge, simulate, table, wide
 
 import jointstiff as js
@@ -99,3 +103,86 @@ def test_sizes_of_several_forces_in_turn_are_loads_of_a_posture(tmp_path):
     header = ["Pose", *(f"{joint} [deg]" for joint in JOINTS), "Kraft [N]", *"XYZ"]
     observations = accept({"a.csv": table(header, rows)}, tmp_path).measurement_set.observations
     assert [each.force[2] for each in observations] == [-500.0] * 14 + [-1000.0] * 14
+
+
+def as_list(numbers):
+    return ", ".join(digits(numbers))
+
+
+@pytest.mark.parametrize("line", ["F = [0 0 -981] N", "F = [0, 0, -0.981] kN", "Kraft: [0; 0; -981] N"])
+@pytest.mark.parametrize("is_in_each_posture", [True, False])
+def test_a_list_of_a_force_in_a_log_has_the_unit_behind_it(line, is_in_each_posture, tmp_path):
+    text = "" if is_in_each_posture else f"{line}\n"
+    for n, angles in enumerate(CAMPAIGN.joints):
+        text += f"Pose {n + 1}\n q = [{as_list(angles)}] deg\n"
+        text += f" {line}\n" if is_in_each_posture else ""
+        text += f" p0 = [{as_list(UNLOADED[n])}]\n p1 = [{as_list(LOADED[n])}]\n"
+    assert read_force({"log.txt": text}, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
+
+
+ARRAYS = {"q": CAMPAIGN.joints, "p0": UNLOADED, "p1": LOADED}
+FORCE = np.array([0.0, 0.0, -981.0])
+
+
+def write_npz(arrays):
+    output = io.BytesIO()
+    np.savez(output, **arrays)
+    return {"d.npz": output.getvalue()}
+
+
+def write_mat(arrays):
+    output = io.BytesIO()
+    scipy.io.savemat(output, arrays)
+    return {"d.mat": output.getvalue()}
+
+
+def write_json(arrays):
+    return {"d.json": json.dumps({name: array.round(4).tolist() for name, array in arrays.items()})}
+
+
+def write_records(arrays):
+    records = [{name: each[n].round(4).tolist() for name, each in ARRAYS.items()} for n in range(14)]
+    once = {name: array.tolist() for name, array in arrays.items() if name not in ARRAYS}
+    return {"d.json": json.dumps({**once, "measurements": records})}
+
+
+def write_matlab(arrays):
+    lines = [
+        f"{name} = [" + "; ".join(" ".join(digits(row)) for row in np.atleast_2d(array)) + "];\n"
+        for name, array in arrays.items()
+    ]
+    return {"d.m": "".join(lines)}
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("write", [write_npz, write_mat, write_json, write_records, write_matlab])
+@pytest.mark.parametrize(("name", "units"), [("F", {"force": "N"}), ("force_N", None), ("F_N", None)])
+def test_a_force_that_a_file_states_once_is_that_of_all_postures(write, name, units, tmp_path):
+    stated = {} if units is None else {"units": units}
+    assert read_force(write({**ARRAYS, name: FORCE}), tmp_path, **stated) == pytest.approx([0.0, 0.0, -981.0])
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("write", [write_npz, write_mat, write_json])
+def test_a_force_of_each_posture_is_a_matrix_of_its_name(write, tmp_path):
+    files = write({**ARRAYS, "F_N": np.tile(FORCE, (14, 1))})
+    assert read_force(files, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
+
+
+@pytest.mark.process
+def test_another_vector_of_three_numbers_is_no_column(tmp_path):
+    files = write_npz({**ARRAYS, "F_N": FORCE, "tool_mm": np.array([0.0, 0.0, 120.0])})
+    assert read_force(files, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
+
+
+@pytest.mark.parametrize("units", [("(°)", "(kN)", "(mm)"), ("[deg]", "[kN]", "[mm]"), ("deg", "kN", "mm")])
+def test_a_unit_in_a_merged_cell_below_the_axes_holds_for_its_group(units, tmp_path):
+    angle, force, length = units
+    header = [
+        ["Pose", "Gelenke", *[""] * 5, "Kraft", "", "", "unbelastet", "", "", "belastet", "", ""],
+        ["", *JOINTS, *"XYZ" * 3],
+        ["", angle, *[""] * 5, force, "", "", length, *[""] * 5],
+    ]
+    rows = [[*row[:7], "0", "0", "-0.981", *row[7:]] for row in wide(CAMPAIGN, UNLOADED, LOADED)]
+    text = "".join(";".join(row) + "\n" for row in [*header, *rows])
+    assert read_force({"a.csv": text}, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
