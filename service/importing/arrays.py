@@ -104,9 +104,7 @@ def _repeat_forces(arrays: Sequence[Any]) -> list[Any]:
 
     Other vectors of three numbers are no columns, unless they have as many rows as most other arrays.
     """
-    counts = Counter(
-        len(each["columns"][0]) for each in arrays for _ in each["columns"] or () if not _is_vector(each)
-    )
+    counts = Counter(len(cells) for each in arrays if not _is_vector(each) for cells in each["columns"] or ())
     count = max(counts, key=lambda rows: (counts[rows], rows), default=0)
     if count in (0, len(_AXES)):
         return list(arrays)
@@ -122,7 +120,7 @@ def _repeat_forces(arrays: Sequence[Any]) -> list[Any]:
 
 def _is_vector(array: Any) -> bool:  # noqa: ANN401 - an array as the other process writes it
     """Return whether an array is a vector of three numbers."""
-    columns = array["columns"] or ()
+    columns: list[list[str | None]] = array["columns"] or []
     return len(columns) == 1 and len(columns[0]) == len(_AXES) and array["kind"] == "number"
 
 

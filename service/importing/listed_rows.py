@@ -182,10 +182,11 @@ def _list_columns(lines: Sequence[_Line]) -> Iterator[tuple[str, tuple[str, ...]
         yield "name", tuple("_".join(name) for name in names)
     for number, header in enumerate(headers[: len(groups)]):
         of_lists = zip(*(line.lists[number] for line in lines), strict=True)
-        unit = f" [{lines[0].units[number]}]" if lines[0].units[number] else ""
+        unit = lines[0].units[number]
+        ending = f" [{unit}]" if unit else ""
         for column, cells in enumerate(of_lists):
-            name = _name_column(header, column, len(lines[0].lists[number]))
-            yield f"{name}{unit}" if name else "", tuple(cells)
+            own_header = _name_column(header, column, len(lines[0].lists[number]))
+            yield f"{own_header}{ending}" if own_header else "", tuple(cells)
 
 
 def _name_column(header: str, column: int, count: int) -> str:
