@@ -278,6 +278,11 @@ def read_states(words: Iterable[str], extra: Mapping[str, State]) -> dict[str, S
     return {word: "unloaded_after" if fold_word(word) in after else state for word, state in states.items()}
 
 
+def is_likely_unloaded(word: str) -> bool:
+    """Return whether a word that may be a state more likely means without load, such as `ref` or `zero`."""
+    return fold_word(word) in _WORD_LISTS["likely unloaded"]
+
+
 def is_negation(word: str) -> bool:
     """Return whether a word negates others, such as `not`."""
     return fold_word(word) in _NEGATIONS

@@ -25,6 +25,7 @@ from jointstiff.service.importing.joining import join_tables
 from jointstiff.service.importing.lengths import convert_columns, unify_lengths
 from jointstiff.service.importing.naming import (
     NamedReading,
+    find_unknown_words,
     find_words_against_order,
     list_state_words,
     name_readings,
@@ -227,6 +228,7 @@ def _propose_importable(
     if not force_notes:
         tables, force_notes = _name_force_along_z(proposal, named, tables, request)
     _refuse_states_against_force(proposal, named, tables, request)
+    _refuse_unknown_words(proposal, named, tables, request)
     words = Vocabulary(request, proposal.robots[0].robot.joint_names)
     named = add_uncertainties(named, tables, words, proposal.unit)
     left = list_columns_left(proposal, tables, named)
@@ -959,14 +961,37 @@ def _refuse_order_against_words(proposal: Proposal, named: Sequence[NamedReading
         raise _build_words_error(f"{found} by their order, but words may state other states", words)
 
 
-def _build_words_error(reason: str, words: Sequence[str]) -> _NoProposalError:
-    """Return the error that words of headers, files or cells may be the states of positions."""
+def _refuse_unknown_words(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
+) -> None:
+    """Refuse states by the order of positions whose words are not known, if no force shows the states.
+
+    Raises:
+        _NoProposalError: words may state other states than the order.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    is_shown_by_force = request.force is not None or _read_forces(joints) is not None
+    words = () if is_shown_by_force else find_unknown_words(named)
+    if words:
+        found = describe(proposal, [each.words for each in named])
+        reason = f"{found} by their order, but the words {' and '.join(map(quote, words))} are not known"
+        raise _build_words_error(reason, words, ("unloaded", "loaded"))
+
+
+def _build_words_error(
+    reason: str, words: Sequence[str], states: tuple[str, str] = ("loaded", "unloaded")
+) -> _NoProposalError:
+    """Return the error that words of headers, files or cells may be the states of positions.
+
+    `states` are the likely states of two words.
+    """
     listed = " and ".join(map(quote, words))
     kind_of_words = "words for states" if len(words) > 1 else "a word for a state"
-    pairs = zip(words, ("loaded", "unloaded"), strict=False)
+    pairs = list(zip(words, states if len(words) > 1 else ("loaded",), strict=False))
+    in_order = tuple(word for word, _ in sorted(pairs, key=lambda pair: pair[1] != "unloaded"))
     examples = [f"{quote(word)} as `{state}`" for word, state in pairs]
     remedy = f"state what these words mean by `state_words`, such as {' and '.join(examples)}"
-    fault = ImportFileError(NOWHERE, f"{listed} may be {kind_of_words}", remedy, "state_words", tuple(words))
+    fault = ImportFileError(NOWHERE, f"{listed} may be {kind_of_words}", remedy, "state_words", in_order)
     return _NoProposalError(reason, remedy, fault)
 
 
