@@ -43,6 +43,8 @@ Options = dict[str, Any]
 """Fields of the request of an import."""
 _MAX_CELL_LENGTH: Final = 24
 _MAX_LINES: Final = 8
+_MAX_FORCE_LENGTH: Final = 100
+"""Characters of a typed force."""
 _STATES: Final = ("unloaded", "loaded", "deflection")
 """States that the positions of a file can have."""
 _CHOICE_QUESTIONS: Final[Mapping[str, tuple[str, tuple[str, ...], str | None]]] = {
@@ -110,6 +112,61 @@ def _split_header(text: str, delimiter: Delimiter | None) -> list[str]:
     return [cell.strip() for cell in row]
 
 
+class _TypedForce(NamedTuple):
+    """Force in R0 as a person types it."""
+
+    vector: tuple[float, ...]
+    unit: str | None  # None if the text has no unit
+
+
+_FORCE_WITH_UNIT: Final = re.compile(
+    r"\[?(?P<numbers>[-+\d.,;\s eE]*\d\.?)\]?\s*\[?(?P<unit>[A-Za-z]{1,4})?\]?"
+)
+_FORCE_UNITS: Final[Mapping[str, str]] = {
+    "n": "N", "kn": "kN", "kg": "kgf", "kgf": "kgf", "kp": "kgf", "lbf": "lbf",
+}  # fmt: skip
+
+
+def _parse_force(text: str) -> _TypedForce:
+    """Parse a force such as `0,0,-981 N` or `0 0 -981 N`, or a weight such as `100kg` along −z of R0.
+
+    Raises:
+        typer.BadParameter: the text is neither three numbers, nor one number with a unit.
+    """
+    found = _FORCE_WITH_UNIT.fullmatch(text.strip()) if len(text) <= _MAX_FORCE_LENGTH else None
+    unit = None if found is None or found["unit"] is None else _FORCE_UNITS.get(found["unit"].casefold())
+    is_known = found is not None and (found["unit"] is None or unit is not None)
+    try:
+        numbers = [float(part) for part in re.split(r"[,;\s]+", found["numbers"].strip())] if found else []
+    except ValueError:
+        numbers = []
+    is_weight = len(numbers) == 1 and unit is not None
+    if not is_known or not (len(numbers) == len("XYZ") or is_weight):
+        raise typer.BadParameter(
+            f"'{text}' must be three numbers with their unit N, kN, kgf or lbf, such as 0,0,-981N, or a hung "
+            "weight such as 100kg"
+        )
+    return _TypedForce((0.0, 0.0, -abs(numbers[0])) if is_weight else tuple(numbers), unit)
+
+
+def _split_force(options: Options) -> Options:
+    """Return options in which a typed force is three numbers, and its unit that of `units`.
+
+    Raises:
+        typer.BadParameter: `--units` states another unit of forces.
+    """
+    force = options.get("force")
+    if not isinstance(force, _TypedForce):
+        return options
+    units = options.get("units") or {}
+    if force.unit is None:
+        return {**options, "force": force.vector}
+    if units.get("force") not in (None, force.unit):
+        reason = f"is in {force.unit}, but --units has force={units['force']}"
+        raise typer.BadParameter(reason, param_hint="--force")
+    return {**options, "force": force.vector, "units": {**units, "force": force.unit}}
+
+
 _FORMS: Final = {
     "units": Terminal(
         "",
@@ -138,9 +195,9 @@ _FORMS: Final = {
     "force": Terminal(
         "",
         "X,Y,Z[force]",
-        partial(cli.parse_vector, unit="the unit of --units (force=kgf for kg)"),
-        text="Force in every observation, axes of R0, in the unit of --units force=…, if no column has "
-        "forces.",
+        _parse_force,
+        text="Force in every observation, axes of R0, such as 0,0,-981N, or a hung weight such as "
+        "100kg, if no column has forces. Without a unit, that of --units force=… holds.",
     ),
     "flange_targets": Terminal(
         "--flange-target",
@@ -280,7 +337,9 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
     notes = _parse_pairs(values["about"] or [], SetMetadata, "--about")
     grounds = _parse_pairs(values["ground"] or [], Grounds, "--ground", _TRUTHS)
     template_fields, meaning = _read_template(values["template"])
-    options = _merge_options(template_fields, _convert_to_template_unit(fields, template_fields))
+    options = _merge_options(
+        template_fields, _convert_to_template_unit(_split_force(fields), template_fields)
+    )
     may_ask = is_terminal_input() and not values["as_json"]
     robot = None if values["robot"] is None else read_robot(values["robot"], "--robot")
     stated = _StatedReadings(_read_sources(files), options, robot, meaning)
@@ -971,7 +1030,7 @@ def ask_for_missing(answer: ImportAnswer, asked_before: set[str]) -> Options:
                 typer.echo(_HOW_TO_ANSWER, err=True)
             asked_before.add(name)
             _add_answer(new_options, name, question())
-    return new_options
+    return _split_force(new_options)
 
 
 def _add_answer(options: Options, name: str, value: object) -> None:
@@ -1090,7 +1149,12 @@ def _ask_load_point(targets: Sequence[str]) -> tuple[float, ...] | str:
 _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
     # field of the request → function that asks for its value
     **{option: partial(_prompt_choice, *question) for option, question in _CHOICE_QUESTIONS.items()},
-    "force": partial(_ask_vector, "Force on the robot in R0, X,Y,Z", None),
+    "force": partial(
+        typer.prompt,
+        "Force on the robot in R0, such as 0,0,-981 N, or a hung weight, such as 100 kg",
+        value_proc=_parse_force,
+        err=True,
+    ),
     "by_order": partial(typer.confirm, "Number the rows of files without names?", default=False, err=True),
     "allow_missing": partial(typer.confirm, "Skip incomplete readings?", default=False, err=True),
     "mean_of_repeats": partial(typer.confirm, "Use the mean of repeated readings?", default=False, err=True),

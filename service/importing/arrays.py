@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from importlib.util import find_spec
 from types import MappingProxyType
@@ -77,7 +78,7 @@ def read_arrays(
         raise ImportFileError(Place(file), reason, remedy)
     wanted = [name for name in names if name is not None] if kind == "hdf5" else []
     answer = _ask_library(file, content, kind, wanted, every_length=every_length)
-    tables = answer["arrays"]
+    tables = {name: _repeat_forces(arrays) for name, arrays in answer["arrays"].items()}
     if every_length:
         tables = {name: each for arrays in tables.values() for name, each in _split_by_length(arrays)}
     return [_build_grid(file, kind, name, arrays) for name, arrays in tables.items()]
@@ -94,7 +95,33 @@ def build_grids_of_matrices(file: str, matrices: Sequence[Matrix]) -> list[Grid]
         arrays = tabulate(named, every_length=True)
     except MemoryError:
         raise _refuse_size(file) from None
-    return [_build_grid(file, "text", name, table) for name, table in _split_by_length(arrays)]
+    tables = _split_by_length(_repeat_forces(arrays))
+    return [_build_grid(file, "text", name, table) for name, table in tables]
+
+
+def _repeat_forces(arrays: Sequence[Any]) -> list[Any]:
+    """Return arrays in which a force that a vector of three numbers states once is that of all rows.
+
+    Other vectors of three numbers are no columns, unless they have as many rows as most other arrays.
+    """
+    counts = Counter(len(cells) for each in arrays if not _is_vector(each) for cells in each["columns"] or ())
+    count = max(counts, key=lambda rows: (counts[rows], rows), default=0)
+    if count in (0, len(_AXES)):
+        return list(arrays)
+    repeated = []
+    for each in arrays:
+        columns = each["columns"]
+        if _is_vector(each):
+            is_force = grammar.is_force(each["name"])
+            columns = [[cell] * count for cell in columns[0]] if is_force else None
+        repeated.append({**each, "columns": columns})
+    return repeated
+
+
+def _is_vector(array: Any) -> bool:  # noqa: ANN401 - an array as the other process writes it
+    """Return whether an array is a vector of three numbers."""
+    columns: list[list[str | None]] = array["columns"] or []
+    return len(columns) == 1 and len(columns[0]) == len(_AXES) and array["kind"] == "number"
 
 
 def _refuse_size(file: str) -> ImportFileError:

@@ -125,12 +125,14 @@ def _lay_out_matrix(array: np.ndarray) -> np.ndarray:
 def _list_columns(array: np.ndarray, counts: Collection[int]) -> list[list[str | None]] | None:
     """Return the cells of each column of a vector or matrix; None for other arrays.
 
-    Arrays whose number of rows is not in `counts` have no columns.
+    Arrays whose number of rows is not in `counts` have no columns, unless they are vectors of three numbers,
+    which may be a force of all rows.
 
     NaN, the mark of a missing number in arrays, is an empty cell.
     """
     shape = _find_shape(array)
-    if shape is None or shape[0] not in counts:
+    is_vector = shape == (_COORDINATES, 1) and array.dtype.kind in _NUMBERS
+    if shape is None or not (shape[0] in counts or is_vector):
         return None
     array = array.reshape(shape)
     if array.dtype.kind in _NUMBERS:

@@ -103,7 +103,9 @@ def _list_words(reading: TargetReading, table: NumberTable, words: Mapping[str, 
 
 def _list_common_words(headers: Sequence[str], words: Mapping[str, State]) -> list[str]:
     """Return the words that all headers have, without the letters of axes, or numbers of coordinates."""
-    split = [[_strip_axis(word, words) for word in split_header(header)] for header in headers]
+    split = [split_header(header) for header in headers]
+    whole = set(split[0]).intersection(*split)
+    split = [[word if word in whole else _strip_axis(word, words) for word in each] for each in split]
     common = [word for word in split[0] if word and all(word in other for other in split)]
     rest = [[_NUMBER_BEHIND.sub("", word) for word in each if word not in common] for each in split]
     return common + [word for word in rest[0] if word and all(word in other for other in rest)]

@@ -160,10 +160,14 @@ _FORCES: Final = [word for word, kind in _VECTOR_OF.items() if kind == "force"]
 _AXIS_OF_FORCE: Final = re.compile(
     rf"([xyz])[\s_-]+({_build_alternation(word for word in _FORCES if len(word) > 1)})", re.IGNORECASE
 )
-_AXIS_OF_LOAD: Final = re.compile(
-    rf"({_build_alternation(_WORDS['answers']['load'])})[\s_-]*([xyz])", re.IGNORECASE
+_WITH_FORCE: Final = _build_alternation(_WORD_LISTS["forces"])
+_LOAD: Final = (
+    rf"(?:(?:{_WITH_FORCE})[\s_.-]+){{0,2}}(?:{_build_alternation((*_FORCES, *_WORDS['answers']['load']))})"
+    rf"(?:[\s_.-]+(?:{_WITH_FORCE})){{0,2}}"
 )
-"""A part of a load such as `load x`, which is a force only in a unit of force."""
+_AXIS_OF_LOAD: Final = re.compile(rf"{_LOAD}[\s_.-]*([xyz])(?:[\s_-]+(?:R0|base|basis))?", re.IGNORECASE)
+"""A part of a load such as `load x` or `applied force in x`, which is a force only in a unit of force."""
+_SIZE_OF_LOAD: Final = re.compile(_LOAD, re.IGNORECASE)
 _NUMBERED_FORCE: Final = re.compile(
     rf"({_build_alternation(_FORCES)})[\s_-]?(?:([0-9])|\[([0-9])\])", re.IGNORECASE
 )
@@ -274,6 +278,11 @@ def read_states(words: Iterable[str], extra: Mapping[str, State]) -> dict[str, S
     return {word: "unloaded_after" if fold_word(word) in after else state for word, state in states.items()}
 
 
+def is_likely_unloaded(word: str) -> bool:
+    """Return whether a word that may be a state more likely means without load, such as `ref` or `zero`."""
+    return fold_word(word) in _WORD_LISTS["likely unloaded"]
+
+
 def is_negation(word: str) -> bool:
     """Return whether a word negates others, such as `not`."""
     return fold_word(word) in _NEGATIONS
@@ -282,6 +291,24 @@ def is_negation(word: str) -> bool:
 def is_load_header(header: str) -> bool:
     """Return whether a header says that the cells of its column tell whether a load hangs."""
     return fold_word(split_unit(header)[0]) in _LOAD_HEADERS
+
+
+def is_force(name: str) -> bool:
+    """Return whether a name without an axis is that of a force, such as `F`, `force_N` or `Kraft [kN]`."""
+    base, unit = split_unit(name)
+    if unit is None:
+        base, unit = _split_unit_suffix(base) or (base, None)
+    return _VECTOR_OF.get(fold_word(base)) == "force" and (unit is None or _is_unit_of("force", unit))
+
+
+def find_unit_of_size(header: str) -> str | None:
+    """Return the unit of force of a load without an axis, such as `Kraft [kN]`; None for other headers."""
+    base, unit = split_unit(header)
+    if unit is None:
+        base, unit = _split_unit_suffix(base) or (base, None)
+    known = None if unit is None else find_known_unit(unit)
+    is_force = known is not None and known[0] == "force" and _SIZE_OF_LOAD.fullmatch(base) is not None
+    return known[1] if known is not None and is_force else None
 
 
 def find_answer(word: str) -> State | None:
@@ -455,7 +482,8 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
         return Meaning(Quantity(key))
     if unit is None and (mass := _MASS_IN_KG.fullmatch(base)) and fold_word(mass[1]) in _WORD_LISTS["hung"]:
         base, unit = mass[1], "kg"
-    if fold_word(base) in _WORD_LISTS["hung"]:
+    is_load_in_kg = unit == "kg" and fold_word(base) in _WORD_LISTS["hung in kg"]
+    if is_load_in_kg or fold_word(base) in _WORD_LISTS["hung"]:
         if unit not in ("kg", "kgf"):
             reason = f"{quote(header)}: the unit of a hung mass must be kg"
             raise ImportFileError(NOWHERE, reason, "write `mass [kg]`, or give forces")
@@ -478,7 +506,7 @@ def _name_by_unit(base: str, unit: str | None) -> str:
     if fold_word(base) in _TRANSLATIONS and _is_unit_of("length", unit):
         return base[1:]
     load = _AXIS_OF_LOAD.fullmatch(base)
-    return f"force {load[2]}" if load is not None and _is_unit_of("force", unit) else base
+    return f"force {load[1]}" if load is not None and _is_unit_of("force", unit) else base
 
 
 def _is_unit_of(dimension: Dimension, unit: str | None) -> bool:

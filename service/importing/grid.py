@@ -168,13 +168,14 @@ CERTIFICATE: Final = "a digital calibration certificate (DCC)"
 _CERTIFICATE_NAMESPACE: Final = b"https://ptb.de/dcc"
 _FIRST_BYTES: Final = 4096
 """Bytes of a file of XML among which its root names the schema."""
+OPEN_DOCUMENT: Final = "an OpenDocument file (such as .ods)"
 WORKBOOK: Final = "an Excel workbook (.xlsx)"
 _ZIP: Final = b"PK\x03\x04"
 _TYPES_BY_PART: Final = (
     ("xl/workbook.bin", "a binary Excel workbook (.xlsb)"),
     ("word/document.xml", "a Word document"),
     ("ppt/presentation.xml", "a PowerPoint presentation"),
-    ("content.xml", "an OpenDocument file (such as .ods)"),
+    ("content.xml", OPEN_DOCUMENT),
 )
 
 

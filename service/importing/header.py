@@ -292,8 +292,24 @@ def _merge_rows(rows: Sequence[tuple[str, ...]], words: Vocabulary) -> tuple[str
     upper, lower = (cells + ("",) * (width - len(cells)) for cells in (upper, lower))
     # A lower row of nothing but units is appended to the names above.
     if all(cell in _NO_UNIT or grammar.find_any_unit(cell.strip("[]() ")) for cell in lower if cell):
-        return tuple(_append_unit(name, unit) for name, unit in zip(upper, lower, strict=True))
+        units = _spread_units(upper, lower, words)
+        return tuple(_append_unit(name, unit) for name, unit in zip(upper, units, strict=True))
     return _combine_with_groups(upper, lower, words)
+
+
+def _spread_units(names: Sequence[str], units: Sequence[str], words: Vocabulary) -> list[str]:
+    """Return the units of columns, with that of a merged cell also for the empty cells to its right.
+
+    A unit holds as long as the columns are of one kind, such as joints.
+    """
+    spread, unit, kind_of_unit = list[str](), "", ""
+    for name, own_unit in zip(names, units, strict=True):
+        meaning = words.find(name) if name else None
+        kind = "" if meaning is None or meaning.axis is None else meaning.kind
+        if own_unit or not kind or kind != kind_of_unit:
+            unit, kind_of_unit = own_unit, kind
+        spread.append(unit)
+    return spread
 
 
 def _is_title(row: tuple[str, ...], words: Vocabulary) -> bool:

@@ -11,7 +11,7 @@ from pydantic_core import from_json
 from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.grammar import find_known_unit, is_joint
+from jointstiff.service.importing.grammar import find_known_unit, is_force, is_joint
 from jointstiff.service.importing.grid import Grid, Row, decode, too_large_error
 
 LEAST_ROWS: Final = 3
@@ -102,12 +102,24 @@ def _read_array(text: str) -> list[NumberedObject]:
 
 
 def find_objects(document: object) -> list[dict[str, Any]]:
-    """Return the objects of the array that a document is or has, or that its own names name; else none."""
+    """Return the objects of the array that a document is or has, or that its own names name; else none.
+
+    A force that the document states once is that of all objects without a force of this name.
+    """
     if isinstance(document, dict):
         if not _CAMPAIGNS.isdisjoint(document):
             return []
-        document = _find_array(document) or _turn_columns(document) or _list_named(document)
+        forces = {key: each for key, each in document.items() if is_force(str(key)) and _is_vector(each)}
+        others = {key: each for key, each in document.items() if key not in forces}
+        document = _find_array(others) or _turn_columns(others) or _list_named(others)
+        if len(document) != _COORDINATES:
+            document = [{**each, **(forces | each)} for each in document]
     return document if isinstance(document, list) and _is_array_of_objects(document) else []
+
+
+def _is_vector(value: object) -> bool:
+    """Return whether a value is a list of three numbers."""
+    return isinstance(value, list) and len(value) == _COORDINATES and all(map(_is_number, value))
 
 
 def _find_array(document: Mapping[str, Any]) -> list[dict[str, Any]]:

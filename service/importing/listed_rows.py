@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
+from jointstiff.service.importing.grammar import find_known_unit, is_force
 from jointstiff.service.importing.key_values import KeyedRecords
 
 _LEAST_LINES: Final = 3
@@ -19,6 +20,8 @@ _BRACKETS_OF_LISTS: Final = re.compile(r"[\[{(][^][(){}\n]{5,600}[\]})]")
 _LIST: Final = re.compile(r"\{([^][(){}]{5,600})\}|\[([^][(){}]{5,600})\]|\(([^][(){}]{5,600})\)")
 """A list in brackets without other brackets in it."""
 _NUMBER: Final = re.compile(r"[-+\u2212]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?")
+_UNIT_BEHIND: Final = re.compile(r"[ \t]{0,3}([^\W\d]{1,4}|°)(?![\w.])")
+"""A word behind a list that may be its unit."""
 _NUMBERS_AND_BLANKS: Final = re.compile(r"\d\s+[-+.\d\u2212]")
 _BRACKET: Final = re.compile(r"[][{}]")
 _INDEX: Final = re.compile(r"\[\s{0,3}(\w{1,20})(?:\s{0,3}[^][\w][^][]{0,40})?\]")
@@ -36,14 +39,14 @@ class _Line(NamedTuple):
     number: int
     words: tuple[tuple[str, ...], ...]  # words before each list
     lists: tuple[tuple[str, ...], ...]  # texts of the numbers
+    units: tuple[str, ...]  # behind each list; empty without one
     last_words: tuple[str, ...]  # words behind the last list
 
     @property
-    def form(self) -> tuple[tuple[int, int], ...]:
-        """Number of words before each list, and of its numbers."""
-        return tuple(
-            (len(words), len(numbers)) for words, numbers in zip(self.words, self.lists, strict=True)
-        )
+    def form(self) -> tuple[tuple[int, int, str], ...]:
+        """Number of words before each list, and of its numbers, and their unit."""
+        parts = zip(self.words, self.lists, self.units, strict=True)
+        return tuple((len(words), len(numbers), unit) for words, numbers, unit in parts)
 
 
 def read_listed_rows(text: str) -> KeyedRecords | None:
@@ -66,19 +69,30 @@ def read_listed_rows(text: str) -> KeyedRecords | None:
     remarks = [(number, line) for number, line in lines if number not in used]
     if any(_may_have_list(line) for _, line in remarks):
         return None
-    joined = _join_lines(listed)
+    constant = _find_constant_force(listed)
+    joined = _join_lines([line for line in listed if line is not constant])
     if not joined:
         return None
     columns = list(_list_columns(joined))
+    if constant is not None:
+        own = _list_columns([constant] * len(joined))
+        columns += [(header, cells) for header, cells in own if header != "name"]
     headers = tuple(header for header, _ in columns)
     rows = zip(*(cells for _, cells in columns), strict=True)
     numbered = tuple((line.number, row) for line, row in zip(joined, rows, strict=True))
     return KeyedRecords(headers, numbered, tuple(remarks))
 
 
+def _find_constant_force(lines: Sequence[_Line]) -> _Line | None:
+    """Return the only line with nothing but a force, which then holds for all rows; None without one."""
+    found = [line for line in lines if len(line.lists) == 1 and is_force(" ".join(line.words[0]))]
+    is_vector = len(found) == 1 and len(found[0].lists[0]) == _COORDINATES
+    return found[0] if is_vector else None
+
+
 def _read_line(number: int, line: str) -> _Line | None:
     """Return the lists of a line and the words before them; None of a line of another form."""
-    words, lists, end = list[tuple[str, ...]](), list[tuple[str, ...]](), 0
+    words, lists, units, end = list[tuple[str, ...]](), list[tuple[str, ...]](), list[str](), 0
     if len(line) > _MAX_LINE:
         return None
     for found in _LIST.finditer(line):
@@ -87,7 +101,10 @@ def _read_line(number: int, line: str) -> _Line | None:
             continue
         words.append(_split_words(line[end : found.start()]))
         lists.append(numbers)
-        end = found.end()
+        unit = _UNIT_BEHIND.match(line, found.end())
+        is_unit = unit is not None and find_known_unit(unit[1]) is not None
+        units.append(unit[1] if unit is not None and is_unit else "")
+        end = unit.end() if unit is not None and is_unit else found.end()
     if not lists:
         return None
     last_words = _split_words(line[end:].partition("//")[0])
@@ -95,7 +112,9 @@ def _read_line(number: int, line: str) -> _Line | None:
     other_cells = _CELL_SEPARATORS.split(_LIST.sub(" ", line))
     has_other_numbers = sum(_NUMBER.fullmatch(cell) is not None for cell in other_cells) >= _LEAST_NUMBERS
     is_understood = not is_nested and not has_other_numbers
-    return _Line(number, tuple(words), tuple(lists), last_words) if is_understood else None
+    if not is_understood:
+        return None
+    return _Line(number, tuple(words), tuple(lists), tuple(units), last_words)
 
 
 def _split_words(text: str) -> tuple[str, ...]:
@@ -119,7 +138,8 @@ def _join_parts(lines: Sequence[_Line]) -> _Line:
     """Return the lines of a row as one line; words behind the last list of a line are those of the last."""
     words = tuple(own for line in lines for own in line.words)
     lists = tuple(own for line in lines for own in line.lists)
-    return _Line(lines[0].number, words, lists, lines[-1].last_words)
+    units = tuple(own for line in lines for own in line.units)
+    return _Line(lines[0].number, words, lists, units, lines[-1].last_words)
 
 
 def _may_have_list(line: str) -> bool:
@@ -162,12 +182,15 @@ def _list_columns(lines: Sequence[_Line]) -> Iterator[tuple[str, tuple[str, ...]
         yield "name", tuple("_".join(name) for name in names)
     for number, header in enumerate(headers[: len(groups)]):
         of_lists = zip(*(line.lists[number] for line in lines), strict=True)
+        unit = lines[0].units[number]
+        ending = f" [{unit}]" if unit else ""
         for column, cells in enumerate(of_lists):
-            yield _name_column(header, column, len(lines[0].lists[number])), tuple(cells)
+            own_header = _name_column(header, column, len(lines[0].lists[number]))
+            yield f"{own_header}{ending}" if own_header else "", tuple(cells)
 
 
 def _name_column(header: str, column: int, count: int) -> str:
-    """Return the header of a column of a list: its words and the axis or number; empty without words."""
+    """Return the name of a column of a list: its words and the axis or number; empty without words."""
     if not header:
         return ""
     return f"{header} {'xyz'[column]}" if count == _COORDINATES else f"{header} {column + 1}"

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
+from jointstiff.service.importing.grammar import is_force
 from jointstiff.service.importing.grid import MAX_NUMBER_LENGTH
 
 _BRACKETS: Final = re.compile(r"\[([^\[\]]*)\]")
@@ -29,7 +30,7 @@ class Matrix(NamedTuple):
 
 
 def find_matrices(file: str, text: str) -> list[Matrix]:
-    """Return the matrices of a text, of three rows and three columns at least.
+    """Return the matrices of a text, of three rows and three columns at least, and the force of all rows.
 
     Cells are separated by blanks or commas, rows by semicolons or line ends. Brackets with other contents,
     such as a unit in a header, are no matrix. A matrix with `'` after its bracket is transposed. Of two
@@ -50,9 +51,10 @@ def find_matrices(file: str, text: str) -> list[Matrix]:
         before = text[max(match.start() - _LONGEST_NAME, 0) : match.start()].rstrip(" \t")
         behind = text[match.end() : match.end() + _LONGEST_NAME].lstrip(" \t")
         rows = _read_rows(match[1])
-        if not rows:
-            continue
         stated_name = _NAME.search(before)
+        is_force_of_all = stated_name is not None and is_force(stated_name[1]) and _is_vector(rows)
+        if not (_is_matrix(rows) or is_force_of_all):
+            continue
         name = stated_name[1] if stated_name else f"matrix {len(found) + 1}"
         if behind.startswith("'"):
             rows = [list(column) for column in zip(*rows, strict=True)]
@@ -64,7 +66,7 @@ def find_matrices(file: str, text: str) -> list[Matrix]:
     for name in found:
         if _is_changed_later(name, text):
             raise _refuse_computed(file, name)
-    return list(found.values())
+    return list(found.values()) if any(_is_matrix(each.rows) for each in found.values()) else []
 
 
 def _omit_commented_blocks(text: str) -> str:
@@ -102,7 +104,7 @@ def _refuse_computed(file: str, name: str) -> ImportFileError:
 
 
 def _read_rows(content: str) -> list[list[float]]:
-    """Return the rows of numbers between two brackets; none if this is no matrix."""
+    """Return the rows of numbers between two brackets; none if there are other texts."""
     rows = list[list[float]]()
     for line in re.split(r"[;\n]", content):
         cells = line.replace(",", " ").split()
@@ -110,6 +112,15 @@ def _read_rows(content: str) -> list[list[float]]:
             return []
         if cells:
             rows.append([float(cell) for cell in cells])
+    return rows
+
+
+def _is_matrix(rows: Sequence[Sequence[float]]) -> bool:
+    """Return whether rows of numbers are a matrix of three rows and three columns at least."""
     widths = {len(row) for row in rows}
-    is_matrix = len(rows) >= _LEAST_ROWS and len(widths) == 1 and min(widths) >= _LEAST_COLUMNS
-    return rows if is_matrix else []
+    return len(rows) >= _LEAST_ROWS and len(widths) == 1 and min(widths) >= _LEAST_COLUMNS
+
+
+def _is_vector(rows: Sequence[Sequence[float]]) -> bool:
+    """Return whether rows of numbers are three numbers in a row or in a column."""
+    return [len(row) for row in rows] in ([_LEAST_COLUMNS], [1] * _LEAST_ROWS)

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.contrasts import NO_CONTRAST, Contrast, choose_words, find_contrasts
-from jointstiff.service.importing.grammar import find_state, find_state_in_name, split_words
+from jointstiff.service.importing.grammar import (
+    find_state,
+    find_state_in_name,
+    is_likely_unloaded,
+    split_words,
+)
 from jointstiff.service.importing.loads import find_load, find_state_of_load, remove_load
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.row_key import RowName
@@ -16,6 +22,7 @@ from jointstiff.solver.meaning.proposal import Proposal, TargetReading
 
 _STATES: Final[tuple[State, ...]] = ("unloaded", "loaded", "unloaded_after")
 """States of a target in the order of its positions, if no name says more."""
+_NUMBER: Final = re.compile(r"\d{1,9}")
 
 
 @dataclass(frozen=True)
@@ -224,6 +231,32 @@ def find_words_against_order(named: Sequence[NamedReading]) -> tuple[str, ...]:
             own = [other for other in named if other.target == each.target]
             return list_state_words(own) or each.contrast.words[:1]
     return ()
+
+
+def find_unknown_words(named: Sequence[NamedReading]) -> tuple[str, ...]:
+    """Return the words that alone may say which of two positions of a target is loaded; none without.
+
+    The word that more likely means without load comes first. Words that differ in numbers in the order of the
+    positions, such as `X1` and `X2`, say no more than the order.
+    """
+    for each in named:
+        own = [other for other in named if other.target == each.target]
+        words = list_state_words(own)
+        are_by_order = all(other.is_by_order for other in own)
+        if are_by_order and words and not _are_counted([other.contrast.words for other in own]):
+            in_order = sorted(own, key=lambda other: other.state != "unloaded")
+            words = list_state_words(in_order)
+            return words[::-1] if is_likely_unloaded(words[-1]) else words
+    return ()
+
+
+def _are_counted(words: Sequence[Sequence[str]]) -> bool:
+    """Return whether the words of two readings are alike but for numbers, which grow."""
+    first, second = (" ".join(each) for each in words)
+    forms = {_NUMBER.sub("0", each) for each in (first, second)}
+    numbers = [[int(number) for number in _NUMBER.findall(each)] for each in (first, second)]
+    has_no_letters = not any(map(str.isalpha, first + second))
+    return (len(forms) == 1 or has_no_letters) and numbers[0] <= numbers[1]
 
 
 def _add_states(

@@ -17,7 +17,14 @@ import numpy as np
 from jointstiff.schemas.imports import DecimalMark, ImportOptions
 from jointstiff.service.importing.blocks import write_postures
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.grammar import Meaning, Quantity, Vocabulary, is_planned, is_statistic
+from jointstiff.service.importing.grammar import (
+    Meaning,
+    Quantity,
+    Vocabulary,
+    find_unit_of_size,
+    is_planned,
+    is_statistic,
+)
 from jointstiff.service.importing.grid import (
     Grid,
     Row,
@@ -103,6 +110,28 @@ class NumberTable:
         """Force along one axis only, by the headers: then it has no other part."""
         has_mass = any(meaning is not None and meaning.kind == "mass" for meaning in self.meanings)
         return len(self.find_force_columns()) == 1 and not has_mass
+
+    def find_size_of_force(self) -> int | None:
+        """Return the column of the size of a force, such as `Kraft [kN]`; None unless it is the only one.
+
+        A table whose headers name a force along an axis, or a mass, has no such column.
+        """
+        kinds = {meaning.kind for meaning in self.meanings if meaning is not None}
+        sizes = [
+            column
+            for column, header in enumerate(self.headers)
+            if self.meanings[column] is None and column not in self.ignored and find_unit_of_size(header)
+        ]
+        return sizes[0] if len(sizes) == 1 and kinds.isdisjoint(("force", "mass")) else None
+
+    def name_size_along_z(self, column: int) -> NumberTable:
+        """Return the table in which a column of sizes of a force, of any sign, is the force along −z."""
+        unit = find_unit_of_size(self.headers[column])
+        meanings = list(self.meanings)
+        meanings[column] = Meaning(Quantity("force"), 2, unit)
+        table = self.replace_numbers({column: -np.abs(self.table.numbers[:, column])})
+        others = self.table.others | {column}
+        return replace(table, meanings=tuple(meanings), table=replace(table.table, others=others))
 
     def name_forces(self, columns: Sequence[int]) -> NumberTable:
         """Return the table in which three columns without a header are the force along x, y and z."""

@@ -558,6 +558,8 @@ def _build_type_error(file: SourceFile, kind: str) -> ImportFileError:
             remedy = "correct the JSON at this place; the file must be UTF-8"
             return ImportFileError(Place(file.name), reason, remedy)
         remedy = "a campaign needs no import: use `jointstiff identify FILE`"
+    if kind == grid.OPEN_DOCUMENT:
+        remedy = "in the spreadsheet, choose File > Save As and the type Excel (.xlsx), then import that file"
     return ImportFileError(Place(file.name), f"the file is {kind}, not a table", remedy)
 
 

@@ -14,6 +14,7 @@ from jointstiff.service.importing.grammar import (
     find_answer,
     find_state,
     find_state_in_name,
+    find_unit_of_size,
     is_cycle_header,
     is_load_header,
     is_repeat_header,
@@ -290,6 +291,8 @@ def _list_masses(table: NumberTable) -> list[float] | None:
 def _list_forces(table: NumberTable) -> list[RowName] | None:
     """Return state and force of each row by its columns of forces, if some rows have none; else None."""
     columns = [column for column, meaning in enumerate(table.meanings) if meaning and meaning.kind == "force"]
+    size_column = table.find_size_of_force()
+    columns += [] if size_column is None else [size_column]
     sizes = [
         math.hypot(*(table.table.numbers[row, column] for column in columns))
         for row in range(len(table.rows))
@@ -299,10 +302,10 @@ def _list_forces(table: NumberTable) -> list[RowName] | None:
         return None
     has_several = 1 < len(different) <= _MOST_CODES
     meaning = table.meanings[columns[0]]
-    unit = (meaning.unit if meaning is not None else None) or ""
+    unit = find_unit_of_size(table.headers[columns[0]]) if meaning is None else meaning.unit
     names = []
     for size in sizes:
-        force = f"{size:.4g} {unit}".strip() if has_several and size > 0.0 else ""
+        force = f"{size:.4g} {unit or ''}".strip() if has_several and size > 0.0 else ""
         names.append(RowName(state="loaded" if size > 0.0 else "unloaded", force=force))
     return names
 

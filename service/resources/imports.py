@@ -345,7 +345,10 @@ _DESCRIPTIONS: Final[Mapping[MissingField, str]] = MappingProxyType(
         "joints": (
             "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, … (lengths as `J3 [mm]`)"
         ),
-        "force": "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force`",
+        "force": (
+            "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force` "
+            "(N, kN, kgf, lbf)"
+        ),
         "readings": "readings: columns such as `P10 unloaded x [mm]`, or lists of points",
         "loaded": "the positions under load",
         "unloaded": "the positions without load",

@@ -12,6 +12,7 @@ import numpy as np
 from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
 from jointstiff.schemas.meaning import JointsMeaning, PointsMeaning, TableMeaning
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
+from jointstiff.service.conversion.units import FORCE
 from jointstiff.service.importing.deflections import (
     Deflection,
     add_deflections,
@@ -19,11 +20,12 @@ from jointstiff.service.importing.deflections import (
     list_lone_displacements,
 )
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
-from jointstiff.service.importing.grammar import Vocabulary
+from jointstiff.service.importing.grammar import Vocabulary, find_unit_of_size
 from jointstiff.service.importing.joining import join_tables
 from jointstiff.service.importing.lengths import convert_columns, unify_lengths
 from jointstiff.service.importing.naming import (
     NamedReading,
+    find_unknown_words,
     find_words_against_order,
     list_state_words,
     name_readings,
@@ -87,6 +89,10 @@ _LARGEST_WORSENING: Final = 3.0
 """Largest ratio of the residuals of files and of those of their template."""
 _LEAST_ALONG: Final = 0.75
 """Least fraction of the postures in which targets move along a force whose columns have no headers."""
+_SAME_FORCE: Final = 0.02
+"""Largest difference of a stated force from the size in a file, as a part of the stated force."""
+_LEAST_DOWN: Final = 0.9
+"""Least fraction of the positions that are lower under load, if a force without an axis is a weight."""
 _CLEARLY_FARTHER: Final = 2.0
 """Ratio of the distances to positions without and under load from which a reading is one under load."""
 _LARGEST_REMAINDER: Final = 0.25
@@ -219,7 +225,10 @@ def _propose_importable(
     _refuse_order_against_words(proposal, named)
     _refuse_loaded_after_unloading(named)
     tables, force_notes = _name_constant_force(proposal, tables, request)
+    if not force_notes:
+        tables, force_notes = _name_force_along_z(proposal, named, tables, request)
     _refuse_states_against_force(proposal, named, tables, request)
+    _refuse_unknown_words(proposal, named, tables, request)
     words = Vocabulary(request, proposal.robots[0].robot.joint_names)
     named = add_uncertainties(named, tables, words, proposal.unit)
     left = list_columns_left(proposal, tables, named)
@@ -840,6 +849,75 @@ def _name_constant_force(
     return [named if table is joints else table for table in tables], [note]
 
 
+def _name_force_along_z(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
+) -> tuple[Sequence[NumberTable], list[str]]:
+    """Return the tables, with the sizes of a force along −z of R0 if the targets move that way under load.
+
+    The header names no axis. A person may state the force with its direction, if the file has one force.
+
+    Raises:
+        _NoProposalError: there are several forces, whose direction the targets do not show; or the request
+            states a force of another size.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    column = joints.find_size_of_force()
+    if column is None:
+        return tables, []
+    header = quote(joints.headers[column])
+    sizes = joints.table.numbers[:, column]
+    if request.force is not None:
+        _refuse_other_size(joints, column, request)
+        return tables, []
+    has_one_sign = bool((sizes >= 0.0).all() or (sizes <= 0.0).all())
+    if has_one_sign and _move_down(named):
+        along_z = joints.name_size_along_z(column)
+        note = f"{header} as the size of a force along −z of R0, as the targets move"
+        return [along_z if table is joints else table for table in tables], [note]
+    if len({each.force for each in named if each.state == "loaded"}) > 1:
+        found = describe(proposal, [each.words for each in named])
+        raise _NoProposalError(
+            f"{found}, but {header} has several forces without a direction",
+            "write the force in columns `Fx [N]`, `Fy [N]` and `Fz [N]` in axes of R0",
+        )
+    return tables, []
+
+
+def _refuse_other_size(joints: NumberTable, column: int, request: ImportRequest) -> None:
+    """Refuse a stated force whose size is not that of a column of sizes; rows without load do not count.
+
+    Raises:
+        _NoProposalError: the column has another size, or several.
+    """
+    if request.force is None or request.units is None or request.units.force is None:
+        return
+    newtons = FORCE[find_unit_of_size(joints.headers[column]) or "N"]
+    sizes = newtons * np.abs(joints.table.numbers[:, column])
+    stated = FORCE[request.units.force] * float(np.linalg.norm(request.force))
+    differences = np.abs(sizes[sizes > 0.0] - stated)
+    if differences.max(initial=0.0) > _SAME_FORCE * stated:
+        raise _NoProposalError(
+            f"`force` is {stated:.4g} N, but {quote(joints.headers[column])} has {sizes.max():.4g} N",
+            "correct `force`, or omit `force` if the load hangs: then it pulls along −z of R0",
+        )
+
+
+def _move_down(named: Sequence[NamedReading]) -> bool:
+    """Return whether targets move along −z of R0 under load, and clearly less along x and y."""
+    unloaded = {each.target: each.reading.positions for each in named if each.state == "unloaded"}
+    shifts = [
+        each.reading.positions - unloaded[each.target]
+        for each in named
+        if each.state == "loaded" and each.target in unloaded
+    ]
+    if not shifts:
+        return False
+    x, y, z = np.array(shifts).reshape(-1, 3).T
+    are_down = np.mean(z[np.isfinite(z)] < 0.0) >= _LEAST_DOWN
+    aside = max(abs(np.nansum(x)), abs(np.nansum(y)))
+    return bool(are_down and -np.nansum(z) > _CLEARLY_FARTHER * aside)
+
+
 def _refuse_states_against_force(
     proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
 ) -> None:
@@ -883,14 +961,37 @@ def _refuse_order_against_words(proposal: Proposal, named: Sequence[NamedReading
         raise _build_words_error(f"{found} by their order, but words may state other states", words)
 
 
-def _build_words_error(reason: str, words: Sequence[str]) -> _NoProposalError:
-    """Return the error that words of headers, files or cells may be the states of positions."""
+def _refuse_unknown_words(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
+) -> None:
+    """Refuse states by the order of positions whose words are not known, if no force shows the states.
+
+    Raises:
+        _NoProposalError: words may state other states than the order.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    is_shown_by_force = request.force is not None or _read_forces(joints) is not None
+    words = () if is_shown_by_force else find_unknown_words(named)
+    if words:
+        found = describe(proposal, [each.words for each in named])
+        reason = f"{found} by their order, but the words {' and '.join(map(quote, words))} are not known"
+        raise _build_words_error(reason, words, ("unloaded", "loaded"))
+
+
+def _build_words_error(
+    reason: str, words: Sequence[str], states: tuple[str, str] = ("loaded", "unloaded")
+) -> _NoProposalError:
+    """Return the error that words of headers, files or cells may be the states of positions.
+
+    `states` are the likely states of two words.
+    """
     listed = " and ".join(map(quote, words))
     kind_of_words = "words for states" if len(words) > 1 else "a word for a state"
-    pairs = zip(words, ("loaded", "unloaded"), strict=False)
+    pairs = list(zip(words, states if len(words) > 1 else ("loaded",), strict=False))
+    in_order = tuple(word for word, _ in sorted(pairs, key=lambda pair: pair[1] != "unloaded"))
     examples = [f"{quote(word)} as `{state}`" for word, state in pairs]
     remedy = f"state what these words mean by `state_words`, such as {' and '.join(examples)}"
-    fault = ImportFileError(NOWHERE, f"{listed} may be {kind_of_words}", remedy, "state_words", tuple(words))
+    fault = ImportFileError(NOWHERE, f"{listed} may be {kind_of_words}", remedy, "state_words", in_order)
     return _NoProposalError(reason, remedy, fault)
 
 

@@ -314,3 +314,46 @@ def test_a_printed_option_for_a_header_explains_the_header(old, new, answer, rem
     assert answer in words
     assert f"`{remedy}`" in words
     assert "3 complete readings" in typed(f"import table.csv {remedy}")
+
+
+WITHOUT_FORCE = "\n".join(
+    ";".join(cell for n, cell in enumerate(line.split(";")) if n not in (4, 5, 6))
+    for line in CAMPAIGN.splitlines()[1:]
+)
+
+
+@pytest.mark.parametrize(
+    ("force", "newtons"),
+    [
+        ("0,0,-1177.2N", [0.0, 0.0, -1177.2]),
+        ("0 0 -1177.2 N", [0.0, 0.0, -1177.2]),
+        ("[0; 0; -1.1772] kN", [0.0, 0.0, -1177.2]),
+        ("-120kg", [0.0, 0.0, -120 * 9.80665]),
+        ("120 kg", [0.0, 0.0, -120 * 9.80665]),
+        ("0,0,-120 kp", [0.0, 0.0, -120 * 9.80665]),
+    ],
+)
+@pytest.mark.parametrize("is_option", [True, False])
+def test_a_force_is_typed_with_its_unit(force, newtons, is_option, monkeypatch):
+    Path("free.csv").write_text(WITHOUT_FORCE)
+    if is_option:
+        typed(f"import free.csv {STATED} --force='{force}' -o set.json")
+    else:
+        monkeypatch.setattr(imports, "is_terminal_input", lambda: True)
+        typed(f"import free.csv {STATED} -o set.json", input=f"{force}\nnone\n\n\n\n\n")
+    stored = json.loads(Path("set.json").read_text())
+    size = {"N": 1.0, "kN": 1e3, "kgf": 9.80665}[stored["units"]["force"]]
+    assert [size * each for each in stored["observations"][0]["force"]] == pytest.approx(newtons)
+
+
+@pytest.mark.parametrize("force", ["0,0", "100", "0,0,-100 t", "0,0,-100 mm", "1e", "N", "0,0,-1N,2"])
+def test_a_force_without_three_numbers_or_a_known_unit_is_refused(force):
+    Path("free.csv").write_text(WITHOUT_FORCE)
+    said = refused(f"import free.csv {STATED} --force='{force}' -o set.json")
+    assert "three numbers with their unit N, kN, kgf or lbf" in " ".join(said.split())
+
+
+def test_a_force_in_another_unit_than_the_units_option_is_refused():
+    Path("free.csv").write_text(WITHOUT_FORCE)
+    said = refused(f"import free.csv {STATED} --force=0,0,-1N --units force=kN")
+    assert "is in N, but --units has force=kN" in " ".join(said.split())

@@ -26,7 +26,9 @@ COMMENT = "comments were skipped (1 line); the first: 'cell 3, dead weight, 2026
 ROWS = [line.split(";") for line in CAMPAIGN.splitlines()[1:]]
 BODY = "".join(f"{';'.join(row)}\n" for row in ROWS[1:])
 JOINTS_MISSING = "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, … (lengths as `J3 [mm]`)"
-FORCE_MISSING = "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force`"
+FORCE_MISSING = (
+    "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force` (N, kN, kgf, lbf)"
+)
 
 
 def test_a_table_becomes_a_measurement_set():

@@ -116,3 +116,40 @@ def test_a_column_that_counts_postures_is_their_name_in_files_with_decimal_comma
         assert [each["loaded"] for each in observation["readings"]] == [
             pytest.approx(1e3 * position, abs=2e-3) for position in CAMPAIGN.loaded[n]
         ]
+
+
+def propose_without_force(files, folder, **stated):
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    more = {name: each for name, each in STATED.items() if name not in ("force", "units")}
+    return js.read(*(folder / name for name in files), robot=ARM, **(more | stated))
+
+
+@pytest.mark.parametrize(
+    ("unloaded", "loaded"), [("無負荷", "負荷"), ("空载", "负载"), ("vacío", "cargado"), ("frei", "belastet")]
+)
+def test_words_of_other_languages_say_the_states_whatever_their_order(unloaded, loaded, tmp_path):
+    files = {"a.csv": table(list_headers("{a} {w}", loaded, unloaded), LOADED_FIRST)}
+    sentence = str(propose_without_force(files, tmp_path))
+    assert sentence.index("loaded [mm]") < sentence.index("unloaded [mm]")
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "likely"),
+    [("ref", "test", "ref"), ("full", "zero", "zero"), ("A", "B", "A"), ("F1", "F0", "F1"), ("2", "1", "2")],
+)
+def test_unknown_words_are_asked_with_the_likely_answer_first_without_a_force(
+    first, second, likely, tmp_path
+):
+    files = {"a.csv": table(list_headers("{a} {w}", first, second), LOADED_FIRST)}
+    with pytest.raises(js.CampaignError) as refused:
+        propose_without_force(files, tmp_path)
+    assert f"'{likely}' as `unloaded`" in refused.value.problem.remedy
+    words = {first: "loaded", second: "unloaded"}
+    sentence = str(propose_without_force(files, tmp_path, state_words=words))
+    assert sentence.index("loaded [mm]") < sentence.index("unloaded [mm]")
+
+
+def test_words_that_count_the_positions_need_no_question(tmp_path):
+    files = {"a.csv": table(list_headers("{a} {w}", "F0", "F1"), wide(CAMPAIGN, UNLOADED, LOADED))}
+    assert "T1 unloaded [mm] and 11–13 as T1 loaded" in str(propose_without_force(files, tmp_path))

@@ -1,0 +1,188 @@
+"""Forces as people name and write them: in words of several languages, as a size, in lists and in arrays."""
+
+import io
+import json
+
+import numpy as np
+import pytest
+import scipy.io
+from support.strange_files import JOINTS, both, digits, joint_rows, judge, simulate, table, wide
+
+import jointstiff as js
+
+ARM = "KUKA KR 210 R2700 extra"
+CAMPAIGN = simulate(ARM, seed=3, postures=14)
+UNLOADED, LOADED = both(CAMPAIGN)
+STATED = {"encoders": "motor", "load_point": [0, 0, 120], "length_unit": "mm"}
+POINTS = [f"{axis} {word} [mm]" for word in ("unloaded", "loaded") for axis in "xyz"]
+
+
+def propose(files, folder, **stated):
+    for name, content in files.items():
+        (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
+    return js.read(*(folder / name for name in files), robot=ARM, **(STATED | stated))
+
+
+def accept(files, folder, **stated):
+    proposed = propose(files, folder, **stated)
+    return proposed.accept() if hasattr(proposed, "accept") else proposed
+
+
+def read_force(files, folder, **stated):
+    """Return the force of the first observation [N]; the readings are those of the campaign."""
+    document = accept(files, folder, **stated).measurement_set.model_dump(mode="json")
+    newtons = {"N": 1.0, "kN": 1e3, "kgf": 9.80665}[document["units"]["force"]]
+    force = [newtons * each for each in document["observations"][0]["force"]]
+    document["units"]["force"] = "N"
+    assert judge(CAMPAIGN, document) == []
+    return force
+
+
+def with_columns(headers, cells, loaded=LOADED):
+    rows = [[*row[:7], *cells, *row[7:]] for row in wide(CAMPAIGN, UNLOADED, loaded)]
+    return {"a.csv": table(["Pose", *(f"{joint} [deg]" for joint in JOINTS), *headers, *POINTS], rows)}
+
+
+@pytest.mark.parametrize(
+    ("form", "newtons"),
+    [
+        ("Fuerza {} (N)", 1),
+        ("Forza {} [N]", 1),
+        ("Força {} (N)", 1),
+        ("Force en {} (N)", 1),
+        ("Kracht {} [N]", 1),
+        ("力{}[N]", 1),
+        ("Kraft {} [kN]", 1e3),
+        ("Kraft in {} [kN]", 1e3),
+        ("Applied load {} [N]", 1),
+        ("F.{} [N]", 1),
+    ],
+)
+def test_parts_of_a_force_are_known_by_its_word_and_an_axis(form, newtons, tmp_path):
+    headers = [form.format(axis) for axis in "XYZ"]
+    files = with_columns(headers, ["0", "0", f"{-981 / newtons}"])
+    assert read_force(files, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
+
+
+@pytest.mark.parametrize("header", ["Carga [kg]", "Last [kg]", "Load (kg)", "Carico [kg]"])
+def test_a_load_in_kg_hangs_at_the_load_point(header, tmp_path):
+    assert read_force(with_columns([header], ["100"]), tmp_path) == pytest.approx([0.0, 0.0, -980.665])
+
+
+@pytest.mark.parametrize(
+    ("header", "cell"),
+    [("Kraft [kN]", "0.981"), ("Fuerza (N)", "-981"), ("F [N]", "981"), ("Last [N]", "981")],
+)
+def test_a_force_without_an_axis_is_a_weight_if_the_targets_move_down(header, cell, tmp_path):
+    files = with_columns([header], [cell])
+    assert f"{header!r} as the size of a force along −z of R0" in str(propose(files, tmp_path))
+    assert read_force(files, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
+
+
+def test_a_force_without_an_axis_is_no_weight_if_the_targets_move_aside(tmp_path):
+    files = with_columns(["Kraft [N]"], ["981"], UNLOADED + np.array([0.0, 0.7, -0.2]))
+    answer = accept(files, tmp_path)
+    assert answer.measurement_set is None
+    assert "the force of each observation" in answer.missing[0]
+
+
+def test_a_stated_force_of_another_size_than_that_of_the_file_is_refused(tmp_path):
+    files = with_columns(["Kraft [kN]"], ["0.981"])
+    with pytest.raises(js.CampaignError, match="`force` is 500 N, but 'Kraft \\[kN\\]' has 981 N"):
+        propose(files, tmp_path, force=[0, 0, -500], units={"force": "N"})
+    aside = read_force(files, tmp_path, force=[0, -981, 0], units={"force": "N"})
+    assert aside == pytest.approx([0.0, -981.0, 0.0])
+
+
+def test_sizes_of_several_forces_in_turn_are_loads_of_a_posture(tmp_path):
+    rows = [
+        [*row, str(size), *digits(UNLOADED[n] + size / 1000 * (LOADED[n] - UNLOADED[n]))]
+        for n, row in enumerate(joint_rows(CAMPAIGN))
+        for size in (0, 500, 1000)
+    ]
+    header = ["Pose", *(f"{joint} [deg]" for joint in JOINTS), "Kraft [N]", *"XYZ"]
+    observations = accept({"a.csv": table(header, rows)}, tmp_path).measurement_set.observations
+    assert [each.force[2] for each in observations] == [-500.0] * 14 + [-1000.0] * 14
+
+
+def as_list(numbers):
+    return ", ".join(digits(numbers))
+
+
+@pytest.mark.parametrize("line", ["F = [0 0 -981] N", "F = [0, 0, -0.981] kN", "Kraft: [0; 0; -981] N"])
+@pytest.mark.parametrize("is_in_each_posture", [True, False])
+def test_a_list_of_a_force_in_a_log_has_the_unit_behind_it(line, is_in_each_posture, tmp_path):
+    text = "" if is_in_each_posture else f"{line}\n"
+    for n, angles in enumerate(CAMPAIGN.joints):
+        text += f"Pose {n + 1}\n q = [{as_list(angles)}] deg\n"
+        text += f" {line}\n" if is_in_each_posture else ""
+        text += f" p0 = [{as_list(UNLOADED[n])}]\n p1 = [{as_list(LOADED[n])}]\n"
+    assert read_force({"log.txt": text}, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
+
+
+ARRAYS = {"q": CAMPAIGN.joints, "p0": UNLOADED, "p1": LOADED}
+FORCE = np.array([0.0, 0.0, -981.0])
+
+
+def write_npz(arrays):
+    output = io.BytesIO()
+    np.savez(output, **arrays)
+    return {"d.npz": output.getvalue()}
+
+
+def write_mat(arrays):
+    output = io.BytesIO()
+    scipy.io.savemat(output, arrays)
+    return {"d.mat": output.getvalue()}
+
+
+def write_json(arrays):
+    return {"d.json": json.dumps({name: array.round(4).tolist() for name, array in arrays.items()})}
+
+
+def write_records(arrays):
+    records = [{name: each[n].round(4).tolist() for name, each in ARRAYS.items()} for n in range(14)]
+    once = {name: array.tolist() for name, array in arrays.items() if name not in ARRAYS}
+    return {"d.json": json.dumps({**once, "measurements": records})}
+
+
+def write_matlab(arrays):
+    lines = [
+        f"{name} = [" + "; ".join(" ".join(digits(row)) for row in np.atleast_2d(array)) + "];\n"
+        for name, array in arrays.items()
+    ]
+    return {"d.m": "".join(lines)}
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("write", [write_npz, write_mat, write_json, write_records, write_matlab])
+@pytest.mark.parametrize(("name", "units"), [("F", {"force": "N"}), ("force_N", None), ("F_N", None)])
+def test_a_force_that_a_file_states_once_is_that_of_all_postures(write, name, units, tmp_path):
+    stated = {} if units is None else {"units": units}
+    assert read_force(write({**ARRAYS, name: FORCE}), tmp_path, **stated) == pytest.approx([0.0, 0.0, -981.0])
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("write", [write_npz, write_mat, write_json])
+def test_a_force_of_each_posture_is_a_matrix_of_its_name(write, tmp_path):
+    files = write({**ARRAYS, "F_N": np.tile(FORCE, (14, 1))})
+    assert read_force(files, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
+
+
+@pytest.mark.process
+def test_another_vector_of_three_numbers_is_no_column(tmp_path):
+    files = write_npz({**ARRAYS, "F_N": FORCE, "tool_mm": np.array([0.0, 0.0, 120.0])})
+    assert read_force(files, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
+
+
+@pytest.mark.parametrize("units", [("(°)", "(kN)", "(mm)"), ("[deg]", "[kN]", "[mm]"), ("deg", "kN", "mm")])
+def test_a_unit_in_a_merged_cell_below_the_axes_holds_for_its_group(units, tmp_path):
+    angle, force, length = units
+    header = [
+        ["Pose", "Gelenke", *[""] * 5, "Kraft", "", "", "unbelastet", "", "", "belastet", "", ""],
+        ["", *JOINTS, *"XYZ" * 3],
+        ["", angle, *[""] * 5, force, "", "", length, *[""] * 5],
+    ]
+    rows = [[*row[:7], "0", "0", "-0.981", *row[7:]] for row in wide(CAMPAIGN, UNLOADED, LOADED)]
+    text = "".join(";".join(row) + "\n" for row in [*header, *rows])
+    assert read_force({"a.csv": text}, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
