@@ -32,6 +32,7 @@ from jointstiff.service.importing.axis_rows import join_axis_rows
 from jointstiff.service.importing.blocks import read_blocks
 from jointstiff.service.importing.cell_units import separate_units
 from jointstiff.service.importing.certificates import read_certificate
+from jointstiff.service.importing.encoding import decode, describe_encoding
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.excel import read_workbook, split_sheets
 from jointstiff.service.importing.grammar import (
@@ -43,7 +44,7 @@ from jointstiff.service.importing.grammar import (
     name_unit,
     split_along_target,
 )
-from jointstiff.service.importing.grid import Grid, decode, file_type, read_lists, read_text
+from jointstiff.service.importing.grid import Grid, file_type, read_lists, read_text
 from jointstiff.service.importing.header import Columns
 from jointstiff.service.importing.json_rows import read_json_rows
 from jointstiff.service.importing.layout import Layout, understand_table
@@ -496,9 +497,15 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
         sheets = split_sheets(options.sheet)
         grids = [read_workbook(file.name, file.content, sheet) for sheet in sheets]
     else:
-        grids = _read_text_grids(file, kind, options, every_length=every_length)
+        grids = list(map(_note_encoding, _read_text_grids(file, kind, options, every_length=every_length)))
     joined = [join_axis_rows(each) for each in grids]
     return list(map(separate_units, joined)) if every_length else joined
+
+
+def _note_encoding(table: Grid) -> Grid:
+    """Return a table with the note that its encoding was assumed, unless the bytes show the encoding."""
+    notes = [*describe_encoding(table.preview.encoding), *table.preview.assumptions]
+    return replace(table, preview=table.preview.model_copy(update={"assumptions": notes}))
 
 
 def _read_text_grids(
