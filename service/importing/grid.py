@@ -69,6 +69,7 @@ class Grid:
     rows: tuple[Row, ...]  # rows that are neither empty nor comments; all of one length in a sheet
     comments: tuple[Remark, ...] = ()  # rows that begin with a mark of comments
     has_final_line_break: bool = True  # False if the last line of a text may be cut off
+    is_one_of_several: bool = False  # whether other sheets of the file were read, too
 
     @property
     def file(self) -> str:
@@ -80,9 +81,10 @@ class Grid:
         """Name of the file without its extension."""
         return PurePath(self.file).stem
 
-    def sheet_of(self, sheets: str | None) -> str | None:
-        """Return the name of the sheet if the option `sheets` names several, to which the file is common."""
-        return self.preview.sheet if sheets and ";" in sheets else None
+    @property
+    def own_sheet(self) -> str:
+        """Name of the sheet, if other sheets of the file were read, too; else empty."""
+        return self.preview.sheet or "" if self.is_one_of_several else ""
 
     def place(self, row: Row, column: int | None = None) -> Place:
         """Return the place of a row, or of the row's cell in the column with this index (from 0)."""

@@ -57,6 +57,7 @@ from jointstiff.service.importing.rows import (
     TimesAndRoundings,
     Value,
 )
+from jointstiff.service.importing.sheets import choose_sheets
 from jointstiff.service.importing.weight_steps import is_step_table, read_step_table
 from jointstiff.service.importing.yaml_rows import read_yaml_rows
 
@@ -490,16 +491,34 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
     kind = file_type(file.content, file.name)
     if kind is not None and kind in grid.ARRAYS:
         sheets = split_sheets(options.sheet)
-        return read_arrays(file.name, file.content, grid.ARRAYS[kind], sheets, every_length=every_length)
+        arrays = read_arrays(file.name, file.content, grid.ARRAYS[kind], sheets, every_length=every_length)
+        return _mark_sheets(arrays)
     if kind == grid.CERTIFICATE:
         return read_certificate(file.name, file.content)
     if kind == grid.WORKBOOK:
-        sheets = split_sheets(options.sheet)
-        grids = [read_workbook(file.name, file.content, sheet) for sheet in sheets]
+        grids = _read_sheets(file, options)
     else:
         grids = list(map(_note_encoding, _read_text_grids(file, kind, options, every_length=every_length)))
     joined = [join_axis_rows(each) for each in grids]
     return list(map(separate_units, joined)) if every_length else joined
+
+
+def _read_sheets(file: SourceFile, options: ImportOptions) -> list[Grid]:
+    """Read the sheets of a workbook that the options state, or those whose numbers can be read together.
+
+    Raises:
+        ImportFileError: the workbook cannot be read, or the choice of the sheets is not clear.
+    """
+    sheets = read_workbook(file.name, file.content, options.sheet)
+    if options.sheet is None:
+        sheets = choose_sheets(sheets, options.state_words)
+    return _mark_sheets(sheets)
+
+
+def _mark_sheets(sheets: Sequence[Grid]) -> list[Grid]:
+    """Return sheets or groups of a file, which know whether they are several."""
+    names = {sheet.preview.sheet for sheet in sheets}
+    return [replace(sheet, is_one_of_several=len(names) > 1) for sheet in sheets]
 
 
 def _note_encoding(table: Grid) -> Grid:
