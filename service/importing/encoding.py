@@ -10,6 +10,7 @@ from typing import Final
 
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.grammar import WORDS_OF_ENCODINGS
+from jointstiff.service.importing.markdown import write_tables_plainly
 
 _LATIN1: Final = "latin-1"
 _NAMES: Final[Mapping[str, str]] = MappingProxyType(
@@ -40,7 +41,7 @@ _FIRST_BYTES: Final = 65_536
 
 
 def decode(file: str, content: bytes) -> tuple[str, str]:
-    """Return the text of a file, and the name of its encoding.
+    """Return the text of a file, and the name of its encoding; tables of Markdown have tabs between cells.
 
     A byte order mark decides for UTF-8 or UTF-16. Without a mark, a zero among the first bytes means UTF-16,
     and valid UTF-8 is read as UTF-8. Of other encodings the one is used in which most words of headers are
@@ -68,7 +69,7 @@ def decode(file: str, content: bytes) -> tuple[str, str]:
     if control := _CONTROL.search(text):
         reason = f"the file contains the control character {control.group()!a}, so it is not plain text"
         raise ImportFileError(Place(file, 1 + text.count("\n", 0, control.start())), reason, remedy)
-    return text, encoding or "utf-8"
+    return write_tables_plainly(text), encoding or "utf-8"
 
 
 def describe_encoding(encoding: str | None) -> list[str]:
