@@ -49,7 +49,7 @@ from jointstiff.service.importing.header import Columns
 from jointstiff.service.importing.json_rows import read_json_rows
 from jointstiff.service.importing.layout import Layout, understand_table
 from jointstiff.service.importing.masses import is_mass_table, read_mass_table
-from jointstiff.service.importing.matrices import Matrix, find_matrices
+from jointstiff.service.importing.matrices import find_matrices
 from jointstiff.service.importing.rows import (
     NameReader,
     ObservationRecord,
@@ -539,9 +539,9 @@ def _read_text_grids(
     objects = _read_objects(file, kind) if is_text else None
     if objects is not None:
         return [objects]
-    matrices = _find_matrices(file) if is_text else []
+    matrices = _read_matrices(file) if is_text else []
     if every_length and matrices:
-        return build_grids_of_matrices(file.name, matrices)
+        return matrices
     lists = read_lists(file.name, file.content) if is_text else None
     if lists is not None:
         return [lists]
@@ -564,13 +564,15 @@ def _read_objects(file: SourceFile, kind: str | None) -> Grid | None:
     return read(file.name, file.content)
 
 
-def _find_matrices(file: SourceFile) -> list[Matrix]:
-    """Return the matrices of a text file.
+def _read_matrices(file: SourceFile) -> list[Grid]:
+    """Return the matrices of a text file as tables; none of another text.
 
     Raises:
         ImportFileError: the text computes with a matrix.
     """
-    return find_matrices(file.name, decode(file.name, file.content)[0])
+    text, encoding = decode(file.name, file.content)
+    matrices = find_matrices(file.name, text)
+    return build_grids_of_matrices(file.name, encoding, matrices) if matrices else []
 
 
 def _build_type_error(file: SourceFile, kind: str) -> ImportFileError:
