@@ -35,10 +35,12 @@ from jointstiff.service.importing.certificates import read_certificate
 from jointstiff.service.importing.encoding import decode, describe_encoding
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.excel import read_workbook, split_sheets
+from jointstiff.service.importing.forms import join_forms
 from jointstiff.service.importing.grammar import (
     POINTS,
     Kind,
     Quantity,
+    Vocabulary,
     collapse_blanks,
     fits_header,
     name_unit,
@@ -57,7 +59,7 @@ from jointstiff.service.importing.rows import (
     TimesAndRoundings,
     Value,
 )
-from jointstiff.service.importing.sheets import choose_sheets
+from jointstiff.service.importing.sheets import choose_sheets, list_tables, note_others
 from jointstiff.service.importing.weight_steps import is_step_table, read_step_table
 from jointstiff.service.importing.yaml_rows import read_yaml_rows
 
@@ -496,23 +498,32 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
     if kind == grid.CERTIFICATE:
         return read_certificate(file.name, file.content)
     if kind == grid.WORKBOOK:
-        grids = _read_sheets(file, options)
+        grids = _read_sheets(file, options, every_length=every_length)
     else:
         grids = list(map(_note_encoding, _read_text_grids(file, kind, options, every_length=every_length)))
     joined = [join_axis_rows(each) for each in grids]
     return list(map(separate_units, joined)) if every_length else joined
 
 
-def _read_sheets(file: SourceFile, options: ImportOptions) -> list[Grid]:
+def _read_sheets(file: SourceFile, options: ImportOptions, *, every_length: bool) -> list[Grid]:
     """Read the sheets of a workbook that the options state, or those whose numbers can be read together.
+
+    With `every_length`, for a proposal, forms of one posture each are one table.
 
     Raises:
         ImportFileError: the workbook cannot be read, or the choice of the sheets is not clear.
     """
     sheets = read_workbook(file.name, file.content, options.sheet)
-    if options.sheet is None:
-        sheets = choose_sheets(sheets, options.state_words)
-    return _mark_sheets(sheets)
+    tables = list_tables(sheets) if options.sheet is None else sheets
+    forms = join_forms(tables, Vocabulary(options)) if every_length else None
+    if forms is not None:
+        chosen = [forms]
+    elif options.sheet is None:
+        chosen = choose_sheets(tables, options.state_words)
+    else:
+        chosen = tables
+    others = [sheet for sheet in sheets if sheet not in tables]
+    return note_others(_mark_sheets(chosen), others)
 
 
 def _mark_sheets(sheets: Sequence[Grid]) -> list[Grid]:

@@ -16,27 +16,34 @@ _LEAST_NUMBERS: Final = 3
 """Numbers of a row of data, at least."""
 
 
-def choose_sheets(sheets: Sequence[Grid], words: Mapping[str, State]) -> list[Grid]:
-    """Return the only sheet with rows of data, or several whose names tell states; note the other sheets.
+def list_tables(sheets: Sequence[Grid]) -> list[Grid]:
+    """Return the sheets of a workbook that have rows of data; all sheets if none has."""
+    return [sheet for sheet in sheets if _has_data(sheet)] or list(sheets)
 
-    Args:
-        sheets: all sheets of a workbook that are not empty.
-        words: the caller's words for states.
+
+def choose_sheets(tables: Sequence[Grid], words: Mapping[str, State]) -> list[Grid]:
+    """Return the only sheet with rows of data, or several whose names tell states.
+
+    `words` are the caller's words for states.
 
     Raises:
         ImportFileError: several sheets have data, and their names tell no states.
     """
-    tables = [sheet for sheet in sheets if _has_data(sheet)] or list(sheets)
-    if len(tables) > 1 and not _are_states([_name(table) for table in tables], words):
-        raise build_sheet_error(tables[0].file, [_name(table) for table in tables])
-    others = [_name(sheet) for sheet in sheets if sheet not in tables]
+    names = [_name(table) for table in tables]
+    if len(tables) > 1 and not _are_states(names, words):
+        raise build_sheet_error(tables[0].file, names)
+    return list(tables)
+
+
+def note_others(chosen: Sequence[Grid], others: Sequence[Grid]) -> list[Grid]:
+    """Return the sheets that are read, the first with a note on the sheets that are not read."""
     if not others:
-        return tables
-    listed = ", ".join(map(quote, others))
+        return list(chosen)
+    listed = ", ".join(quote(_name(sheet)) for sheet in others)
     note = f"the sheet {listed} has no table, and was not read"
     if len(others) > 1:
         note = f"the sheets {listed} have no table, and were not read"
-    first, *further = tables
+    first, *further = chosen
     assumptions = [note, *first.preview.assumptions]
     noted = replace(first, preview=first.preview.model_copy(update={"assumptions": assumptions}))
     return [noted, *further]
