@@ -1,4 +1,4 @@
-"""Forms in workbooks: a sheet, or a block of rows, for each posture, with its joints and a table of targets."""
+"""Forms in workbooks: a sheet, or a block of rows, for each posture, with joints and a table of targets."""
 
 from __future__ import annotations
 
