@@ -15,6 +15,7 @@ from jointstiff.service.importing.lengths import find_units_of_coordinates
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.row_key import RowName
 from jointstiff.service.importing.row_names import (
+    LEAST_BETWEEN_TARGETS,
     are_far_apart,
     find_different_words,
     find_unknown_states,
@@ -396,7 +397,7 @@ def _build_repeat_error(named: _NamedTable, row: int, name: RowName) -> ImportFi
         words = find_different_words(table, column, rows)
         if words:
             return _build_words_error(table, row, column, words)
-    if are_far_apart(table, [rows]):
+    if are_far_apart(table, [rows], LEAST_BETWEEN_TARGETS):
         return ImportFileError(
             table.grid.place(table.rows[row]),
             f"{quote(name.label or '')} has several rows{_describe_key(name)} in different places",

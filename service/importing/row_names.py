@@ -44,8 +44,10 @@ _FORCE: Final = re.compile(r"[-+]?(\d{1,6}(?:[.,]\d{1,3})?)\s?(?:k?N|kgf|kp|lbf|
 _WORD: Final = re.compile(r"[^\W\d_]+")
 """A part of a name without digits, which may be a state: repeats have numbers."""
 _NAMING_KINDS: Final = frozenset(("name", "collection", "group", "target", "state"))
-_LEAST_BETWEEN_TARGETS: Final = 2e-3
+LEAST_BETWEEN_TARGETS: Final = 2e-3
 """Least distance [m] of two targets along an axis of coordinates; repeats of a reading are nearer."""
+_LARGEST_DEFLECTION: Final = 0.02
+"""Distance [m] along an axis beyond which two positions of a posture are no states of one target."""
 _MOST_DIFFERENT: Final = 2
 """States of a column of words that nobody knows."""
 
@@ -97,7 +99,9 @@ def _add_targets(table: NumberTable, names: list[RowName]) -> list[RowName]:
         rows_of_name.setdefault(name, []).append(row)
     groups = list(rows_of_name.values())
     have_labels = all(name.label is not None and name.target is None for name in names)
-    if not have_labels or has_repeats(table) or not are_far_apart(table, groups):
+    have_states = all(name.state is not None for name in names)
+    least = LEAST_BETWEEN_TARGETS if have_states else _LARGEST_DEFLECTION
+    if not have_labels or has_repeats(table) or not are_far_apart(table, groups, least):
         return names
     columns = [column for column in range(len(table.headers)) if _distinguishes(table, column, groups)]
     if len(columns) != 1:
@@ -106,10 +110,13 @@ def _add_targets(table: NumberTable, names: list[RowName]) -> list[RowName]:
     return [name._replace(target=text) for name, text in zip(names, texts, strict=True)]
 
 
-def are_far_apart(table: NumberTable, groups: Sequence[Sequence[int]]) -> bool:
+def are_far_apart(table: NumberTable, groups: Sequence[Sequence[int]], least: float) -> bool:
     """Return whether rows with the same names are positions of several targets: each is far from the others.
 
-    `groups` has the indices of such rows.
+    Args:
+        table: numbers of a file.
+        groups: indices of the rows with the same names.
+        least: least distance [m] of two targets along an axis of coordinates.
     """
     if not all(1 < len(group) <= _MOST_CODES for group in groups):
         return False
@@ -121,7 +128,7 @@ def are_far_apart(table: NumberTable, groups: Sequence[Sequence[int]]) -> bool:
             float(np.abs(positions[:, first] - positions[:, second]).max(initial=0.0))
             for first, second in combinations(range(len(group)), 2)
         ]
-        if min(distances) < _LEAST_BETWEEN_TARGETS:
+        if min(distances) < least:
             return False
     return True
 

@@ -52,6 +52,21 @@ def test_texts_of_readings_at_one_place_are_no_targets(tmp_path):
     assert "'Faro' and 'Leica', which may be words for states" in str(refused.value.problem)
 
 
+def test_texts_of_one_target_that_moves_by_millimetres_are_no_targets(tmp_path):
+    """Two unknown words may be states: a heavy load moves a target by 5 mm in each posture."""
+    positions = CAMPAIGN.unloaded[:, 0], CAMPAIGN.unloaded[:, 0] - [0.0, 0.0, 5e-3]
+    rows = [
+        [label, word, *digits(1e3 * positions[number][posture]), *digits(CAMPAIGN.joints[posture])]
+        for posture, label in enumerate(names(CAMPAIGN))
+        for number, word in enumerate(("vazio", "pesado"))
+    ]
+    path = tmp_path / "longo.csv"
+    path.write_text(table(["Postura", "Fase", *"XYZ", *JOINTS], rows), encoding="utf-8")
+    with pytest.raises(js.CampaignError) as refused:
+        js.read(path, robot=ARM, **STATED)
+    assert "'vazio' and 'pesado' may be words for states" in str(refused.value.problem)
+
+
 def test_rows_in_different_places_are_not_called_repeats(tmp_path):
     rows = write_rows(["1", "2"], [places_of(0), places_of(1)])
     with pytest.raises(js.CampaignError) as refused:
