@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
@@ -84,8 +85,8 @@ def read_arrays(
     return [_build_grid(file, kind, name, arrays) for name, arrays in tables.items()]
 
 
-def build_grids_of_matrices(file: str, matrices: Sequence[Matrix]) -> list[Grid]:
-    """Return the matrices of a text as tables, one for each number of rows."""
+def build_grids_of_matrices(file: str, encoding: str, matrices: Sequence[Matrix]) -> list[Grid]:
+    """Return the matrices of a text in an encoding as tables, one for each number of rows."""
     import numpy as np
 
     from jointstiff.service.importing.columns import NamedArray, tabulate
@@ -96,7 +97,9 @@ def build_grids_of_matrices(file: str, matrices: Sequence[Matrix]) -> list[Grid]
     except MemoryError:
         raise _refuse_size(file) from None
     tables = _split_by_length(_repeat_forces(arrays))
-    return [_build_grid(file, "text", name, table) for name, table in tables]
+    grids = [_build_grid(file, "text", name, table) for name, table in tables]
+    in_encoding = {"encoding": encoding}
+    return [replace(each, preview=each.preview.model_copy(update=in_encoding)) for each in grids]
 
 
 def _repeat_forces(arrays: Sequence[Any]) -> list[Any]:

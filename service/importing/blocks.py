@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from jointstiff.schemas.imports import Delimiter, FilePreview
+from jointstiff.service.importing.encoding import decode
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grid import (
     COMMENT_MARKS,
@@ -16,7 +17,6 @@ from jointstiff.service.importing.grid import (
     NumberedLine,
     Row,
     count_numbers,
-    decode,
     find_delimiter,
     looks_like_a_number,
     split_line,

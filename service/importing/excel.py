@@ -24,6 +24,7 @@ from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import grid, limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grid import CellKind, Grid, Remark, Row, write_ascii_minus
+from jointstiff.service.importing.sheets import build_sheet_error
 
 MAX_SHEET_CELLS: Final = 500_000
 """Cells of a sheet, which take longer to read than those of a text."""
@@ -83,16 +84,16 @@ _LEAST_HEADERS: Final = 4
 """Fewest cells of a row that begins with the cell `#` and is no comment."""
 
 
-def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
-    """Return one sheet of a workbook as a grid; a cell with a formula has the value that Excel stored.
+def read_workbook(file: str, content: bytes, stated: str | None) -> list[Grid]:
+    """Return sheets of a workbook as grids; a cell with a formula has the value that Excel stored.
 
     Args:
         file: name of the file, for messages.
         content: bytes of the file.
-        sheet: name of the sheet; if None, the only sheet that is not empty.
+        stated: names of sheets, with semicolons between; if None, all sheets that are not empty.
 
     Raises:
-        ImportFileError: the workbook cannot be read, or the choice of the sheet is not clear.
+        ImportFileError: the workbook cannot be read, or has no sheet of a name.
     """
     archive = Archive(file, content)
     sheet_parts, text_part, style_part = _find_parts(archive)
@@ -101,12 +102,18 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
     texts = [_join_text(archive, text)[:max_length] for text in elements]
     kinds = _find_number_kinds(archive, style_part)
     sheets = {name: _Sheet(archive, part, texts, kinds) for name, part in sheet_parts.items()}
-    name = _find_only_filled_sheet(file, sheets) if sheet is None else sheet
-    if name not in sheets:
-        reason = f"the workbook has no sheet {quote(name)}"
-        remedy = f"give one of {quote(', '.join(sheets))} as `sheet`"
-        raise ImportFileError(Place(file), reason, remedy, "sheet", tuple(sheets))
-    return _build_grid(file, name, sheets[name])
+    filled = [name for name, sheet in sheets.items() if next(sheet.rows(), None)]
+    for name in split_sheets(stated):
+        if name is not None and name not in sheets:
+            reason = f"the workbook has no sheet {quote(name)}"
+            remedy = f"give one of {quote(', '.join(sheets))} as `sheet`"
+            raise ImportFileError(Place(file), reason, remedy, "sheet", tuple(sheets))
+    names = [name for name in split_sheets(stated) if name is not None] or filled or list(sheets)[:1]
+    try:
+        return [_build_grid(file, name, sheets[name]) for name in names]
+    except ImportFileError as fault:
+        is_choice_open = stated is None and len(names) > 1
+        raise (build_sheet_error(file, names) if is_choice_open else fault) from fault
 
 
 def _build_grid(file: str, name: str, sheet: _Sheet) -> Grid:
@@ -146,20 +153,6 @@ def _pad_row(row: Row, width: int) -> Row:
     """Return a row with empty cells added at the end, until the row has `width` cells."""
     missing = width - len(row.cells)
     return Row(row.line, row.cells + ("",) * missing, (row.kinds or ()) + _EMPTY_CELL_KIND * missing)
-
-
-def _find_only_filled_sheet(file: str, sheets: Mapping[str, _Sheet]) -> str:
-    """Return the name of the only sheet that has rows, or of the first sheet if all sheets are empty.
-
-    Raises:
-        ImportFileError: several sheets have rows.
-    """
-    filled = [name for name, sheet in sheets.items() if next(sheet.rows(), None)]
-    if len(filled) > 1:
-        reason = f"several sheets have data: {quote(', '.join(filled))}"
-        remedy = "give `sheet`; separate several names by semicolons"
-        raise ImportFileError(Place(file), reason, remedy, "sheet", tuple(filled))
-    return (filled or list(sheets))[0]
 
 
 def _find_parts(archive: Archive) -> tuple[dict[str, str], str | None, str | None]:

@@ -42,6 +42,8 @@ _WORD_LISTS: Final[Mapping[str, Sequence[str]]] = _WORDS["beside"]
 _TEXT_KIND_OF: Final[Mapping[str, Kind]] = _values_by_word({"name": LABEL_HEADERS, **_WORDS["keys"]})
 _STATE_OF: Final[Mapping[str, State]] = _values_by_word(_WORDS["states"])
 _VECTOR_OF: Final[Mapping[str, Kind]] = _values_by_word(_WORDS["vectors"])
+WORDS_OF_ENCODINGS: Final[Mapping[str, Sequence[str]]] = _WORDS["encodings"]
+"""Encoding of one language → words of headers in lower case, which show that a text is in this encoding."""
 MASSES: Final[Mapping[str, str]] = _values_by_word(_WORDS["masses"])
 """Columns of a table of masses by their headers."""
 STEPS: Final[Mapping[str, str]] = _values_by_word(_WORDS["steps"])
@@ -98,7 +100,8 @@ def name_unit(unit: str) -> str:
 
 def find_known_unit(text: str) -> tuple[Dimension, str] | None:
     """Return dimension and canonical name of a unit that the import accepts; None for other texts."""
-    return _UNIT_OF_SPELLING.get(_normalise_unit(text))
+    spelling = _find_spelling(text, _UNIT_OF_SPELLING)
+    return None if spelling is None else _UNIT_OF_SPELLING[spelling]
 
 
 def find_any_unit(text: str) -> tuple[Dimension | None, str] | None:
@@ -106,20 +109,26 @@ def find_any_unit(text: str) -> tuple[Dimension | None, str] | None:
 
     The dimension is None for a unit of another quantity than length, angle, force and moment.
     """
-    spelling = _normalise_unit(text)
-    if spelling in _UNIT_OF_SPELLING:
-        return _UNIT_OF_SPELLING[spelling]
-    dimension = _DIMENSION_OF_FOREIGN.get(spelling)
-    return None if dimension is None else (None if dimension == "none" else dimension, spelling)
+    known = find_known_unit(text)
+    if known is not None:
+        return known
+    spelling = _find_spelling(text, _DIMENSION_OF_FOREIGN)
+    if spelling is None:
+        return None
+    dimension = _DIMENSION_OF_FOREIGN[spelling]
+    return None if dimension == "none" else dimension, spelling
 
 
-def _normalise_unit(text: str) -> str:
-    """Return a unit in one spelling: no blanks at the ends, products as `N.m`, long words in lower case.
+def _find_spelling(text: str, spellings: Collection[str]) -> str | None:
+    """Return the spelling of a unit, products as `N.m`: as it is written, or else a long word in lower case.
 
-    The case of short units matters: mN is not MN, and nm is not Nm.
+    None for other texts. The case of short units matters: mN is not MN, and nm is not Nm. `Grad` are degrees,
+    and `grad` are not.
     """
     unit = _PRODUCT_SIGN.sub(".", text.strip())
-    return unit.casefold() if len(unit) > 3 and unit.isalpha() else unit
+    if unit not in spellings and len(unit) > 3 and unit.isalpha():
+        unit = unit.casefold()
+    return unit if unit in spellings else None
 
 
 # ---- the grammar
@@ -179,7 +188,9 @@ _PHRASE_IN_NAME: Final = re.compile(
     re.IGNORECASE,
 )
 """A phrase in a name; those with a digit are left out, as the digit may be a target."""
-_UNIT: Final = re.compile(r"(.*?)\s*_?(?:\[((?!\d+\])[^][]*)\]|\(([^()]*)\)|/\s*([^/]+))")
+_UNIT: Final = re.compile(r"(.*?)\s*_?(?:\[((?!\d+\])[^][]*)\]|\(([^()]*)\)|[/,]\s*([^/,]+))")
+_WIDE_SIGNS: Final = str.maketrans("（）［］【】／，", "()[][]/,")
+"""Signs of East Asian texts → those of ASCII."""
 _TOKEN: Final = re.compile(r"[^\s_]+")
 _WORD_PIECE: Final = re.compile(r"[A-Z]?[^\W\dA-Z_]{2,}|[A-Z]{3,}(?![^\W\dA-Z_])")
 _BRACKET: Final = re.compile(r"[][(){}]")
@@ -450,18 +461,19 @@ def joint_number(text: str) -> int | None:
 
 
 def split_unit(header: str) -> tuple[str, str | None]:
-    """Split a header such as `x [mm]`, `x (mm)` or `x/mm` into name and unit, or None without a unit.
+    """Split a header such as `x [mm]`, `x (mm)`, `x/mm` or `x, mm` into name and unit; None without a unit.
 
-    A text after a slash is a unit only if the import accepts that unit.
+    A text after a slash or a comma is a unit only if the import accepts that unit.
     """
-    header = collapse_blanks(header)  # the pattern needs quadratic time for runs of blanks
+    # The pattern needs quadratic time for runs of blanks.
+    header = collapse_blanks(header).translate(_WIDE_SIGNS)
     match = _UNIT.fullmatch(header)
     if match is None:
         return header, None
-    base, in_square_brackets, in_round_brackets, after_slash = match.groups()
-    if after_slash is not None:
-        after_slash = after_slash.strip("() ")
-        return (base, after_slash) if find_known_unit(after_slash) else (header, None)
+    base, in_square_brackets, in_round_brackets, after_sign = match.groups()
+    if after_sign is not None:
+        after_sign = after_sign.strip("() ")
+        return (base, after_sign) if find_known_unit(after_sign) else (header, None)
     if in_round_brackets is not None and fold_word(header).rpartition(" ")[2] in _WORD_LISTS["expanded"]:
         return header, None
     return base, in_square_brackets if in_square_brackets is not None else in_round_brackets

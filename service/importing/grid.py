@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import csv
 import io
 import re
@@ -17,6 +16,7 @@ from typing import Final, Literal, NamedTuple
 from jointstiff.schemas.fields import MAX_MAGNITUDE
 from jointstiff.schemas.imports import MAX_PREVIEW_ROWS, ColumnMeaning, DecimalMark, Delimiter, FilePreview
 from jointstiff.service.importing import limits
+from jointstiff.service.importing.encoding import decode
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import lacks_number
 from jointstiff.service.importing.joint_positions import JointPosition, read_joint_positions
@@ -69,6 +69,7 @@ class Grid:
     rows: tuple[Row, ...]  # rows that are neither empty nor comments; all of one length in a sheet
     comments: tuple[Remark, ...] = ()  # rows that begin with a mark of comments
     has_final_line_break: bool = True  # False if the last line of a text may be cut off
+    is_one_of_several: bool = False  # whether other sheets of the file were read, too
 
     @property
     def file(self) -> str:
@@ -80,9 +81,10 @@ class Grid:
         """Name of the file without its extension."""
         return PurePath(self.file).stem
 
-    def sheet_of(self, sheets: str | None) -> str | None:
-        """Return the name of the sheet if the option `sheets` names several, to which the file is common."""
-        return self.preview.sheet if sheets and ";" in sheets else None
+    @property
+    def own_sheet(self) -> str:
+        """Name of the sheet, if other sheets of the file were read, too; else empty."""
+        return self.preview.sheet or "" if self.is_one_of_several else ""
 
     def place(self, row: Row, column: int | None = None) -> Place:
         """Return the place of a row, or of the row's cell in the column with this index (from 0)."""
@@ -249,21 +251,10 @@ _LEAST_NUMBERS_OF_DATA: Final = 3
 """Numbers of a row of data, at least."""
 _NUMBERS_IN_A_CELL: Final = re.compile(r"\d\s+[-+.\d]")
 _COMMA_NOT_IN_A_NUMBER: Final = re.compile(r"(?<!\d),|,(?!\d)")
-_LATIN1: Final = "the file is not valid UTF-8, so it was read as Latin-1: check names with accents"
 _LINES_SHOWING_DELIMITER: Final = 10
 """Lines at the end of a file that tell its delimiter."""
 _MAX_TITLE_LINES: Final = 20
 """Lines above the header."""
-_BYTE_ORDERS: Final = (
-    (codecs.BOM_UTF8, "utf-8"),
-    (codecs.BOM_UTF16_LE, "utf-16-le"),
-    (codecs.BOM_UTF16_BE, "utf-16-be"),
-)
-_UTF8_SEQUENCE: Final = re.compile(
-    rb"[\xc2-\xdf][\x80-\xbf]|[\xe0-\xef][\x80-\xbf]{2}|[\xf0-\xf4][\x80-\xbf]{3}"
-)
-_CONTROL: Final = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ufeff\ufffe\uffff]")
-
 NumberedLine = tuple[int, str]
 """Number of a line, from 1, and its text."""
 
@@ -311,8 +302,7 @@ def _read_table(
     rows = [row for row in split if any(row.cells)]
     if not rows:
         raise no_rows_error(file)
-    notes = [_LATIN1] if encoding == "latin-1" else []
-    notes += _describe_comments(comments, delimiter, width=len(rows[-1].cells))
+    notes = _describe_comments(comments, delimiter, width=len(rows[-1].cells))
     preview = FilePreview(file=file, format="text", encoding=encoding, delimiter=delimiter, assumptions=notes)
     last_comment = comments[-1].line if comments else 0
     # A comment below the last row shows, like a line break, that this row is complete.
@@ -398,37 +388,6 @@ def read_lists(file: str, content: bytes) -> Grid | None:
     text, encoding = decode(file, content)
     lists = None if read_joint_positions(text) else read_listed_rows(text)
     return None if lists is None else _build_grid_of_records(file, encoding, lists)
-
-
-def decode(file: str, content: bytes) -> tuple[str, str]:
-    """Return the text of a file, and the name of its encoding.
-
-    A byte order mark decides for UTF-8 or UTF-16. Without a mark, a zero among the first bytes means UTF-16,
-    and valid UTF-8 is read as UTF-8. Other bytes are read as Latin-1, unless some of them are a letter with
-    an accent in UTF-8: then the file is damaged UTF-8.
-
-    Raises:
-        ImportFileError: the text is damaged, or contains control characters.
-    """
-    remedy = "save the file as text in UTF-8"
-    mark, encoding = next((entry for entry in _BYTE_ORDERS if content.startswith(entry[0])), (b"", ""))
-    if not encoding and b"\0" in content[:4]:
-        encoding = "utf-16-be" if content[:1] == b"\0" else "utf-16-le"
-    try:
-        text = content[len(mark) :].decode(encoding or "utf-8")
-    except UnicodeDecodeError as error:
-        if encoding or _UTF8_SEQUENCE.search(content):
-            line = None if encoding else 1 + content.count(b"\n", 0, error.start)
-            reason = (
-                f"the text is damaged: it begins as {(encoding or 'utf-8').upper()}, but byte "
-                f"{error.start + 1} is not valid in this encoding"
-            )
-            raise ImportFileError(Place(file, line), reason, remedy) from None
-        text, encoding = content.decode("latin-1"), "latin-1"
-    if control := _CONTROL.search(text):
-        reason = f"the file contains the control character {control.group()!a}, so it is not plain text"
-        raise ImportFileError(Place(file, 1 + text.count("\n", 0, control.start())), reason, remedy)
-    return text, encoding or "utf-8"
 
 
 def find_delimiter(file: str, lines: Sequence[NumberedLine], *, are_marks_literal: bool = False) -> Delimiter:

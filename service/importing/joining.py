@@ -11,17 +11,18 @@ import numpy as np
 
 from jointstiff.schemas.imports import ImportOptions
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.lengths import find_size, guess_unit
+from jointstiff.service.importing.lengths import find_units_of_coordinates
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.row_key import RowName
 from jointstiff.service.importing.row_names import (
+    LEAST_BETWEEN_TARGETS,
+    are_far_apart,
     find_different_words,
     find_unknown_states,
     has_repeats,
     name_rows,
     omit_zeros,
 )
-from jointstiff.solver.meaning.table import METRES
 
 _MOST_REPEAT = 1e-4
 """Greatest distance [m] of a repeated coordinate from the mean of all repeats."""
@@ -231,7 +232,7 @@ def _average_repeats(named: _NamedTable) -> _NamedTable:
         return named
     table, numbers = named.table, named.table.table.numbers
     groups = list(rows_of_name.values())
-    sizes_of_units = _find_units_of_coordinates(table)
+    sizes_of_units = find_units_of_coordinates(table)
     for group in groups:
         _refuse_states_as_repeats(table, group)
         _refuse_far_repeats(table, group, sizes_of_units)
@@ -249,20 +250,6 @@ def _average_repeats(named: _NamedTable) -> _NamedTable:
     ]
     averaged = first_rows.replace_numbers({column: means[:, column] for column in moved})
     return _NamedTable(averaged, tuple(rows_of_name), was_averaged=True)
-
-
-def _find_units_of_coordinates(table: NumberTable) -> dict[int, float]:
-    """Return the size of the unit [m] of each column of coordinates.
-
-    Coordinates are columns that headers name as positions, or of numbers of hundreds of millimetres.
-    """
-    sizes = {}
-    for column, meaning in enumerate(table.meanings):
-        unit = guess_unit(find_size(table, [column]))
-        is_position = meaning is not None and meaning.kind == "position"
-        if is_position or (meaning is None and unit == "mm"):
-            sizes[column] = METRES[unit]
-    return sizes
 
 
 def _refuse_far_repeats(table: NumberTable, rows: Sequence[int], sizes_of_units: Mapping[int, float]) -> None:
@@ -410,6 +397,14 @@ def _build_repeat_error(named: _NamedTable, row: int, name: RowName) -> ImportFi
         words = find_different_words(table, column, rows)
         if words:
             return _build_words_error(table, row, column, words)
+    if are_far_apart(table, [rows], LEAST_BETWEEN_TARGETS):
+        return ImportFileError(
+            table.grid.place(table.rows[row]),
+            f"{quote(name.label or '')} has several rows{_describe_key(name)} in different places",
+            "name the target of each row in a column with the header `target`, or state this column in "
+            "`columns`, such as NAME=target",
+            "columns",
+        )
     return ImportFileError(
         table.grid.place(table.rows[row]),
         f"{quote(name.label or '')} has this row twice{_describe_key(name)}",

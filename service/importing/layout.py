@@ -100,7 +100,7 @@ def understand_table(
 
 def _has_state_in_name(grid: Grid, options: ImportOptions) -> bool:
     """Return whether the name of the file or of the sheet has a word for a state, such as `loaded`."""
-    names = (grid.stem, grid.sheet_of(options.sheet) or "")
+    names = (grid.stem, grid.own_sheet)
     return any(grammar.contains_state_word(name, options.state_words) for name in names)
 
 

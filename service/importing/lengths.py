@@ -28,6 +28,20 @@ def guess_unit(size: float) -> LengthUnit:
     return "m" if size < _MOST_METRES else "mm"
 
 
+def find_units_of_coordinates(table: NumberTable) -> dict[int, float]:
+    """Return the size of the unit [m] of each column of coordinates.
+
+    Coordinates are columns that headers name as positions, or of numbers of hundreds of millimetres.
+    """
+    sizes = {}
+    for column, meaning in enumerate(table.meanings):
+        unit = guess_unit(find_size(table, [column]))
+        is_position = meaning is not None and meaning.kind == "position"
+        if is_position or (meaning is None and unit == "mm"):
+            sizes[column] = METRES[unit]
+    return sizes
+
+
 def unify_lengths(tables: Sequence[NumberTable]) -> list[NumberTable]:
     """Return the tables with their positions in mm, if headers state different units of positions."""
     units = {

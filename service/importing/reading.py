@@ -32,23 +32,26 @@ from jointstiff.service.importing.axis_rows import join_axis_rows
 from jointstiff.service.importing.blocks import read_blocks
 from jointstiff.service.importing.cell_units import separate_units
 from jointstiff.service.importing.certificates import read_certificate
+from jointstiff.service.importing.encoding import decode, describe_encoding
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.excel import read_workbook, split_sheets
+from jointstiff.service.importing.forms import join_forms
 from jointstiff.service.importing.grammar import (
     POINTS,
     Kind,
     Quantity,
+    Vocabulary,
     collapse_blanks,
     fits_header,
     name_unit,
     split_along_target,
 )
-from jointstiff.service.importing.grid import Grid, decode, file_type, read_lists, read_text
+from jointstiff.service.importing.grid import Grid, file_type, read_lists, read_text
 from jointstiff.service.importing.header import Columns
 from jointstiff.service.importing.json_rows import read_json_rows
 from jointstiff.service.importing.layout import Layout, understand_table
 from jointstiff.service.importing.masses import is_mass_table, read_mass_table
-from jointstiff.service.importing.matrices import Matrix, find_matrices
+from jointstiff.service.importing.matrices import find_matrices
 from jointstiff.service.importing.rows import (
     NameReader,
     ObservationRecord,
@@ -56,6 +59,7 @@ from jointstiff.service.importing.rows import (
     TimesAndRoundings,
     Value,
 )
+from jointstiff.service.importing.sheets import choose_sheets, list_tables, note_others
 from jointstiff.service.importing.weight_steps import is_step_table, read_step_table
 from jointstiff.service.importing.yaml_rows import read_yaml_rows
 
@@ -489,16 +493,49 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
     kind = file_type(file.content, file.name)
     if kind is not None and kind in grid.ARRAYS:
         sheets = split_sheets(options.sheet)
-        return read_arrays(file.name, file.content, grid.ARRAYS[kind], sheets, every_length=every_length)
+        arrays = read_arrays(file.name, file.content, grid.ARRAYS[kind], sheets, every_length=every_length)
+        return _mark_sheets(arrays)
     if kind == grid.CERTIFICATE:
         return read_certificate(file.name, file.content)
     if kind == grid.WORKBOOK:
-        sheets = split_sheets(options.sheet)
-        grids = [read_workbook(file.name, file.content, sheet) for sheet in sheets]
+        grids = _read_sheets(file, options, every_length=every_length)
     else:
-        grids = _read_text_grids(file, kind, options, every_length=every_length)
+        grids = list(map(_note_encoding, _read_text_grids(file, kind, options, every_length=every_length)))
     joined = [join_axis_rows(each) for each in grids]
     return list(map(separate_units, joined)) if every_length else joined
+
+
+def _read_sheets(file: SourceFile, options: ImportOptions, *, every_length: bool) -> list[Grid]:
+    """Read the sheets of a workbook that the options state, or those whose numbers can be read together.
+
+    With `every_length`, for a proposal, forms of one posture each are one table.
+
+    Raises:
+        ImportFileError: the workbook cannot be read, or the choice of the sheets is not clear.
+    """
+    sheets = read_workbook(file.name, file.content, options.sheet)
+    tables = list_tables(sheets) if options.sheet is None else sheets
+    forms = join_forms(tables, Vocabulary(options)) if every_length else None
+    if forms is not None:
+        chosen = [forms]
+    elif options.sheet is None:
+        chosen = choose_sheets(tables, options.state_words)
+    else:
+        chosen = tables
+    others = [sheet for sheet in sheets if sheet not in tables]
+    return note_others(_mark_sheets(chosen), others)
+
+
+def _mark_sheets(sheets: Sequence[Grid]) -> list[Grid]:
+    """Return sheets or groups of a file, which know whether they are several."""
+    names = {sheet.preview.sheet for sheet in sheets}
+    return [replace(sheet, is_one_of_several=len(names) > 1) for sheet in sheets]
+
+
+def _note_encoding(table: Grid) -> Grid:
+    """Return a table with the note that its encoding was assumed, unless the bytes show the encoding."""
+    notes = [*describe_encoding(table.preview.encoding), *table.preview.assumptions]
+    return replace(table, preview=table.preview.model_copy(update={"assumptions": notes}))
 
 
 def _read_text_grids(
@@ -513,9 +550,9 @@ def _read_text_grids(
     objects = _read_objects(file, kind) if is_text else None
     if objects is not None:
         return [objects]
-    matrices = _find_matrices(file) if is_text else []
+    matrices = _read_matrices(file) if is_text else []
     if every_length and matrices:
-        return build_grids_of_matrices(file.name, matrices)
+        return matrices
     lists = read_lists(file.name, file.content) if is_text else None
     if lists is not None:
         return [lists]
@@ -538,13 +575,15 @@ def _read_objects(file: SourceFile, kind: str | None) -> Grid | None:
     return read(file.name, file.content)
 
 
-def _find_matrices(file: SourceFile) -> list[Matrix]:
-    """Return the matrices of a text file.
+def _read_matrices(file: SourceFile) -> list[Grid]:
+    """Return the matrices of a text file as tables; none of another text.
 
     Raises:
         ImportFileError: the text computes with a matrix.
     """
-    return find_matrices(file.name, decode(file.name, file.content)[0])
+    text, encoding = decode(file.name, file.content)
+    matrices = find_matrices(file.name, text)
+    return build_grids_of_matrices(file.name, encoding, matrices) if matrices else []
 
 
 def _build_type_error(file: SourceFile, kind: str) -> ImportFileError:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence
+from itertools import combinations
 from typing import Final
+
+import numpy as np
 
 from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.errors import ImportFileError
@@ -22,6 +25,7 @@ from jointstiff.service.importing.grammar import (
     split_unit,
 )
 from jointstiff.service.importing.grid import looks_like_a_number
+from jointstiff.service.importing.lengths import find_units_of_coordinates
 from jointstiff.service.importing.loads import find_load, find_state_of_load
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.row_key import RowName
@@ -41,6 +45,10 @@ _FORCE: Final = re.compile(r"[-+]?(\d{1,6}(?:[.,]\d{1,3})?)\s?(?:k?N|kgf|kp|lbf|
 _WORD: Final = re.compile(r"[^\W\d_]+")
 """A part of a name without digits, which may be a state: repeats have numbers."""
 _NAMING_KINDS: Final = frozenset(("name", "collection", "group", "target", "state"))
+LEAST_BETWEEN_TARGETS: Final = 2e-3
+"""Least distance [m] of two targets along an axis of coordinates; repeats of a reading are nearer."""
+_LARGEST_DEFLECTION: Final = 0.02
+"""Distance [m] along an axis beyond which two positions of a posture are no states of one target."""
 _MOST_DIFFERENT: Final = 2
 """States of a column of words that nobody knows."""
 
@@ -78,7 +86,62 @@ def name_rows(
         if forces is not None and name.state is None:
             name = name._replace(state=forces[number].state, force=forces[number].force)
         named.append(name)
-    return _omit_row_numbers(named)
+    return _omit_row_numbers(_add_targets(table, named))
+
+
+def _add_targets(table: NumberTable, names: list[RowName]) -> list[RowName]:
+    """Return names with the targets in the one column that distinguishes rows of a posture in one state.
+
+    The column has few texts, which all postures have. Rows that lie together are repeats of a reading, and
+    keep their names, as do those of several such columns.
+    """
+    rows_of_name: dict[RowName, list[int]] = {}
+    for row, name in enumerate(names):
+        rows_of_name.setdefault(name, []).append(row)
+    groups = list(rows_of_name.values())
+    have_labels = all(name.label is not None and name.target is None for name in names)
+    have_states = all(name.state is not None for name in names)
+    least = LEAST_BETWEEN_TARGETS if have_states else _LARGEST_DEFLECTION
+    if not have_labels or has_repeats(table) or not are_far_apart(table, groups, least):
+        return names
+    columns = [column for column in range(len(table.headers)) if _distinguishes(table, column, groups)]
+    if len(columns) != 1:
+        return names
+    texts = _list_texts(table, columns[0])
+    return [name._replace(target=text) for name, text in zip(names, texts, strict=True)]
+
+
+def are_far_apart(table: NumberTable, groups: Sequence[Sequence[int]], least: float) -> bool:
+    """Return whether rows with the same names are positions of several targets: each is far from the others.
+
+    Args:
+        table: numbers of a file.
+        groups: indices of the rows with the same names.
+        least: least distance [m] of two targets along an axis of coordinates.
+    """
+    if not all(1 < len(group) <= _MOST_CODES for group in groups):
+        return False
+    sizes_of_units = find_units_of_coordinates(table)
+    numbers = table.table.numbers
+    for group in groups:
+        positions = np.array([size * numbers[group, column] for column, size in sizes_of_units.items()])
+        distances = [
+            float(np.abs(positions[:, first] - positions[:, second]).max(initial=0.0))
+            for first, second in combinations(range(len(group)), 2)
+        ]
+        if min(distances) < least:
+            return False
+    return True
+
+
+def _distinguishes(table: NumberTable, column: int, groups: Sequence[Sequence[int]]) -> bool:
+    """Return whether a column has the same few texts in each group of rows, and each text once."""
+    is_free = table.meanings[column] is None and column not in table.ignored
+    texts = _list_texts(table, column)
+    words = set(texts)
+    if not is_free or not 1 < len(words) <= _MOST_CODES or not _are_texts(list(words)):
+        return False
+    return all(sorted(texts[row] for row in group) == sorted(words) for group in groups)
 
 
 def _omit_row_numbers(names: list[RowName]) -> list[RowName]:

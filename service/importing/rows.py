@@ -164,7 +164,7 @@ class NameReader:
         self._text_columns, self._needed_kinds = dict(layout.columns.texts), set(layout.columns.needed)
         # Parts from the name of the file, by the kinds of parts that a row lacks.
         self._parts_from_file: dict[frozenset[str], NameParts] = {}
-        self._table_name = self._choose_table_name(self._grid.sheet_of(options.sheet) or "")
+        self._table_name = self._choose_table_name(self._grid.own_sheet)
         self._file_says_state = contains_state_word(self._table_name, self._state_words)
         self._point_template: Template | None = None
         self._file_parts = NameParts()

@@ -7,9 +7,10 @@ from collections.abc import Collection, Iterable
 from contextlib import suppress
 from typing import Final
 
+from jointstiff.service.importing.encoding import decode
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grammar import Vocabulary
-from jointstiff.service.importing.grid import Grid, decode, file_type
+from jointstiff.service.importing.grid import Grid, file_type
 from jointstiff.service.importing.reading import SourceFile
 
 _DECIMAL: Final = re.compile(r"\d[.,]\d")

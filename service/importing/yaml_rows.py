@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.service.importing import limits
+from jointstiff.service.importing.encoding import decode
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.grid import Grid, decode, is_plain_number
+from jointstiff.service.importing.grid import Grid, is_plain_number
 from jointstiff.service.importing.joint_states import read_joint_states
 from jointstiff.service.importing.json_rows import (
     LEAST_ROWS,

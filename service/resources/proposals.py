@@ -244,7 +244,9 @@ def _propose_importable(
         raise _NoProposalError(f"{found}, but {error.reason}", error.remedy, error) from error
     fault = proposed.find_fault()
     if fault is not None:
-        remedy = fault.remedy if fault.option == "allow_missing" and _have_same_states(named) else ""
+        are_cells_missing = fault.option == "allow_missing" and _have_same_states(named)
+        is_unit_missing = (fault.option or "").startswith("units.")
+        remedy = fault.remedy if are_cells_missing or is_unit_missing else ""
         reason = f"{proposed.sentence}, but the import of these columns is refused: {fault.reason}"
         raise _NoProposalError(reason, remedy, fault)
     return proposed

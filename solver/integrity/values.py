@@ -66,6 +66,8 @@ FORCES: Final = (5.0, 5e4)
 robots."""
 RARE_TARGET_SHARE: Final = 0.1
 """Fraction of the observations below which the name of a target is probably misspelt."""
+_LAST_DIGIT: Final = 1e-9
+"""Difference [m] of positions below which only arithmetic makes them differ."""
 _LIMIT_MARGIN: Final = 1e-3
 _MANY_TURNS: Final = 4 * np.pi
 _SMALL_DEGREES: Final = 2 * np.pi
@@ -526,9 +528,16 @@ def _report_repeated_deflections(view: View, posture: FloatArray) -> Iterator[Fi
 
 
 def _report_repeated_positions(view: View, posture: FloatArray) -> Iterator[Finding]:
-    """Report the scatter of unloaded positions in equal postures (N, n)."""
+    """Report the scatter of unloaded positions in equal postures (N, n).
+
+    Positions that are equal to the last digit are one reading, which several loads share.
+    """
+    position = view.measurements.position
+    keys = np.hstack([posture, view.measured])
+    digits = np.round(position.reshape(len(position), -1) / _LAST_DIGIT)
+    rows = np.unique(find_first_equal(np.hstack([keys, np.nan_to_num(digits)])))
     variance, degrees_of_freedom, repeated_count = _pool_scatter(
-        view.measurements.position, 3 * view.measured, np.hstack([posture, view.measured])
+        position[rows], 3 * view.measured[rows], keys[rows]
     )
     if variance:
         yield view.build_finding(

@@ -197,3 +197,21 @@ def test_yes_accepts_no_proposal_with_a_doubt():
 def test_rows_that_are_shifted_get_no_proposal():
     shown = refused(f"import rolled.txt --robot '{ARM}' --yes -o c.json")
     assert_said(shown, "no proposal: no columns fit the robot")
+
+
+def test_a_missing_unit_of_matrices_is_the_last_word():
+    known = next(each for each in catalogue_robots() if each.name == ARM)
+    joints, points = measure(known, seed=1)
+    loaded = points[:, 0] - [0.0, 0.0, 0.6]
+    force = np.tile([0.0, 0.0, -90.0], (len(joints), 1))
+    matrices = {"q": joints, "p_free": points[:, 0], "p_loaded": loaded, "F": force}
+    lines = [
+        f"{name} = [\n" + ";\n".join(" ".join(f"{each:.4f}" for each in row) for row in rows) + "];"
+        for name, rows in matrices.items()
+    ]
+    Path("data.m").write_text("\n\n".join(lines) + "\n")
+    stated = f"data.m --robot '{ARM}' --encoders motor --load-point 0,0,120 --yes -o c.json"
+    shown = refused(f"import {stated}")
+    assert_said(shown, "force x and 2 other columns have no unit", "or give `--units`")
+    assert "cells" not in shown
+    assert_said(typed(f"import {stated} --units force=N"), "data.m: utf-8, decimal point, 16 rows")

@@ -315,6 +315,7 @@ def test_a_sheet_says_the_state_only_if_several_are_chosen():
     content = two_named_sheets("no load", "with load")
     found = read(("readings.xlsx", content), sheet="no load; with load")
     assert points_of(found) == READ_POINTS
+    assert points_of(read(("readings.xlsx", content))) == READ_POINTS  # both, as their names tell states
     found = read(("P10_unloaded.xlsx", two_named_sheets("after", "x")), sheet="after")
     assert {state for _, _, state in points_of(found)} == {"unloaded"}
     (fault,) = {

@@ -86,9 +86,9 @@ def test_a_label_is_a_name_that_can_be_printed(label):
          "export the file again, with its rows"),
         (b"label;x [mm]\nc\x002;1\n", ":2: the file contains the control character '\\x00', "
          f"so it is not plain text; {SAVE}"),
-        (b"\xff\xfe\x00", ": the text is damaged: it begins as UTF-16-LE, "
+        (b"\xff\xfe\x00", ": the text is damaged: its other bytes are UTF-16-LE, "
          f"but byte 1 is not valid in this encoding; {SAVE}"),
-        (b"pos\xc3\xa9;1;2;3\nb\xff;1;2;3", ":2: the text is damaged: it begins as UTF-8, "
+        (b"pos\xc3\xa9;1;2;3\nb\xff;1;2;3", ":2: the text is damaged: its other bytes are UTF-8, "
          f"but byte 14 is not valid in this encoding; {SAVE}"),
         (b"1.5 2.5 3.5\n", f":1: the rows have 3 cells, and there is no header; {ADD}"),
         (b"a;1;2;3;4;5;6;7\n", f":1: the rows have 8 cells, and there is no header; {ADD}"),

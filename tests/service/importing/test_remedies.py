@@ -981,6 +981,28 @@ WIDE = ["Pose", *strange.JOINTS, *"ABCDEF"]
 NUMBERED = strange.wide(MEASURED, UNLOADED, LOADED)
 IN_TURN = ["Pose", *strange.JOINTS, "Zustand", *"XYZ"]
 TURNS = strange.in_turn(MEASURED, ("unbelastet", "belastet"), (UNLOADED, LOADED))
+OF_TWO_TARGETS = [
+    [row[0], number, *row[1:]]
+    for first, second in zip(
+        TURNS,
+        strange.in_turn(MEASURED, ("unbelastet", "belastet"), strange.both(MEASURED, 1)),
+        strict=True,
+    )
+    for number, row in (("1", first), ("2", second))
+]
+FORM_ROWS: list[list[Any]] = [
+    row
+    for number, joints in enumerate(MEASURED.joints)
+    for row in (
+        [f"Pose {number + 1}"],
+        [None, *strange.JOINTS],
+        [None, *joints.tolist()],
+        ["Target", *"XYZ"],
+        ["T1 unloaded", *UNLOADED[number].tolist()],
+        ["T1 loaded", *LOADED[number].tolist()],
+    )
+]
+"""Six rows for each posture."""
 STATEMENTS: Mapping[str, Any] = {
     "encoders": "motor", "load_point": (0.0, 0.0, 120.0), "force": (0.0, 0.0, -981.0), "length_unit": "mm",
     "units": {"force": "N"},
@@ -1103,6 +1125,16 @@ def strangers() -> dict[str, Proposed]:
             "has no row here",
             {**three, "b.csv": table(["Pose", *"XYZ"], strange.points(MEASURED, 1)[1:])},
             stated={"allow_missing": True},
+        ),
+        "targets in a column of numbers": Proposed(
+            "has several rows of unloaded in different places",
+            {"a.csv": table(["Pose", "No.", *IN_TURN[1:]], OF_TWO_TARGETS)},
+            stated={"columns": {"No.": "target"}},
+        ),
+        "form that lacks a row": Proposed(
+            "the form 'Pose 3' lacks 'T1 loaded X'",
+            {"a.xlsx": workbook([row for row in FORM_ROWS if row != FORM_ROWS[17]])},
+            {"a.xlsx": workbook(FORM_ROWS)},
         ),
         "row twice": Proposed(
             "has this row twice", {"a.csv": table(IN_TURN, [TURNS[0], *TURNS])}, {"a.csv": turns}

@@ -56,19 +56,34 @@ def test_a_column_that_is_left_out_may_have_any_cell():
 
 
 def test_the_sheet_is_stated_where_several_have_data():
-    def noted(book, _sheet):
-        book.create_sheet("notes")["A1"] = "windy"
+    def repeated(book, sheet):
+        more = book.create_sheet("again")
+        for row in sheet.iter_rows(values_only=True):
+            more.append(row)
 
-    file = "a.xlsx", workbook(change=noted)
+    file = "a.xlsx", workbook(change=repeated)
     assert refusals(file) == [
-        "a.xlsx: several sheets have data: 'Sheet, notes'; give `sheet`; separate several names by "
+        "a.xlsx: several sheets have data: 'Sheet, again'; give `sheet`; separate several names by "
         "semicolons [sheet]"
     ]
     assert refusals(file, sheet="Tabelle1") == [
-        "a.xlsx: the workbook has no sheet 'Tabelle1'; give one of 'Sheet, notes' as `sheet` [sheet]"
+        "a.xlsx: the workbook has no sheet 'Tabelle1'; give one of 'Sheet, again' as `sheet` [sheet]"
     ]
-    assert answered(file, show_faults=True).faults[0].words == ["Sheet", "notes"]
+    assert answered(file, show_faults=True).faults[0].words == ["Sheet", "again"]
     assert numbers_of(answered(file, sheet="Sheet")) == CAMPAIGN_NUMBERS
+
+
+def test_sheets_without_a_table_are_named_and_not_read():
+    def noted(book, sheet):
+        sheet.title = "data"
+        info = book.create_sheet("Info", 0)
+        for row in [("Load", "120 kg"), ("Load CG", 120, "mm"), ("Units", "mm, deg")]:
+            info.append(row)
+        book.create_sheet("notes")["A1"] = "windy"
+
+    answer = answered(("a.xlsx", workbook(change=noted)))
+    assert numbers_of(answer) == CAMPAIGN_NUMBERS
+    assert answer.files[0].assumptions == ["the sheets 'Info', 'notes' have no table, and were not read"]
 
 
 def test_comments_and_empty_rows_are_skipped_and_hidden_rows_are_read():

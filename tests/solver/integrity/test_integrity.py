@@ -98,6 +98,25 @@ def test_repetitions_tell_sigma():
     assert next(f for f in found if f.code == "repeated_readings").weight == "use_with_care"
 
 
+def test_a_reading_without_load_that_several_loads_share_is_no_repetition():
+    """The copies differ by rounding of arithmetic only; a second reading of a posture still counts."""
+    exact = prepare(simulate_campaign(default_arm(), load="pull", configurations=10, sigma=2e-5, seed=5))[1]
+    rows = np.repeat(np.arange(10), 3)
+    factor = np.tile([1.0, 2.0, 3.0], 10)
+    rounding = 1e-16 * np.random.default_rng(3).standard_normal((30, 3, 3))
+    shared = replace(
+        exact[rows],
+        position=exact.position[rows] + rounding,
+        deflection=factor[:, None, None] * exact.deflection[rows],
+        force=factor[:, None] * exact.force[rows],
+    )
+    assert [each.message for each in look(shared) if each.code == "repeated_readings"] == []
+    moved = shared.position.copy()
+    moved[1] += 3e-5
+    (found,) = (each for each in look(replace(shared, position=moved)) if each.code == "repeated_readings")
+    assert found.message.startswith("in 1 repeated postures")
+
+
 def test_copies_are_named_unless_chance_makes_few_numbers_equal():
     """Readings of several targets agree in no two postures; a reading of three numbers may."""
     order = np.where(np.arange(15) == 9, 4, np.arange(15))

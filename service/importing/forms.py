@@ -1,0 +1,186 @@
+"""Forms in workbooks: a sheet, or a block of rows, for each posture, with joints and a table of targets."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
+
+from jointstiff.schemas.imports import FilePreview
+from jointstiff.service.importing import limits
+from jointstiff.service.importing.errors import ImportFileError, Place, quote
+from jointstiff.service.importing.grammar import Vocabulary, split_unit
+from jointstiff.service.importing.grid import CellKind, Grid, Row, count_numbers, looks_like_a_number
+
+_LEAST_FORMS: Final = 3
+"""Postures, at least, each with a form."""
+_JOINTS: Final = range(3, 8)
+"""Numbers of joints that a form names."""
+_LEAST_COORDINATES: Final = 3
+_TEXT: Final[CellKind] = "text"
+_NUMBER: Final = re.compile(r"\d+(?:[.,]\d+)?")
+
+
+class _Value(NamedTuple):
+    """Number of a form."""
+
+    header: str  # words of its row and of the rows above it
+    cell: str
+    kind: CellKind
+
+
+class _Form(NamedTuple):
+    """Rows of one posture."""
+
+    label: str
+    line: int  # of its first row
+    values: list[_Value]
+
+    @property
+    def headers(self) -> tuple[str, ...]:
+        """Words of the numbers, in their order."""
+        return tuple(value.header for value in self.values)
+
+
+def join_forms(sheets: Sequence[Grid], words: Vocabulary) -> Grid | None:
+    """Return one table of forms with a row for each posture; None of other sheets.
+
+    The forms are the sheets of a workbook, or blocks of one sheet that begin with titles such as `Pose 1`.
+
+    Raises:
+        ImportFileError: a form has other numbers than the others.
+    """
+    forms = _read_blocks(sheets[0]) if len(sheets) == 1 else list(map(_read_sheet, sheets))
+    counts = Counter(form.headers for form in forms)
+    headers, count = counts.most_common(1)[0] if counts else ((), 0)
+    if count < _LEAST_FORMS or 2 * count <= len(forms) or not _are_of_one_posture(headers, words):
+        return None
+    file = sheets[0].file
+    for form in forms:
+        _refuse_other_numbers(form, headers, file)
+    notes = [note for sheet in sheets for note in sheet.preview.assumptions]
+    notes = [f"{len(forms)} forms were read as postures", *dict.fromkeys(notes)]
+    name = sheets[0].preview.sheet if len(sheets) == 1 else None
+    preview = FilePreview(file=file, format="xlsx", sheet=name, assumptions=notes)
+    rows = [_write_row(form.line, form.label, form.values) for form in forms]
+    texts = (_TEXT,) * (1 + len(headers))
+    header = Row(rows[0].line, ("label", *headers), texts)
+    return Grid(preview, (header, *rows))
+
+
+def _write_row(line: int, label: str, values: Sequence[_Value]) -> Row:
+    """Return the row of a posture."""
+    cells = (label, *(value.cell for value in values))
+    return Row(line, cells, (_TEXT, *(value.kind for value in values)))
+
+
+def _are_of_one_posture(headers: Sequence[str], words: Vocabulary) -> bool:
+    """Return whether words name each joint of a robot once, coordinates, and no number twice."""
+    if len(set(headers)) < len(headers) or len(headers) >= limits.MAX_COLUMNS:
+        return False
+    words.add_names_of_table(headers)
+    meanings = [words.find(header) for header in headers]
+    joints = [each.axis for each in meanings if each is not None and each.kind == "joint"]
+    other_count = len(headers) - len(joints)
+    is_each_once = sorted(axis or 0 for axis in joints) == list(range(len(joints)))
+    return len(joints) in _JOINTS and is_each_once and other_count >= _LEAST_COORDINATES
+
+
+def _refuse_other_numbers(form: _Form, headers: Sequence[str], file: str) -> None:
+    """Raise an `ImportFileError` if a form has other numbers than those of some headers."""
+    if list(form.headers) == list(headers):
+        return
+    lacking = [header for header in headers if header not in form.headers]
+    more = [header for header in form.headers if header not in headers]
+    reason = f"the form {quote(form.label)} has the numbers of other forms in another order"
+    if lacking or more:
+        verb = "lacks" if lacking else "has, unlike other forms,"
+        reason = f"the form {quote(form.label)} {verb} {quote((lacking or more)[0])}"
+    raise ImportFileError(Place(file, form.line), reason, "complete the form, or remove it")
+
+
+def _read_sheet(sheet: Grid) -> _Form:
+    """Return the form in a sheet, whose name is the name of the posture."""
+    return _Form(sheet.preview.sheet or "", sheet.rows[0].line, list(_list_values(sheet.rows)))
+
+
+def _read_blocks(sheet: Grid) -> list[_Form]:
+    """Return the form of each block that begins with a title such as `Pose 1`; none without such titles."""
+    titles = [_find_title(row) for row in sheet.rows]
+    kinds = Counter(_NUMBER.sub("0", title) for title in titles if title)
+    kind, count = kinds.most_common(1)[0] if kinds else ("", 0)
+    if count < _LEAST_FORMS:
+        return []
+    starts = [k for k, title in enumerate(titles) if title and _NUMBER.sub("0", title) == kind]
+    has_data_above = any(count_numbers(row) >= _LEAST_COORDINATES for row in sheet.rows[: starts[0]])
+    if has_data_above:
+        return []
+    ends = [*starts[1:], len(titles)]
+    return [
+        _Form(titles[start], sheet.rows[start].line, list(_list_values(sheet.rows[start + 1 : end])))
+        for start, end in zip(starts, ends, strict=True)
+    ]
+
+
+def _find_title(row: Row) -> str:
+    """Return the text of a row that is a title with one number, such as `Pose 1`; empty for other rows."""
+    filled = [cell for cell in row.cells if cell]
+    text = " ".join(filled)
+    is_title = len(filled) <= 2 and not looks_like_a_number(filled[0])
+    return text if is_title and len(_NUMBER.findall(text)) == 1 else ""
+
+
+def _list_values(rows: Sequence[Row]) -> Iterator[_Value]:
+    """Yield the numbers of a form with the words of their rows, and of the row of texts above them.
+
+    The texts above hold for each row below them that begins with a text, and for one other row.
+    """
+    above: tuple[str, ...] = ()
+    is_below_texts = False
+    for row in rows:
+        columns = [k for k, cell in enumerate(row.cells) if looks_like_a_number(cell)]
+        if not columns:
+            above = _join_groups(above, row.cells) if is_below_texts else row.cells
+            is_below_texts = True
+            continue
+        is_below_texts = False
+        yield from _name_numbers(row, columns, above)
+        if columns[0] == 0 or not any(row.cells[: columns[0]]):
+            above = ()
+
+
+def _name_numbers(row: Row, columns: Sequence[int], above: Sequence[str]) -> Iterator[_Value]:
+    """Yield the numbers in some columns of a row, named by the texts before them and above them."""
+    own_words = " ".join(cell for cell in row.cells[: columns[0]] if cell)
+    texts = (_TEXT,) * len(row.cells)
+    kinds = row.kinds or texts
+    are_named_above = all(column < len(above) and above[column] for column in columns)
+    for number, column in enumerate(columns):
+        before = row.cells[column - 1] if column else ""
+        if len(columns) == 1 and own_words:
+            unit = split_unit(above[column])[1] if are_named_above else None
+            has_unit = unit is None or split_unit(before)[1] is not None
+            header = before if has_unit else f"{before} [{unit}]"
+        elif are_named_above:
+            header = f"{own_words} {above[column]}".strip()
+        elif len(columns) == _LEAST_COORDINATES and own_words:
+            header = f"{own_words} {'xyz'[number]}"
+        else:
+            header = f"{own_words} {number + 1}".strip()
+        yield _Value(header, row.cells[column], kinds[column])
+
+
+def _join_groups(above: Sequence[str], cells: Sequence[str]) -> tuple[str, ...]:
+    """Return the texts of a row with the groups above them: `ohne Last` above `X`, `Y` gives `ohne Last X`.
+
+    A row with one text is a title or a remark, and no row of groups.
+    """
+    if sum(map(bool, above)) < 2:
+        return tuple(cells)
+    joined, group = [], ""
+    for column, cell in enumerate(cells):
+        own = above[column] if column < len(above) else ""
+        group = own or (group if cell else "")
+        joined.append(f"{group} {cell}".strip())
+    return tuple(joined)

@@ -1,0 +1,96 @@
+"""Sheets of a workbook that an import reads: those with numbers, if their names tell them apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+from jointstiff.schemas.imports import State
+from jointstiff.service.importing.errors import ImportFileError, Place, quote
+from jointstiff.service.importing.grammar import find_state, split_words
+from jointstiff.service.importing.grid import Grid, count_numbers
+from jointstiff.service.importing.loads import find_load, find_state_of_load, remove_load
+
+_LEAST_NUMBERS: Final = 3
+"""Numbers of a row of data, at least."""
+
+
+def list_tables(sheets: Sequence[Grid]) -> list[Grid]:
+    """Return the sheets of a workbook that have rows of data; all sheets if none has."""
+    return [sheet for sheet in sheets if _has_data(sheet)] or list(sheets)
+
+
+def choose_sheets(tables: Sequence[Grid], words: Mapping[str, State]) -> list[Grid]:
+    """Return the only sheet with rows of data, or several whose names tell states.
+
+    `words` are the caller's words for states.
+
+    Raises:
+        ImportFileError: several sheets have data, and their names tell no states.
+    """
+    names = [_name(table) for table in tables]
+    if len(tables) > 1 and not _are_states(names, words):
+        raise build_sheet_error(tables[0].file, names)
+    return list(tables)
+
+
+def note_others(chosen: Sequence[Grid], others: Sequence[Grid]) -> list[Grid]:
+    """Return the sheets that are read, the first with a note on the sheets that are not read."""
+    if not others:
+        return list(chosen)
+    listed = ", ".join(quote(_name(sheet)) for sheet in others)
+    note = f"the sheet {listed} has no table, and was not read"
+    if len(others) > 1:
+        note = f"the sheets {listed} have no table, and were not read"
+    first, *further = chosen
+    assumptions = [note, *first.preview.assumptions]
+    noted = replace(first, preview=first.preview.model_copy(update={"assumptions": assumptions}))
+    return [noted, *further]
+
+
+def build_sheet_error(file: str, names: Sequence[str]) -> ImportFileError:
+    """Return the error that several sheets of a workbook have data."""
+    reason = f"several sheets have data: {quote(', '.join(names))}"
+    remedy = "give `sheet`; separate several names by semicolons"
+    return ImportFileError(Place(file), reason, remedy, "sheet", tuple(names))
+
+
+def _name(sheet: Grid) -> str:
+    """Return the name of a sheet."""
+    return sheet.preview.sheet or ""
+
+
+def _has_data(sheet: Grid) -> bool:
+    """Return whether a sheet has a row of data: an information has single numbers."""
+    return any(count_numbers(row) >= _LEAST_NUMBERS for row in sheet.rows)
+
+
+class _NamedState(NamedTuple):
+    """State that the name of a sheet tells."""
+
+    state: State
+    mass: float | None  # of the load [kg]
+    rest: tuple[str, ...]  # other words of the name, such as a target
+
+
+def _are_states(names: Sequence[str], words: Mapping[str, State]) -> bool:
+    """Return whether each name tells another state or target, and some tell a load and others none."""
+    found = [_read_state(name, words) for name in names]
+    states = {each.state for each in found if each is not None}
+    return None not in found and len(set(found)) == len(found) and {"unloaded", "loaded"} <= states
+
+
+def _read_state(name: str, words: Mapping[str, State]) -> _NamedState | None:
+    """Return the only state that a name tells; None for a name with no state, or with several."""
+    mass = find_load(name)
+    states, rest = set[State](), list[str]()
+    for word in split_words(remove_load(name)):
+        state = find_state(word, words)
+        if state is None:
+            rest.append(word.casefold())
+        else:
+            states.add(state)
+    if mass is not None:
+        states.add(find_state_of_load(mass))
+    return _NamedState(states.pop(), mass, tuple(rest)) if len(states) == 1 else None

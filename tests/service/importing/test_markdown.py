@@ -1,0 +1,52 @@
+"""Tables of Markdown with prose around them are read like other tables."""
+
+import time
+
+import pytest
+from support.strange_files import JOINTS, both, in_turn, judge, simulate
+
+import jointstiff as js
+from jointstiff.service.importing.markdown import write_tables_plainly
+
+ARM = "KUKA KR 210 R2700 extra"
+CAMPAIGN = simulate(ARM, seed=3, postures=10)
+
+
+def test_a_lab_book_is_read(tmp_path):
+    rows = [["pose", *JOINTS, "state", *"xyz"], *in_turn(CAMPAIGN, ("before", "loaded"), both(CAMPAIGN))]
+    lines = [f"| {' | '.join(row)} |" for row in rows]
+    lines.insert(1, f"|{'---|' * len(rows[0])}")
+    path = tmp_path / "book.md"
+    path.write_text(
+        "# Check of cell 4\n\nWeight of 10 kg, hung; x, y, z in mm.\n\n" + "\n".join([*lines, "", "Windy."])
+    )
+    proposal = js.read(
+        path,
+        robot=ARM,
+        encoders="motor",
+        load_point=[0, 0, 120],
+        force=[0, 0, -981],
+        units={"force": "N"},
+        length_unit="mm",
+    )
+    assert judge(CAMPAIGN, proposal.accept().measurement_set.model_dump(mode="json")) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "plain"),
+    [
+        ("words\n\n| a | b |\n|:-:|---|\n| 1 | x\\|y |\n", "# words\n\na\tb\n\n1\tx|y\n"),
+        ("| a | b |\r\n| --- | --- |\r\n|  | 2 |", "a\tb\r\n\r\n\t2"),
+        ("| a | b |\n| 1 | 2 |\n", None),
+        ("a;b\n|---|\n1;2\n", None),
+    ],
+)
+def test_lines_keep_their_numbers_and_other_texts_are_unchanged(text, plain):
+    assert write_tables_plainly(text) == (text if plain is None else plain)
+
+
+@pytest.mark.parametrize("line", ["|" + "-" * 1_000_000 + "x", "|" * 1_000_000, "|" + "- " * 500_000 + "x"])
+def test_a_long_line_is_read_in_linear_time(line):
+    start = time.perf_counter()
+    write_tables_plainly(f"| a | b |\n|---|---|\n{line}\n")
+    assert time.perf_counter() - start < 5.0

@@ -1,0 +1,131 @@
+"""Forms of one posture each, in sheets or in blocks of a sheet, are read as a table with a row for each."""
+
+import io
+from itertools import chain
+
+import openpyxl
+import pytest
+from support.strange_files import JOINTS, judge, simulate
+
+import jointstiff as js
+
+ARM = "KUKA KR 210 R2700 extra"
+CAMPAIGN = simulate(ARM, seed=3, postures=10)
+STATED = {
+    "encoders": "motor", "load_point": [0, 0, 120], "force": [0, 0, -981], "units": {"force": "N"},
+    "length_unit": "mm",
+}  # fmt: skip
+
+
+def places_of(posture, target):
+    """Return x, y and z without and under load [mm], to 0.1 µm."""
+    return [
+        [round(1e3 * float(each), 4) for each in positions[posture, target]]
+        for positions in (CAMPAIGN.unloaded, CAMPAIGN.loaded)
+    ]
+
+
+def angles_of(posture):
+    return [round(float(each), 4) for each in CAMPAIGN.joints[posture]]
+
+
+def write_form(posture, *, states=("ohne Last", "mit Last")):
+    """Return the rows of a form: joints below each other, targets as rows, states as groups of columns."""
+    joints = [[f"A{number}", angle] for number, angle in enumerate(angles_of(posture), 1)]
+    targets = [[f"T{k + 1}", *chain.from_iterable(places_of(posture, k))] for k in range(3)]
+    return [
+        ["Messprotokoll", "Halle 3", None, "Blatt", posture + 1],
+        [],
+        ["Achse", "Winkel [°]"],
+        *joints,
+        [],
+        ["Marke", states[0], None, None, states[1]],
+        [None, *(f"{axis} [mm]" for axis in "XYZ"), *(f"{axis} [mm]" for axis in "XYZ")],
+        *targets,
+    ]
+
+
+def write_block(posture):
+    """Return the rows of a block: a title, joints in a row, and a row for each target and state."""
+    rows = [
+        [f"T{k + 1}", state, *places]
+        for k in range(2)
+        for state, places in zip(("sem carga", "com carga"), places_of(posture, k), strict=True)
+    ]
+    return [
+        [f"Postura {posture + 1}"],
+        ["Eixos (°)", *JOINTS],
+        [None, *angles_of(posture)],
+        ["Alvo", "Condição", "X (mm)", "Y (mm)", "Z (mm)"],
+        *rows,
+        [],
+    ]
+
+
+def workbook(sheets):
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for name, rows in sheets.items():
+        sheet = book.create_sheet(name)
+        for row in rows:
+            sheet.append(row)
+    content = io.BytesIO()
+    book.save(content)
+    return content.getvalue()
+
+
+def write_sheets(change=lambda _posture, rows: rows):
+    info = {"Info": [["Roboter", "KR 210"], ["Gewicht", "100 kg"]]}
+    return info | {f"Pose {k + 1:02}": change(k, write_form(k)) for k in range(len(CAMPAIGN.joints))}
+
+
+def write_blocks():
+    blocks = [row for posture in range(len(CAMPAIGN.joints)) for row in write_block(posture)]
+    return {"Ensaio": [["Ensaio de rigidez"], ["Carga: 20 kg"], [], *blocks]}
+
+
+def propose(sheets, folder, **options):
+    path = folder / "forms.xlsx"
+    path.write_bytes(workbook(sheets))
+    return js.read(path, robot=ARM, **STATED, **options)
+
+
+@pytest.mark.parametrize("write", [write_sheets, write_blocks])
+def test_forms_of_postures_are_read_as_one_table(write, tmp_path):
+    answer = propose(write(), tmp_path).accept()
+    assert judge(CAMPAIGN, answer.measurement_set.model_dump(mode="json")) == []
+    assert answer.states == ["unloaded", "loaded"]
+    assert "10 forms were read as postures" in answer.files[0].assumptions
+
+
+def test_a_sheet_that_is_no_form_is_named(tmp_path):
+    answer = propose(write_sheets(), tmp_path).accept()
+    assert "the sheet 'Info' has no table, and was not read" in answer.files[0].assumptions
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda rows: rows[:-1], "the form 'Pose 05' lacks 'T3 ohne Last X [mm]'"),
+        (
+            lambda rows: [*rows, ["T9", *[1.5] * 6]],
+            "the form 'Pose 05' has, unlike other forms, 'T9 ohne Last X [mm]'",
+        ),
+    ],
+)
+def test_a_form_with_other_numbers_is_refused(change, reason, tmp_path):
+    with pytest.raises(js.CampaignError) as refused:
+        propose(write_sheets(lambda k, rows: change(rows) if k == 4 else rows), tmp_path)
+    assert reason in str(refused.value.problem)
+
+
+def test_states_follow_the_words_of_the_forms_wherever_their_columns_are(tmp_path):
+    def exchange(_posture, rows):
+        exchanged = [row if len(row) < 7 else [row[0], *row[4:7], *row[1:4]] for row in rows]
+        return [
+            ["Marke", "mit Last", None, None, "ohne Last"] if row[:1] == ["Marke"] else row
+            for row in exchanged
+        ]
+
+    answer = propose(write_sheets(exchange), tmp_path).accept()
+    assert judge(CAMPAIGN, answer.measurement_set.model_dump(mode="json")) == []
