@@ -95,9 +95,9 @@ def folder(tmp_path_factory):
             "compensate pull.json path.src --accuracy-option off -o o.src --overwrite --force 0,0,-490.3",
         ),
         (
-            "import readings.csv --force 0,0,-50kg",
-            "must be three numbers in the unit of --units (force=kgf for kg)",
-            "import readings.csv --force 0,0,-50 --units force=kgf,length=mm,angle=deg --load-point 0,0,0 "
+            "import readings.csv --force 0,0,-50t",
+            "must be three numbers with their unit N, kN, kgf or lbf, such as 0,0,-981N",
+            "import readings.csv --force 0,0,-50kg --units length=mm,angle=deg --load-point 0,0,0 "
             "--encoders motor",
         ),
         ("identify pull.json --method magic", "'partial_pose'", "identify pull.json --method partial_pose"),
