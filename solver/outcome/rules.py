@@ -716,7 +716,7 @@ def report_causes(
     if loads is not None:
         robot, measurements = loads
         selected = selected.leave_out_implausible(measurements)
-        if selected.has_empty_step:  # a step of which no cause has a plausible size
+        if selected.has_empty_step:  # in this step no cause has a plausible size
             return _report_unknown_cause(causes, weight, change_text)
         point_in_base = _describe_point_in_base(robot, measurements, selected)
         if point_in_base:
