@@ -770,6 +770,8 @@ def _list_known_fields(error: Mapping[str, Any]) -> str | None:
 
 def _find_remedy_of_objects(error: Mapping[str, Any]) -> str | None:
     """Return the remedy for a value that is no object, with the fields of the object; None without them."""
+    if error["type"] == "union_tag_not_found" and error.get("forms"):
+        return f"add this field, such as {' or '.join(error['forms'][:2])}"
     if error.get("forms"):
         return f"give an object in braces, such as {' or '.join(error['forms'][:2])}"
     if error["type"] == "model_type" and error.get("fields"):

@@ -294,8 +294,8 @@ def test_two_campaigns_are_compared_joint_by_joint():
         (
             "identify",
             '{"a": 1, }',
-            " has a comma before a closing bracket, at line 1 column 10 remedy: remove the comma after the last "
-            "entry",
+            " has a comma before a closing bracket, at line 1 column 10 remedy: remove the comma after the "
+            "last entry",
         ),
         (
             "import",
