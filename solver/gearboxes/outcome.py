@@ -80,7 +80,7 @@ def identify_gearboxes(step: WeightStep) -> GearboxResult:
         *_report_load(step),
         *(undivided or _report_postures(step)),
     ]
-    if not undivided:  # nothing else can be said of angles that are not those of the joints
+    if not undivided:  # nothing else can be stated about angles that are not those of the joints
         findings += _report_approaches(step, joints)
         for fit in fits.values():
             findings += _report_fit(step, fit)
