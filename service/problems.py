@@ -423,7 +423,7 @@ class CursorError(StoreError):
     def __init__(self, cursor: str) -> None:
         super().__init__(
             f"{_quote(cursor)} is not a valid pagination cursor",
-            "use `next` of the previous page unchanged, or omit `cursor`",
+            "use `next` of the previous page unchanged, with the same `sort`, or omit `cursor`",
         )
 
 
@@ -504,7 +504,7 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
         "list_type": "give a list in brackets, such as [1, 2, 3]",
         "tuple_type": "give a list in brackets, such as [1, 2, 3]",
         "too_short": "add the missing entries",
-        "dict_type": _AN_OBJECT,
+        "dict_type": 'give a value by name, in braces, such as {"NAME": …}',
         "model_type": _AN_OBJECT,
         "model_attributes_type": _AN_OBJECT,
         "datetime_parsing": _A_TIME,
@@ -538,6 +538,7 @@ _WORDING: Final = tuple(
         (r"Input should be a valid integer.*", "must be a whole number"),
         (r"Input should be a valid number.*", "must be a number"),
         (r"Input should be None", "must be null"),
+        (r"Input should have timezone info", "must have a time zone"),
         (r"Input should be (.+)", r"must be \1"),
         (r"String should match pattern (.+)", r"must match the pattern \1"),
         (r"Unable to extract tag using discriminator (.+)", r"needs the field \1"),
@@ -769,6 +770,8 @@ def _list_known_fields(error: Mapping[str, Any]) -> str | None:
 
 def _find_remedy_of_objects(error: Mapping[str, Any]) -> str | None:
     """Return the remedy for a value that is no object, with the fields of the object; None without them."""
+    if error["type"] == "union_tag_not_found" and error.get("forms"):
+        return f"add this field, such as {' or '.join(error['forms'][:2])}"
     if error.get("forms"):
         return f"give an object in braces, such as {' or '.join(error['forms'][:2])}"
     if error["type"] == "model_type" and error.get("fields"):
@@ -780,13 +783,16 @@ def _find_remedy_of_objects(error: Mapping[str, Any]) -> str | None:
 def _find_remedy_of_unread(error: Mapping[str, Any]) -> str | None:
     """Return the remedy for a number of an observation that is no finite number; None for other faults."""
     place = error["loc"]
-    if "observations" not in place or error["type"] not in {"finite_number", "float_type", "list_type"}:
-        return None
-    if place[-1:] == ("readings",):
+    if "readings" in place[-2:] and error["type"] in {"list_type", "model_type"}:
         return (
             'give a list of objects, such as [{"target": "P10", "unloaded": [1.2, 0.3, 0.8], "loaded": '
             "[1.2, 0.3, 0.799]}]"
         )
+    is_posture = place[-1:] == ("joints",) and {"observations", "cases"}.intersection(place)
+    if is_posture and error["type"] == "list_type":
+        return "give a list of one number for each joint, in the order of the robot's joints"
+    if "observations" not in place or error["type"] not in {"finite_number", "float_type"}:
+        return None
     remedy = _REMEDIES[error["type"]]
     if "readings" in place:
         return f"{remedy}; leave out the reading of a target that was not read"
@@ -876,10 +882,13 @@ def _find_meant_name(error: Mapping[str, Any], parameters: Sequence[str]) -> str
 _WORDS_OF_NAMES: Final = MappingProxyType(
     {
         "cancelled": "abort cancel stop",
+        "cursor": "offset page page_token start_after",
         "confidence": "alpha ci confidence_interval confidence_level level significance",
         "delimiter": "sep separator",
         "details": "debug verbose verbosity",
+        "kind": "type",
         "leave_out": "drop exclude excluded omit skip",
+        "limit": "count page_size per_page pagesize size",
         "load_point": "attachment_point force_point point_of_application",
         "loss": "robust",
         "options": "config config_file options_file params settings",
@@ -890,7 +899,9 @@ _WORDS_OF_NAMES: Final = MappingProxyType(
         "resampling": "bootstrap",
         "robot": "arm model robot_model urdf",
         "seed": "random_seed random_state rng",
+        "state": "status",
         "sigma": "noise std uncertainty",
+        "sort": "order order_by orderby sort_by sortby",
         "stiffness_bounds": "bounds",
         "tool": "tcp tool_frame",
         "weighting": "weight_matrix weights",
@@ -1108,6 +1119,30 @@ class FolderError(CampaignError, IsADirectoryError):
         return str(self.args[0])
 
 
+class MissingFolderError(CampaignError, FileNotFoundError):
+    """A file cannot be written, as its folder does not exist."""
+
+    def __init__(self, path: Path) -> None:
+        reason = f"'{path}' cannot be written, as there is no folder '{path.parent}'"
+        super().__init__(http_problem(422, reason, "make this folder first, or choose another path"))
+        self.errno, self.strerror, self.filename = ENOENT, os.strerror(ENOENT), str(path)
+
+    def __str__(self) -> str:
+        """Return what is wrong, and how to correct it."""
+        return str(self.args[0])
+
+
+def require_folder(path: Path) -> Path:
+    """Return the path of a file to write.
+
+    Raises:
+        MissingFolderError: the folder of the file does not exist.
+    """
+    if not path.parent.is_dir():
+        raise MissingFolderError(path)
+    return path
+
+
 def list_files(folder: Path) -> str:
     """Return the end of a sentence about a folder: its first files, or that it has none."""
     names = sorted(each.name for each in folder.iterdir() if each.is_file())
@@ -1121,7 +1156,7 @@ def naming_missing_file() -> Iterator[None]:
     """Turn the error of the block for a missing file, or for a folder, into an error with a remedy."""
     try:
         yield
-    except MissingFileError:
+    except (MissingFileError, MissingFolderError):
         raise
     except IsADirectoryError as error:
         if not isinstance(error.filename, str):

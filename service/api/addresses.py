@@ -20,6 +20,8 @@ METHODS: Final = ("DELETE", "GET", "PATCH", "POST", "PUT")
 """Methods that routes may have; HEAD and OPTIONS are answered for all of them."""
 _ALIKE: Final = 0.75  # of a part of an address
 _PARAMETER: Final = re.compile(r"\{\w+(?::\w+)?\}")
+_COLLECTIONS_OF_JOBS: Final = frozenset(("campaigns", *(kind.collection for kind in KINDS)))
+"""Collections to which jobs are posted; each job has its address in `jobs`."""
 _IDENTIFIER: Final = re.compile(r"[A-Za-z0-9_.-]{1,64}")
 
 
@@ -58,10 +60,10 @@ def advise_method(request: Request) -> str:
 
 def advise_address(request: Request) -> str:
     """Return the existing address that an unknown address resembles; the collections if there is none."""
-    parts = [part for part in request.url.path.split("/") if part]
-    if parts[:1] != ["v1"]:
-        parts.insert(0, "v1")
-    if len(parts) > 2 and parts[1] in {"campaigns", *(kind.collection for kind in KINDS)}:
+    parts = ["v1", *_leave_out_prefix(request.url.path.split("/"))]
+    if len(parts) == 4 and _IDENTIFIER.fullmatch(parts[2]) and (by_part := _advise_part(parts)) is not None:
+        return by_part
+    if len(parts) > 2 and parts[1] in _COLLECTIONS_OF_JOBS:
         parts[1] = "jobs"  # jobs of all kinds have their addresses there
     ends_in_verb = request.method == "POST" and len(parts) > 2 and find_verb(parts[-1]) is not None
     if ends_in_verb and (by_verb := _advise_verb(parts[::-1])) is not None:
@@ -71,7 +73,7 @@ def advise_address(request: Request) -> str:
     templates = [path.strip("/").split("/") for path in paths if path is not None]
     # The files of a job have addresses of one more part.
     in_files = [*parts[:3], "files", *parts[3:]] if "." in parts[-1] else parts
-    for likely in (parts, in_files):
+    for likely in (parts, in_files, parts[1:]):
         for template in templates:
             if (meant := _fill_in(template, likely)) is not None:
                 return f"use the address {meant}"
@@ -80,6 +82,54 @@ def advise_address(request: Request) -> str:
     described = [context.path for context in contexts if _is_described(context)]
     collections = sorted({path for path in described if path and path.count("/") == 2 and path[:4] == "/v1/"})
     return f"use one of the addresses {', '.join(collections)}"
+
+
+_VERSION: Final = re.compile(r"api|v\d+")
+"""Part of an address before the collection, as APIs have it."""
+
+
+def _leave_out_prefix(parts: Iterable[str]) -> list[str]:
+    """Return the parts of an address behind the version of the API."""
+    filled = [part for part in parts if part]
+    while filled and _VERSION.fullmatch(filled[0]):
+        filled = filled[1:]
+    return filled
+
+
+_CANCEL: Final = 'send PATCH to /v1/{collection}/{id} with {{"cancelled": true}}'
+_DELETE: Final = 'send PATCH to /v1/{collection}/{id} with {{"deleted": true}}'
+_RESTORE: Final = 'send PATCH to /v1/{collection}/{id} with {{"deleted": false}}'
+_FIELD: Final = "send GET to /v1/{collection}/{id}, whose answer has `state` and `result`"
+_FILE: Final = "get a file with GET /v1/jobs/{id}/files/NAME: `links` of /v1/jobs/{id} has the names"
+_RUNS: Final = "send GET to /v1/jobs?kind=run&{owner}={id}"
+_SETS: Final = "send GET to /v1/measurement-sets?{owner}={id}"
+_OF_ALL: Final = {"delete": _DELETE, "remove": _DELETE, "restore": _RESTORE}
+_OF_JOBS: Final = {
+    **_OF_ALL,
+    **dict.fromkeys(("abort", "cancel", "stop"), _CANCEL),
+    **dict.fromkeys(("joints", "progress", "result", "results", "state", "status"), _FIELD),
+    **dict.fromkeys(("download", "file", "files"), _FILE),
+    "apply": "send POST to /v1/runs/{id}/apply",
+}
+_OF_SETS: Final = {**_OF_ALL, "jobs": _RUNS, "runs": _RUNS}
+_OF_ROBOTS: Final = {**_OF_SETS, **dict.fromkeys(("measurement-sets", "measurements", "sets"), _SETS)}
+_UNKNOWN_PARTS: Final = {"jobs": _OF_JOBS, "measurement-sets": _OF_SETS, "robots": _OF_ROBOTS}
+"""Collection → part of a resource that has no address → what to send."""
+
+
+def _advise_part(parts: Sequence[str]) -> str | None:
+    """Return what to send in place of a request to an unknown part of a resource; None without advice.
+
+    `parts` are the version, the collection, the id, and the unknown part.
+    """
+    _, collection, identifier, part = parts
+    if collection in _COLLECTIONS_OF_JOBS:
+        collection = "jobs"
+    advice = _UNKNOWN_PARTS.get(collection, {}).get(part)
+    if advice is None:
+        return None
+    owner = "robot_id" if collection == "robots" else "measurement_set_id"
+    return advice.format(collection=collection, id=identifier, owner=owner)
 
 
 def _is_described(context: RouteContext) -> bool:
@@ -95,6 +145,11 @@ _REQUESTS_OF_VERBS: Final = {
     "predict": "predict by a stored run with POST /v1/deflections",
     "trend": "get the trend of a robot with GET /v1/robots/{id}/trend",
     "measure": "send readings as they are measured to POST /v1/measurement-sets",
+    "measurements": "use the address /v1/measurement-sets",
+    "metrics": "start the service with --metrics-port, and get /metrics from this port",
+    "events": "get the events of a job with GET /v1/jobs/{id}/events",
+    "sets": "use the address /v1/measurement-sets",
+    "swagger": "get the description of the API with GET /openapi.json",
     "report": "get the files of a job with GET /v1/jobs/{id}, whose `links` name them",
     "robots": "list the robots with GET /v1/robots, and the arms of the catalogue with GET /v1/catalogue",
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import hashlib
+import re
 from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Iterator, Mapping, Set
 from contextlib import contextmanager, suppress
 from typing import Annotated, Any, ClassVar, Final
@@ -94,8 +95,16 @@ _A_FORM: Final = "a form of the fields `files` and `options`, as curl -F does"
 _COLUMNS_OR_FORM: Final = f"a file in {_A_FORM} (multipart/form-data); or send columns as JSON"
 
 
-_TABLES: Final = frozenset({"text/csv", "text/tab-separated-values", "application/vnd.ms-excel"})
-"""Media types of tables."""
+_TABLES: Final = frozenset(
+    (
+        "application/vnd.ms-excel",
+        "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
+        "multipart/form-data",
+        "text/csv",
+        "text/tab-separated-values",
+    )
+)
+"""Media types in which programs send tables."""
 
 
 async def read_json(request: Request, message: type[BaseModel]) -> BaseModel:
@@ -164,7 +173,7 @@ def require_media_type(request: Request, media_type: str, words: str) -> None:
     stated = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if stated != media_type:
         reason = (
-            f"the body has the Content-Type {stated[:40]!r}" if stated else "the body has no Content-Type"
+            f"the body has the Content-Type {stated[:80]!r}" if stated else "the body has no Content-Type"
         )
         if stated in _TABLES and words == "JSON":
             words = f"a table to POST /v1/imports, in {_A_FORM}; or send JSON"
@@ -186,6 +195,7 @@ def parse_body(message: type[BaseModel], content: bytes) -> BaseModel:
             return parse(message, content)
     except MalformedError as error:
         if error.keys is NOT_JSON:
+            _refuse_file(content)
             _refuse_no_text(content)
             _refuse_broken_text(content, str(error.faults[0]["msg"]))
         elif not error.keys:
@@ -263,16 +273,41 @@ def _refuse_broken_text(content: bytes, message: str) -> None:
     """
     if broken := explain_broken_text(content, message):
         raise RequestError(f"the body {broken.cause}", remedy=broken.remedy, where="body")
-    from jointstiff.service.importing.grid import file_type  # imported only for such a body
-
-    type_of_file = file_type(content)
-    if type_of_file is not None and content.lstrip()[:1] not in (b"{", b"["):
+    if _WRONG_FROM_START.search(message):
         raise RequestError(
-            f"the body is {type_of_file}, not a JSON document",
-            remedy="send tables and point lists as `files` of a form with POST /v1/imports, and a URDF as "
-            "the text `urdf` of a robot's model",
+            "the body is a text, but no JSON document",
+            remedy=f"send a JSON document; {_SEND_FILES}",
             where="body",
         )
+
+
+_WRONG_FROM_START: Final = re.compile(r"expected (?:value at line 1 column 1|ident at line 1 column 2)$")
+"""Message of the parser about a text whose first word is none of JSON."""
+_SEND_FILES: Final = (
+    "send tables and point lists as `files` of a form with POST /v1/imports, and a URDF as the text `urdf` "
+    "of a robot's model"
+)
+
+
+def _refuse_file(content: bytes) -> None:
+    """Refuse a body that is a file of a known type, such as a workbook.
+
+    Raises:
+        RequestError: names the type of the file.
+    """
+    from jointstiff.service.importing.grid import JSON, file_type  # imported only for such a body
+
+    type_of_file = file_type(content)
+    if type_of_file is None or type_of_file == JSON:
+        return
+    remedy = _SEND_FILES
+    if content.startswith(_GZIP):
+        remedy = "send the JSON document uncompressed"
+    raise RequestError(f"the body is {type_of_file}, not a JSON document", remedy=remedy, where="body")
+
+
+_GZIP: Final = b"\x1f\x8b"
+"""First bytes of what gzip compressed."""
 
 
 def _refuse_encoded_twice(content: bytes) -> None:

@@ -11,7 +11,7 @@ from typing import Final
 
 import anyio
 from anyio.lowlevel import checkpoint
-from starlette.datastructures import MutableHeaders
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES
 from starlette.requests import HTTPConnection
 from starlette.responses import Response
@@ -124,6 +124,12 @@ class Guard:
             await self._app(scope, receive, send)
 
 
+_NO_VERSIONS: Final = (
+    "the request is for one version of a resource (If-Match), but the service compares no versions",
+    "leave out the header If-Match",
+)
+
+
 class Methods:
     """Middleware that answers HEAD as GET without content, and OPTIONS and 405 with the allowed methods."""
 
@@ -138,6 +144,8 @@ class Methods:
             await self._app(scope, receive, send)
         elif scope["method"] == "OPTIONS" and (allow := self._allowed_methods(scope)):
             await Response(status_code=204, headers={"Allow": allow})(scope, receive, send)
+        elif scope["method"] not in SAFE and Headers(scope=scope).get("if-match", "*").strip() != "*":
+            await answer_problem(http_problem(412, *_NO_VERSIONS))(scope, receive, send)
         elif scope["method"] == "HEAD":
             await self._answer_head(scope, receive, send)
         else:

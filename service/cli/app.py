@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, Final
 
 import typer
 import typer.core
@@ -85,6 +87,7 @@ class _Commands(typer.core.TyperGroup):
             raise
         if command is not None:
             _refuse_repeated_options(command, rest)
+            _refuse_split_names(rest)
         return name, command, rest
 
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - Typer's Click is private
@@ -137,6 +140,24 @@ def _refuse_repeated_options(command: Any, words: list[str]) -> None:  # noqa: A
             reason = "is given several times, but has one value: give the option once"
             raise typer.BadParameter(reason, param_hint=parameter.opts[0])
 
+
+def _refuse_split_names(words: list[str]) -> None:
+    """Refuse the words of a file's name that has blanks, but was given without quotes.
+
+    Raises:
+        typer.BadParameter: consecutive words are the name of a file, but the first word is no file.
+    """
+    for start, first in enumerate(words):
+        if first.startswith("-") or Path(first).exists():
+            continue
+        for end in range(start + 2, min(len(words), start + _MOST_WORDS) + 1):
+            name = " ".join(words[start:end])
+            if Path(name).is_file():
+                raise typer.BadParameter(f"a name with blanks needs quotes: {shlex.quote(name)}")
+
+
+_MOST_WORDS: Final = 8
+"""Words of a name of a file, at most."""
 
 app = typer.Typer(
     cls=_Commands,

@@ -25,6 +25,7 @@ _MORE_FILES: Final[Mapping[str, str]] = MappingProxyType(
     {
         "identify": "Give one campaign: `jointstiff compare` takes two, `jointstiff fleet` takes many",
         "compare": "Give one or two campaigns: `jointstiff fleet` takes many",
+        "robots": "Write the name of the arm in quotes: jointstiff robots 'KUKA KR'",
     }
 )
 """Command → what to do with more files than the command has."""
@@ -193,9 +194,17 @@ def print_known_error(error: Exception, option_names: Mapping[str, str]) -> type
         error: the error of a command.
         option_names: options of the command by the name of the argument of Python, such as `robot`.
     """
-    from jointstiff.service.problems import ProblemError, ServiceError, problem_from_error
+    from jointstiff.service.problems import (
+        MissingFolderError,
+        ProblemError,
+        ServiceError,
+        problem_from_error,
+    )
 
     if isinstance(error, OSError) and error.filename is not None and not isinstance(error, ProblemError):
+        missing = isinstance(error, FileNotFoundError) and not Path(error.filename).parent.is_dir()
+        if missing:
+            return print_problem(MissingFolderError(Path(error.filename)).problem)
         return print_failure(f"cannot write {error.filename}: {error.strerror}", "choose another path")
     if isinstance(error, ImportError):
         from jointstiff.service.problems import explain_missing_library

@@ -78,21 +78,21 @@ _NOT_KNOWN: Final = "unknown"
 """Answer that states nothing, so that the assumptions remain."""
 
 
-def _parse_pair(text: str) -> tuple[str, str]:
-    """Split the text `KEY=VALUE` at its last `=` into (key, value).
+def _parse_pair(text: str, example: str = "A1=J1 [deg]") -> tuple[str, str]:
+    """Split the text `KEY=VALUE` at its last `=` into (key, value); an error shows the example.
 
     Raises:
         ValueError: the text has no `=`.
     """
     key, separator, value = text.rpartition("=")
     if not separator:
-        raise ValueError(f"'{text}' must be two parts with '=' between them")
+        raise ValueError(f"'{text}' must be a name and a value with '=' between them, such as {example}")
     return key.strip(), value.strip()
 
 
 def _parse_flange_target(text: str) -> tuple[str, tuple[float, ...]]:
     """Parse the text `TARGET=X,Y,Z` into the name of a target and its position in the flange frame [mm]."""
-    target, place = _parse_pair(text)
+    target, place = _parse_pair(text, "P1=0,0,120")
     return target, cli.parse_vector(place)
 
 
@@ -171,14 +171,16 @@ _FORMS: Final = {
     "units": Terminal(
         "",
         "length=mm,angle=deg,force=N",
-        lambda text: dict(_parse_pair(part) for part in text.split(",") if part),
+        lambda text: dict(_parse_pair(part, "length=mm") for part in text.split(",") if part),
         text="Units of columns whose header has no unit; add moment=N.m if there are moments.",
     ),
     "columns": Terminal("--column", "HEADER=MEANING", _parse_pair, "dict"),
     "ignore": Terminal("", "HEADER", str, "list"),
     "point_name": Terminal("", "TEMPLATE", str),
     "file_name": Terminal("", "TEMPLATE", str),
-    "state_words": Terminal("--state-word", "WORD=STATE", _parse_pair, "dict"),
+    "state_words": Terminal(
+        "--state-word", "WORD=STATE", lambda text: _parse_pair(text, "pre=unloaded"), "dict"
+    ),
     "header": Terminal("", "'A;B;C'", str),
     "noise": Terminal(
         "--sigma",

@@ -63,6 +63,12 @@ def describe_missing_file(path: Path) -> str | None:
     if path.is_dir():
         return f"'{path}' is a folder; give a file in it{list_files(path)}"
     if not path.exists():
+        from jointstiff.service.resources.documents import explain_arm
+
+        if str(path) == "-":
+            return "'-' is no file; give /dev/stdin to read the standard input"
+        if arm := explain_arm(str(path)):
+            return f"{arm.detail}; {arm.remedy}"
         similar = find_similar_file(path)
         remedy = f"give {similar}" if similar else "give the name of a file that exists"
         return f"file '{path}' does not exist; {remedy}"

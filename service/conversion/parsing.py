@@ -141,14 +141,85 @@ def explain_broken_text(content: bytes, message: str) -> BrokenText | None:
             f"send the content of the file: with curl, `--data-binary @{name}`",
         )
     beginning = text[:_FIRST_BYTES]
-    return next((broken for pattern, broken in _FORMS_OF_TEXTS if pattern.match(beginning)), None)
+    form = next((broken for pattern, broken in _FORMS_OF_TEXTS if pattern.match(beginning)), None)
+    return form or _explain_place(content.removeprefix(codecs.BOM_UTF8), message)
+
+
+_PLACE: Final = re.compile(r" at line (\d+) column (\d+)")
+"""Place in a message of the parser."""
+_MOST_LINES: Final = 1_000_000
+"""Lines before a place, at most: finding them takes a tenth of a second."""
+_BYTES_AROUND: Final = 64
+"""Bytes before and after a place by which its mistake is known."""
+
+
+class _Sign(NamedTuple):
+    """Sign of a mistake at the place of an error."""
+
+    pattern: re.Pattern[bytes]  # of the text from this place on
+    mistake: str
+    remedy: str
+
+
+_SIGNS_OF_MISTAKES: Final = (
+    _Sign(re.compile(rb"//|/\*|#"), "a comment, but JSON has no comments", "remove all comments"),
+    _Sign(re.compile(b"'"), "a text in single quotes", 'write all texts in double quotes, such as "c01"'),
+    _Sign(
+        re.compile(rb"(None|True|False)\b"),
+        "a word of Python",
+        "write null, true and false, or write the document by `json.dump`",
+    ),
+    _Sign(
+        re.compile(rb"[A-Za-z_]\w*\s*:"),
+        "a name without quotes",
+        'write all names in double quotes, such as {"robot": …}',
+    ),
+    _Sign(
+        re.compile(rb"[+.]\d|0\d"),
+        "a number that begins with +, a point or 0",
+        "write numbers such as 0.5, 5 and -5",
+    ),
+)
+_BEHIND_FIRST_SIGN: Final = re.compile("expected ident|invalid number")
+"""Messages whose place is behind the first sign of a word or number."""
+_DECIMAL_COMMA: Final = re.compile(rb"\d,$")
+"""End of a text before the digits that follow a decimal comma."""
+
+
+def _explain_place(text: bytes, message: str) -> BrokenText | None:
+    """Return which mistake is at the place of a parser's message; None for another mistake."""
+    place = _PLACE.search(message)
+    if place is None or text.lstrip()[:1] not in (b"{", b"["):
+        return None
+    offset = _find_offset(text, int(place[1]), int(place[2]))
+    before = text[max(0, offset - _BYTES_AROUND) : offset]
+    after = text[offset : offset + _BYTES_AROUND]
+    is_key = "key must be a string" in message
+    if "trailing comma" in message:
+        return BrokenText(
+            f"has a comma before a closing bracket,{place[0]}", "remove the comma after the last entry"
+        )
+    if is_key and after[:1].isdigit() and _DECIMAL_COMMA.search(before):
+        return BrokenText(f"has a decimal comma,{place[0]}", "write numbers with decimal points, such as 1.5")
+    if _BEHIND_FIRST_SIGN.search(message):
+        after = before[-1:] + after
+    found = next((sign for sign in _SIGNS_OF_MISTAKES if sign.pattern.match(after)), None)
+    return None if found is None else BrokenText(f"has {found.mistake},{place[0]}", found.remedy)
+
+
+def _find_offset(text: bytes, line: int, column: int) -> int:
+    """Return the number of bytes before a place; that of the last of `_MOST_LINES` for a later place."""
+    line_start = 0
+    for _ in range(min(line, _MOST_LINES) - 1):
+        line_start = text.find(b"\n", line_start) + 1
+    return line_start + max(0, column - 1)
 
 
 def _list_faults(message: type[BaseModel], error: ValidationError) -> list[dict[str, Any]]:
     """Return the faults of a message.
 
     That of an unknown field also has the `fields` that exist at its place; that of a value that is no object
-    has the `fields` that the object needs.
+    has the `fields` that the object needs, and that of an object without its kind its `forms`.
     """
     faults = []
     for stated in error.errors(include_url=False, include_context=False, include_input=False):
@@ -157,7 +228,7 @@ def _list_faults(message: type[BaseModel], error: ValidationError) -> list[dict[
             fault["fields"] = list_fields_at(message, fault["loc"][:-1])
         elif fault["type"] == "model_type":
             fault["fields"] = _list_required_fields_at(message, fault["loc"])
-        elif fault["type"] == "model_attributes_type":
+        elif fault["type"] in {"model_attributes_type", "union_tag_not_found"}:
             fault["forms"] = _list_forms_at(message, fault["loc"])
         faults.append(fault)
     return faults

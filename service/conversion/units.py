@@ -1,4 +1,4 @@
-"""Factors of units to SI units, and parsing of goals in words."""
+"""Factors of units to SI units, and parsing of goals and loads in words."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from jointstiff.schemas.fields import parse_planned_load
 from jointstiff.schemas.plan import parse_goal
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.measurements import FORCE_UNITS, Instrument
@@ -54,3 +55,16 @@ def parse_goal_text(text: str) -> dict[str, Any]:
     except ValueError as error:
         reason, _, remedy = str(error).partition(": ")
         raise RequestError(reason, where="goal", remedy=remedy) from None
+
+
+def parse_load_text(text: str) -> dict[str, Any]:
+    """Parse the load of a plan or of a live measurement, written as KIND:NEWTONS; return it as a document.
+
+    Raises:
+        RequestError: the text is not a load.
+    """
+    try:
+        return parse_planned_load(text)
+    except ValueError as error:
+        remedy = 'write the kind and the force in N, such as "any_direction:1500"'
+        raise RequestError(str(error), where="load", remedy=remedy) from None

@@ -18,7 +18,7 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.library import robots
 from jointstiff.service.library.calls import CallError, explain_calls
 from jointstiff.service.library.robots import plain_fields
-from jointstiff.service.problems import as_campaign_error, find_similar_name, http_problem
+from jointstiff.service.problems import as_campaign_error, find_similar_name, http_problem, require_folder
 from jointstiff.service.process import one_thread
 from jointstiff.service.resources.documents import parse_document, read_campaign
 from jointstiff.solver.errors import MeasurementError
@@ -198,9 +198,13 @@ class Campaign(messages.Campaign):
         _prepare(self)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the campaign to a JSON file, which all commands and `Client` accept."""
+        """Write the campaign to a JSON file, which all commands and `Client` accept.
+
+        Raises:
+            CampaignError: the folder of the file is missing.
+        """
         text = self.model_dump_json(indent=1, exclude_none=True, exclude_defaults=True)
-        Path(path).write_text(f"{text}\n", encoding="utf-8")
+        require_folder(Path(path)).write_text(f"{text}\n", encoding="utf-8")
 
     def __repr__(self) -> str:
         """Return name, robot and number of observations in one line."""

@@ -30,6 +30,7 @@ from jointstiff.service.problems import (
     http_problem,
     naming_file,
     naming_missing_file,
+    require_folder,
 )
 from jointstiff.service.resources.documents import parse_document
 from jointstiff.service.runs.correction.columns import (
@@ -123,11 +124,13 @@ class Correction:
 
         Raises:
             ValueError: the path has another ending.
+            CampaignError: the folder of the file is missing.
             MissingExtraError: the library for Parquet is not installed.
         """
         target = Path(path)
         if target.suffix not in {".csv", ".parquet"}:
             raise ValueError(f"'{target}' must end in .csv or .parquet")
+        require_folder(target)
         sheet = make_sheet(self._columns, self._units, self._prismatic)
         target.write_bytes(write_sheet(sheet, target.suffix[1:]))
 

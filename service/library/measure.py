@@ -768,14 +768,17 @@ def _convert_options(options: Mapping[str, Any], units: dict[str, str], robot: R
     """Return fields of `LiveOptions` by their full names, in SI units.
 
     A load as text is parsed: "dead_weight:1500" is a weight of 1500 N.
+
+    Raises:
+        RequestError: a text is no load.
     """
-    from jointstiff.schemas.fields import parse_planned_load
+    from jointstiff.service.conversion.units import parse_load_text
 
     full_options = {_FULL_NAMES.get(name, name): value for name, value in options.items()}
     kinds = dict(zip(robot.joint_names, robot.joint_kinds, strict=True))
     converted = convert_to_si(LiveOptions, full_options, units, lambda: kinds)
     if isinstance(converted.get("load"), str):
-        converted["load"] = parse_planned_load(converted["load"])
+        converted["load"] = parse_load_text(converted["load"])
     return converted
 
 

@@ -25,6 +25,7 @@ from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.rooms import import_kind
 from jointstiff.service.library.campaigns import Campaign, extract_run_options
 from jointstiff.service.library.restoring import describe_contents, parse_job, parse_message, with_version
+from jointstiff.service.problems import require_folder
 from jointstiff.service.tables.estimate import percent_text
 from jointstiff.service.tables.files import make_data_frame, write_sheet, xlsx_bytes
 from jointstiff.service.tables.report import View
@@ -302,10 +303,10 @@ class Presented(ABC):
 
         Raises:
             ValueError: the result has no file with this ending, or `dpi` is stated for another file.
-            CampaignError: the file cannot be made, or the result must not be used.
+            CampaignError: the file cannot be made, its folder is missing, or the result must not be used.
             RefusedError: the service refuses the request.
         """
-        target = Path(path)
+        target = require_folder(Path(path))
         suffix = target.suffix.removeprefix(".").lower()
         if dpi is not None and suffix != "png":
             raise ValueError(
@@ -501,7 +502,8 @@ class PresentedJob(Presented):
         """
         name = f"report.{_require_suffix(path, _REPORTS | {'xml'})}"
         settings = None if laboratory is None else Path(laboratory)
-        Path(path).write_bytes(self._require_origin().file(self._job, name, None, settings))
+        target = require_folder(Path(path))
+        target.write_bytes(self._require_origin().file(self._job, name, None, settings))
 
     def _save_other(self, path: Path, suffix: str) -> None:
         """Write the report, the archive of a map, or the files of a program, depending on the ending."""
@@ -849,7 +851,8 @@ class TabledRun(PresentedJob, Run):
         """
         suffix = _require_suffix(path, _MODELS)
         query = {} if accept_verdict is None else {"accept_verdict": accept_verdict}
-        Path(path).write_bytes(self._require_origin().file(self, f"model.{suffix}", query))
+        target = require_folder(Path(path))
+        target.write_bytes(self._require_origin().file(self, f"model.{suffix}", query))
 
     def _save_other(self, path: Path, suffix: str) -> None:
         """Write a model for simulators, a certificate, or a file that every kind of job can write."""

@@ -123,11 +123,23 @@ def _make_axes(area_count: int, chart_count: int, style: PlotStyle) -> list[Axes
         return _list_own_axes(style.axes, area_count + chart_count)
     heights = [_AREA_HEIGHT] * area_count + [_CHART_HEIGHT] * chart_count
     height = _AREA_HEIGHT * area_count + _CHART_HEIGHT * chart_count
+    _require_resolution(style.resolution)
     figure = _figure_class()(
         figsize=style.size or (COLUMN_WIDTH, height), dpi=style.resolution, layout="constrained"
     )
     panels = figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)  # (panels, 1)
     return list(panels[:, 0])
+
+
+def _require_resolution(resolution: object) -> None:
+    """Refuse a resolution that is no positive number.
+
+    Raises:
+        ValueError: names the argument `dpi` of the caller.
+    """
+    is_number = isinstance(resolution, int | float | np.number) and not isinstance(resolution, bool)
+    if resolution is not None and not (is_number and 0.0 < float(cast("Any", resolution)) < np.inf):
+        raise ValueError(f"`dpi` is {resolution!r}, but must be a number of dots per inch, such as 300")
 
 
 def _list_own_axes(axes: AnyAxes, count: int) -> list[Axes]:

@@ -62,7 +62,30 @@ def read_campaign(campaign: AnyCampaign) -> Campaign:
         if isinstance(campaign, BaseModel):  # a result of another function
             remedy = "give the campaign itself, or the run that `identify` makes of it"
         raise CampaignError(http_problem(422, reason, remedy))
-    return read_document(Path(campaign), Campaign, section="campaign")
+    path = Path(campaign)
+    if not path.exists() and (problem := explain_arm(str(campaign))):
+        raise CampaignError(problem)
+    return read_document(path, Campaign, section="campaign")
+
+
+def explain_arm(text: str) -> Problem | None:
+    """Return a problem that says what an arm of the catalogue needs where readings are expected.
+
+    None if `text` is no name of one arm, such as the name of a missing file.
+    """
+    from jointstiff.service.conversion.catalogue import find_arm
+
+    if Path(text).suffix in _ENDINGS_OF_DOCUMENTS:
+        return None
+    try:
+        name = shlex.quote(find_arm(text, "robot").name)
+    except RequestError:
+        return None
+    remedy = (
+        f"give a campaign of readings, which `jointstiff import READINGS --robot {name}` makes of tables; "
+        "`jointstiff plan` lists what to measure"
+    )
+    return http_problem(422, f"'{text}' is an arm of the catalogue, which has no readings", remedy)
 
 
 def _is_numeric(value: object) -> bool:
@@ -221,10 +244,14 @@ def _explain_other_document(
         return _explain_text(content, error, name)
     for keys, kind, remedy in _OTHER_DOCUMENTS:
         if keys <= error.keys and not keys <= set(message_class.model_fields):
+            if remedy == _GIVE_CAMPAIGN and not issubclass(message_class, Campaign | RobotDocument):
+                remedy = _GIVE_READINGS
             return http_problem(422, f"{name} is {kind}", remedy)
     return None
 
 
+_ENDINGS_OF_DOCUMENTS: Final = frozenset((".json", ".csv", ".txt", ".xlsx"))
+"""Endings of files, which no name of an arm has."""
 _IMPORT_HINT: Final = "to read tables and point lists use `jointstiff import FILE`"
 
 
@@ -266,6 +293,9 @@ def _explain_text(content: bytes, error: MalformedError, name: str) -> Problem:
 
 _GIVE_CAMPAIGN: Final = (
     "give the campaign; `jointstiff identify FILE --save RUN` writes a run with its campaign"
+)
+_GIVE_READINGS: Final = (
+    "give readings, not a result: `jointstiff examples FOLDER` writes examples of such files"
 )
 _SIGNS_OF_TABLES: Final = ("│", "┃", "━━")
 """Signs of tables that commands print at the terminal."""

@@ -90,7 +90,7 @@ def read_page(
         if not is_last:  # only the rows after those read must be counted
             total += listing.count_after(read[-1].place, max(0, MOST_COUNTED + 1 - total))
     records = tuple(record(**row.values) for row in read[: order.limit])
-    next_cursor = None if is_last else str(read[order.limit - 1].place[-1])
+    next_cursor = None if is_last else write_cursor(order.sort, read[order.limit - 1].place[-1])
     return RecordPage(records, next_cursor, total)
 
 
@@ -187,7 +187,7 @@ def _after_record(
 def _values_at_cursor(database: Database, table: sa.Table, order: Order) -> tuple[object, ...]:
     """Return the values of the record at the cursor in the columns by which the listing is ordered."""
     cursor = order.cursor or ""
-    sequence = parse_cursor(cursor)
+    sequence = parse_cursor(cursor, order.sort)
     *first, _ = order.columns_of(table)
     if not first:
         return (sequence,)
@@ -196,14 +196,21 @@ def _values_at_cursor(database: Database, table: sa.Table, order: Order) -> tupl
     raise problems.CursorError(cursor)
 
 
-def parse_cursor(cursor: str) -> int:
-    """Return the sequence number that the cursor of a page holds.
+def write_cursor(sort: str, sequence: int) -> str:
+    """Return the cursor of the page after a record; it is no number that a program may take for a page's."""
+    return f"{sort}:{sequence}"
+
+
+def parse_cursor(cursor: str, sort: str) -> int:
+    """Return the sequence number that the cursor of a page in the order `sort` holds.
 
     Raises:
-        CursorError: no page gave this cursor.
+        CursorError: no page in this order gave this cursor.
     """
-    if cursor.isascii() and cursor.isdecimal() and len(cursor) <= len(str(LAST_SEQUENCE)):
-        sequence = int(cursor)
+    stated_sort, _, digits = cursor.rpartition(":")
+    is_number = digits.isascii() and digits.isdecimal() and len(digits) <= len(str(LAST_SEQUENCE))
+    if stated_sort == sort and is_number:
+        sequence = int(digits)
         if 0 < sequence <= LAST_SEQUENCE:
             return sequence
     raise problems.CursorError(cursor)

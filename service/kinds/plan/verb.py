@@ -15,6 +15,7 @@ from jointstiff.service.kinds.verb import (
     describe_verb,
     merge_options,
 )
+from jointstiff.service.problems import as_campaign_error
 from jointstiff.service.resources.documents import read_plan_source
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ class PlanFields(TypedDict, total=False):
 
     units: AnyUnits
     work_area: Matrix | None
-    load: DeadWeight | Mapping[str, Any] | AnyDirection | Cable | OwnWeight | None
+    load: str | DeadWeight | Mapping[str, Any] | AnyDirection | Cable | OwnWeight | None
     targets: Mapping[str, Vector]
     directions: Matrix
     load_point: Vector | None
@@ -104,7 +105,13 @@ def plan(
             if run_options is not None:
                 inherited = run_options.model_dump(mode="json", include={"causes", "leave_out"})
                 request |= {name: value for name, value in inherited.items() if value}
-        request |= merge_options(PlanOptions, options, fields, lambda: backend.joint_kinds(planned))
+        stated = dict[str, Any](fields)
+        if isinstance(stated.get("load"), str):
+            from jointstiff.service.conversion.units import parse_load_text
+
+            with as_campaign_error(""):
+                stated["load"] = parse_load_text(stated["load"])
+        request |= merge_options(PlanOptions, options, stated, lambda: backend.joint_kinds(planned))
         return Request(request)
 
     return carry_out_verb(backend, PLAN, JobMonitor(on_progress, cancel, executor), make_request)

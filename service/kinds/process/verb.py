@@ -21,7 +21,7 @@ from jointstiff.service.kinds.verb import (
     describe_verb,
     merge_options,
 )
-from jointstiff.service.problems import as_campaign_error
+from jointstiff.service.problems import CampaignError, as_campaign_error, http_problem
 from jointstiff.service.resources.documents import read_plan_source
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def process(
         fields: fields of `ProcessOptions`, and `force`, short for `load`.
 
     Raises:
-        ValueError: there are several arrays of poses, or an array of forces has another shape.
+        CampaignError: there are several arrays of poses, or an array of forces has another shape.
     """
     from jointstiff.service.conversion.arguments import complete_units
 
@@ -132,15 +132,20 @@ def _pack_path(arrays: list[Any], units: Mapping[str, str]) -> bytes:
     """Pack an array of poses as numbers, with their units.
 
     Raises:
-        ValueError: there are several arrays.
-        CampaignError: the array has another shape, or a matrix is no pose.
+        CampaignError: there are several arrays, the array has another shape, or a matrix is no pose.
     """
     from jointstiff.service.runs.correction.columns import make_sheet
     from jointstiff.service.runs.correction.poses import name_poses
     from jointstiff.service.tables.packed import pack_sheet
 
     if len(arrays) > 1:
-        raise ValueError("the path must be one array of poses, (N, 4, 4) or (N, 6), or files")
+        raise CampaignError(
+            http_problem(
+                422,
+                f"the path is {len(arrays)} arrays, but must be one array of poses, (N, 4, 4) or (N, 6)",
+                "join parts of a path by `numpy.concatenate`; give an array of forces as `forces=`",
+            )
+        )
     with as_campaign_error(""):
         columns = name_poses(arrays[0], "path", units["angle"])
     return pack_sheet(make_sheet(columns, Units.model_validate(units), []))
@@ -157,8 +162,7 @@ def _state_forces(forces: Any, units: Mapping[str, str]) -> _StatedForces:  # no
     """Return the options that state forces; an array with a force for each point is packed as a file.
 
     Raises:
-        ValueError: an array of forces has another shape.
-        CampaignError: the forces are no numbers.
+        CampaignError: the forces are no numbers, or an array of forces has another shape.
     """
     from jointstiff.service.conversion.arrays import read_numbers
 
@@ -172,9 +176,12 @@ def _state_forces(forces: Any, units: Mapping[str, str]) -> _StatedForces:  # no
         return _StatedForces({"force": array.tolist()})
     if array.ndim == 2 and array.shape[1] in {3, 4}:
         return _StatedForces({"loads": _FORCES}, {_FORCES: _pack_forces(array, units)})
-    raise ValueError(
-        "give one force (3,), a force for each point (N, 3), or rows of path length and force (K, 4)"
+    problem = http_problem(
+        422,
+        f"`forces` has shape {array.shape}",
+        "give one force (3,), a force for each point (N, 3), or rows of path length and force (K, 4)",
     )
+    raise CampaignError(problem.model_copy(update={"where": "forces"}))
 
 
 def _pack_forces(array: FloatArray, units: Mapping[str, str]) -> bytes:

@@ -203,8 +203,7 @@ KEY = {"name": "tablet hall 3", "role": "viewer", "expires_at": "2999-01-01T00:0
         (
             "expires_at",
             "2999-01-01T00:00:00",
-            "expires_at | Input should have timezone info | "
-            "add the time zone, such as 2026-11-20T14:30:00+01:00",
+            "expires_at | must have a time zone | add the time zone, such as 2026-11-20T14:30:00+01:00",
         ),
     ],
 )

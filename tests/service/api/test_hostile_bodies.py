@@ -158,7 +158,7 @@ def test_a_body_has_few_parts(filler, most, local):
     )
 
 
-@pytest.mark.parametrize("kind", ["text/plain", "application/xml", "multipart/form-data", ""])
+@pytest.mark.parametrize("kind", ["text/plain", "application/xml", "application/x-www-form-urlencoded", ""])
 def test_a_body_of_another_type_is_refused(kind, local):
     found = f"the Content-Type '{kind}'" if kind else "no Content-Type"
     assert sent(local, "/v1/runs", b"{}", kind) == (
@@ -341,4 +341,7 @@ def test_texts_that_match_in_many_ways_are_read_once(text, cause):
 
 def test_a_body_that_matches_in_many_ways_is_refused_at_once(local):
     for body in ("a=" + "&a=" * 100 + " x", "/**/" * 100 + "x"):
-        assert sent(local, "/v1/robots", body) == invalid("expected value at line 1 column 1")
+        refusal = (
+            "422 invalid-request | body | the body is a text, but no JSON document | send a JSON document; "
+        )
+        assert sent(local, "/v1/robots", body).startswith(refusal)

@@ -63,6 +63,7 @@ def predicted(angle: str) -> dict[str, Any]:
 
 
 WELL = post_campaign()
+JOB = get("/v1/jobs/{run}")
 MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
     "one run twice": (
         request("POST", "/v1/comparisons", json={"run_ids": ["{run}", "{run}"]}),
@@ -275,10 +276,86 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
         "give `kind` in its place",
         get("/v1/jobs?kind=run"),
     ),
+    "address of another version": (get("/api/v2/jobs"), 404, "address /v1/jobs$", get("/v1/jobs")),
+    "health below the version": (get("/v1/health"), 404, "address /health$", get("/health")),
+    "cancel as a part": (
+        request("POST", "/v1/jobs/{run}/cancel"),
+        404,
+        'PATCH to /v1/jobs/{run} with {"cancelled": true}',
+        request("PATCH", "/v1/jobs/{run}", json={"cancelled": True}),
+    ),
+    "result as a part": (get("/v1/runs/{run}/result"), 404, "GET to /v1/jobs/{run}, whose answer", JOB),
+    "list of files": (get("/v1/jobs/{run}/files"), 404, "`links` of /v1/jobs/{run} has the names", JOB),
+    "apply of a job": (
+        request("POST", "/v1/jobs/{run}/apply", json={}),
+        404,
+        "send POST to /v1/runs/{run}/apply",
+        JOB,
+    ),
+    "runs of a set": (
+        get("/v1/measurement-sets/{set}/runs"),
+        404,
+        "GET to /v1/jobs.kind=run&measurement_set_id={set}",
+        get("/v1/jobs?kind=run&measurement_set_id={set}"),
+    ),
+    "sets of a robot": (
+        get("/v1/robots/{robot}/sets"),
+        404,
+        "GET to /v1/measurement-sets.robot_id={robot}",
+        get("/v1/measurement-sets?robot_id={robot}"),
+    ),
+    "number of a page": (get("/v1/jobs?cursor=2"), 422, "use `next` of the previous page", get("/v1/jobs")),
+    "version of a resource": (
+        request("PATCH", "/v1/jobs/{run}", json={}, headers={"If-Match": '"1"'}),
+        412,
+        "compares no versions.*leave out the header If-Match",
+        request("PATCH", "/v1/jobs/{run}", json={}, headers={"If-Match": "*"}),
+    ),
+    "comment": (
+        post_campaign(content=f"{TEXT[:-1]}, // the end\n}}"),
+        422,
+        "has a comment, but JSON has no comments, at line 1 column.*remove all comments",
+        WELL,
+    ),
+    "trailing comma": (
+        post_campaign(content=f"{TEXT[:-1]},}}"),
+        422,
+        "a comma before a closing bracket.*remove the comma",
+        WELL,
+    ),
+    "word of Python": (post_campaign(content='{"run": None}'), 422, "a word of Python.*write null", WELL),
+    "name without quotes": (post_campaign(content="{robot: 1}"), 422, "a name without quotes", WELL),
+    "decimal comma in JSON": (post_campaign(content='{"a": 1,5}'), 422, "a decimal comma", WELL),
+    "number with a point first": (post_campaign(content='{"a": .5}'), 422, "numbers such as 0.5", WELL),
+    "table as JSON": (
+        post_campaign(content=TABLE[1]),
+        422,
+        "is a text, but no JSON document.*POST /v1/imports",
+        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+    ),
+    "table as a form": (
+        request("POST", "/v1/campaigns", files={"file": TABLE}),
+        415,
+        "send a table to POST /v1/imports",
+        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+    ),
+    "compressed without a word": (
+        post_campaign(content=gzip.compress(TEXT.encode())),
+        422,
+        "is a gzip archive.*send the JSON document uncompressed",
+        WELL,
+    ),
+    "joints by name": (
+        post_first(joints={"joint_1": 0.1}),
+        422,
+        "must be a list.*one number for each joint, in the order of the robot's joints",
+        WELL,
+    ),
+    "readings as lists": (post_first(readings=[[1, 2, 3]]), 422, "must be an object.*list of objects", WELL),
     "page": (
         get("/v1/jobs?page=2"),
         422,
-        "leave out this parameter, or use one of limit, cursor",
+        "give `cursor` in its place, or remove this field",
         get("/v1/jobs?limit=2"),
     ),
     "plural kind": (get("/v1/jobs?kind=runs"), 422, "must be 'run'", get("/v1/jobs?kind=run")),

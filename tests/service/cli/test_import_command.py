@@ -238,7 +238,7 @@ def test_readings_that_do_not_fit_the_robot_are_written_only_despite_errors(fold
         ("serial=F", "--about.serial: unknown field remedy: remove this field, or use one of conditions, "),
         (
             "measured_at=2026-11-20",
-            "--about.measured_at: Input should have timezone info "
+            "--about.measured_at: must have a time zone "
             "remedy: add the time zone, such as 2026-11-20T14:30:00+01:00",
         ),
         ("notes", "--about.notes: must have at least 1 character remedy: write a longer text"),

@@ -1,6 +1,7 @@
 """Mistakes at the terminal: the answer names the cause, and its remedy, carried out, works."""
 
 import json
+import shlex
 
 import pytest
 from support.documents import campaign
@@ -57,6 +58,8 @@ def folder(tmp_path_factory):
     (folder / "map.json").write_text(json.dumps(AREA))
     in_millimetres = [[1e3 * part for part in corner] for corner in AREA["area"]]
     (folder / "far.json").write_text(json.dumps(AREA | {"area": in_millimetres}))
+    (folder / "my pull.json").write_text(json.dumps(campaign("pull", 8, 2)))
+    (folder / "result.json").write_text(json.dumps({"kind": "plan", "result": {}, "provenance": {}}))
     (folder / "monday").mkdir()
     (folder / "monday" / "m.json").write_text(json.dumps(campaign("pull", 8, 3)))
     (folder / "other.json").write_text(json.dumps(campaign("pull", 8, 4)))
@@ -74,6 +77,38 @@ def folder(tmp_path_factory):
     ("mistake", "answer", "correction"),
     [
         ("identify pul.json", "does not exist; give pull.json", "identify pull.json"),
+        ("identify -", "give /dev/stdin to read the standard input", "identify pull.json"),
+        (
+            "identify my pull.json",
+            "a name with blanks needs quotes: 'my pull.json'",
+            "identify 'my pull.json'",
+        ),
+        (
+            "identify 'KUKA KR 210 R2700'",
+            "is an arm of the catalogue, which has no readings",
+            "identify pull.json",
+        ),
+        (
+            "robots KUKA KR",
+            "Write the name of the arm in quotes",
+            "robots 'KUKA KR 210 R2700 extra'",
+        ),
+        (
+            "identify pull.json --save nowhere/run.json",
+            "there is no folder 'nowhere'",
+            "identify pull.json --save saved.json",
+        ),
+        (
+            "geometry result.json",
+            "give readings, not a result: `jointstiff examples FOLDER` writes examples",
+            "examples shown",
+        ),
+        (
+            "import readings.csv --units millimeter",
+            "'millimeter' must be a name and a value with '=' between them, such as length=mm",
+            "import readings.csv --units length=mm,angle=deg,force=N --load-point 0,0,0 --encoders motor "
+            "--force 0,0,-500",
+        ),
         (
             "identify monday",
             "'monday' is a folder; give a file in it: monday/m.json",
@@ -233,12 +268,12 @@ def folder(tmp_path_factory):
 )
 def test_a_mistake_is_answered_with_a_remedy_that_works(folder, monkeypatch, mistake, answer, correction):
     monkeypatch.chdir(folder)
-    refused = terminal(*mistake.split(), width=200)
+    refused = terminal(*shlex.split(mistake), width=200)
     assert refused.exit_code != 0
     said = " ".join((refused.stdout + refused.stderr).split())
     assert answer in said
     assert "openapi" not in said
-    assert terminal(*correction.split(), width=200).exit_code == 0
+    assert terminal(*shlex.split(correction), width=200).exit_code == 0
 
 
 def test_a_map_in_metres_is_at_the_base_and_its_unit_is_named(folder, monkeypatch):

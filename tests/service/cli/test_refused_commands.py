@@ -110,8 +110,8 @@ def test_a_result_that_must_not_be_used_compensates_no_program(folder):
     [
         (
             '{"robot": 1,}',
-            "other.json: Invalid JSON: trailing comma at line 1 column 13 remedy: correct the JSON at this "
-            "place; to read tables and point lists use `jointstiff import FILE`",
+            "other.json has a comma before a closing bracket, at line 1 column 13 remedy: remove the comma "
+            "after the last entry",
         ),
         (
             "x;y",

@@ -294,8 +294,8 @@ def test_two_campaigns_are_compared_joint_by_joint():
         (
             "identify",
             '{"a": 1, }',
-            ": Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON at this place; to "
-            "read tables and point lists use `jointstiff import FILE`",
+            " has a comma before a closing bracket, at line 1 column 10 remedy: remove the comma after the "
+            "last entry",
         ),
         (
             "import",

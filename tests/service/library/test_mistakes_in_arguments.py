@@ -109,3 +109,54 @@ def test_a_column_of_texts_among_the_joints_is_named(document):
     assert "`joints` has no number in column 1" in answer
     assert "table[:, 1:7]" in answer
     assert js.Campaign.from_arrays(joints=table[:, 1:7], **given)
+
+
+def test_an_arm_in_place_of_readings_is_named(document):
+    for call in (js.identify, js.compare):
+        answer = refused(call, "KUKA KR 210 R2700")
+        assert "'KUKA KR 210 R2700' is an arm of the catalogue, which has no readings" in answer
+        assert "`jointstiff.read(READINGS, robot='KUKA KR 210 R2700 extra')` makes of tables" in answer
+    assert js.robot("KUKA KR 210 R2700 extra")
+
+
+@pytest.mark.parametrize("name", ["run.json", "run.csv", "run.html", "run.mjcf"])
+def test_a_missing_folder_is_named_before_anything_is_computed(run, tmp_path, name):
+    folder = tmp_path / "results"
+    answer = refused(run.save, folder / name)
+    assert f"as there is no folder '{folder}'; remedy: make this folder first" in answer
+    folder.mkdir()
+    run.save(folder / name)
+    assert (folder / name).is_file()
+
+
+def test_a_campaign_is_saved_in_a_folder_that_exists(run, tmp_path):
+    assert "there is no folder" in refused(run.campaign.save, tmp_path / "no" / "campaign.json")
+
+
+@pytest.mark.parametrize("resolution", ["high", 0, -1, float("nan"), True])
+def test_a_resolution_is_a_number_of_dots(run, resolution):
+    with pytest.raises(ValueError, match=r"`dpi` is .*, but must be a number of dots per inch, such as 300"):
+        run.plot(dpi=resolution)
+    assert run.plot(dpi=300)
+
+
+def test_arrays_of_a_process_have_a_remedy(run):
+    poses = np.zeros((2, 6))
+    answer = refused(js.process, run, poses, poses)
+    assert "the path is 2 arrays, but must be one array of poses" in answer
+    assert "give an array of forces as `forces=`" in answer
+    answer = refused(js.process, run, poses, forces=np.zeros((2, 5)))
+    assert "`forces` has shape (2, 5); remedy: give one force (3,)" in answer
+
+
+def test_the_load_of_a_plan_is_stated_in_the_words_of_the_terminal(document):
+    stated = {"kind": "any_direction", "force": 100.0}
+    plans = [js.plan(document, readings=2, load=load) for load in ("any_direction:100", stated)]
+    assert plans[0].request.load == plans[1].request.load
+    answer = refused(js.plan, document, readings=2, load="any direction 100")
+    assert 'remedy: write the kind and the force in N, such as "any_direction:1500"' in answer
+
+
+def test_files_in_a_list_are_given_one_by_one(tmp_path):
+    answer = refused(js.import_files, ["a.csv", "b.csv"])
+    assert "`list` in place of the name of a file; remedy: give each file as an argument of its own" in answer
