@@ -53,6 +53,7 @@ from jointstiff.service.resources.columns_left import (
     list_unexplained_numbers,
     name_columns_left,
     refuse_columns_left,
+    refuse_force_beside_columns,
     refuse_single_rows,
     refuse_unknown_headers,
 )
@@ -238,6 +239,7 @@ def _propose_importable(
     try:
         refuse_single_rows(proposal, tables)
         refuse_columns_left(left, proposal, named, tables)
+        refuse_force_beside_columns(left, request, joints)
         proposed = _build_import(proposal, named, tables, request, notes)
     except ImportFileError as error:
         found = describe(proposal, [each.words for each in named])

@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 
 import numpy as np
 import pytest
@@ -56,12 +57,61 @@ def with_columns(headers, cells, loaded=LOADED):
         ("Kraft in {} [kN]", 1e3),
         ("Applied load {} [N]", 1),
         ("F.{} [N]", 1),
+        ("力F{}/N", 1),
+        ("Сила F{}, N", 1),
+        ("Kraft F{} [kN]", 1e3),
     ],
 )
 def test_parts_of_a_force_are_known_by_its_word_and_an_axis(form, newtons, tmp_path):
     headers = [form.format(axis) for axis in "XYZ"]
     files = with_columns(headers, ["0", "0", f"{-981 / newtons}"])
     assert read_force(files, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
+
+
+def test_keys_of_a_force_are_its_parts_in_the_stated_unit(tmp_path):
+    files = with_columns(["force.x", "force.y", "force.z"], ["0", "0", "-981"])
+    assert read_force(files, tmp_path, units={"force": "N"}) == pytest.approx([0.0, 0.0, -981.0])
+
+
+def write_wrenches(moment, **units):
+    return json.dumps(
+        {
+            "units": units,
+            "measurements": [
+                {
+                    "pose": n + 1,
+                    "joints": CAMPAIGN.joints[n].tolist(),
+                    "unloaded": {"ball": UNLOADED[n].tolist()},
+                    "loaded": {"ball": LOADED[n].tolist()},
+                    "wrench": [0, 0, -981, *moment],
+                }
+                for n in range(len(CAMPAIGN.joints))
+            ],
+        }
+    )
+
+
+def test_a_wrench_is_a_force_and_a_moment_in_the_unit_of_its_document(tmp_path):
+    files = {"a.json": write_wrenches([0, 0, 0], force="N")}
+    document = accept(files, tmp_path).measurement_set
+    assert document.units.force == "N"
+    assert document.observations[0].force == (0.0, 0.0, -981.0)
+
+
+def test_the_moment_of_a_wrench_needs_a_unit(tmp_path):
+    with pytest.raises(js.CampaignError, match="moment x and 2 other columns have no unit"):
+        propose({"a.json": write_wrenches([0, 5, 0], force="N")}, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "headers", [["Kraft quer", "Kraft hoch"], ["wrench 1", "wrench 2"], ["a [N]", "b [N]"]]
+)
+def test_a_stated_force_does_not_replace_columns_that_look_like_forces(headers, tmp_path):
+    files = with_columns(headers, ["30", "981"])
+    stated = {"force": [0, 0, -981], "units": {"force": "N"}}
+    with pytest.raises(js.CampaignError, match=f"look like forces: {re.escape(', '.join(headers))}"):
+        propose(files, tmp_path, **stated)
+    assert read_force(files, tmp_path, ignore=headers, **stated) == pytest.approx([0.0, 0.0, -981.0])
 
 
 @pytest.mark.parametrize("header", ["Carga [kg]", "Last [kg]", "Load (kg)", "Carico [kg]"])
