@@ -140,10 +140,9 @@ class NumberTable:
         """Return the forces (N, 3) of a column of sizes along the axes that a column of directions names."""
         forces = np.zeros((len(self.rows), 3))
         for number, row in enumerate(self.rows):
-            sign, axis = row.cells[directions].strip().casefold()
-            forces[number, "xyz".index(axis)] = (1.0 if sign == "+" else -1.0) * self.table.numbers[
-                number, size
-            ]
+            direction = row.cells[directions].strip().casefold()
+            sign = 1.0 if direction.startswith("+") else -1.0
+            forces[number, "xyz".index(direction[-1])] = sign * self.table.numbers[number, size]
         return forces
 
     def add_forces(self, forces: FloatArray, directions: int, size: int) -> NumberTable:
