@@ -545,6 +545,7 @@ class _StatedReadings:
     previews: Sequence[FilePreview] = ()  # of files that a proposal explains, as they are written
     statements: Options | None = None  # about columns of these files, for a template
     is_refused: bool = False  # whether a person does not accept the robot's proposal
+    originals: Sequence[SourceFile] = ()  # files that a proposal explains, as they were sent
 
     @property
     def has_proposal(self) -> bool:
@@ -567,7 +568,15 @@ class _StatedReadings:
         kept = {name: value for name, value in left.items() if name not in ("columns", "show_faults")}
         robot = self.robot or _read_arm(proposed.known.name)
         statements: Options = {name: self.options[name] for name in OPTIONS_OF_FILES if name in self.options}
-        return _StatedReadings(proposed.files, kept, robot, proposed.meaning, proposed.previews, statements)
+        return _StatedReadings(
+            proposed.files,
+            kept,
+            robot,
+            proposed.meaning,
+            proposed.previews,
+            statements,
+            originals=proposed.originals,
+        )
 
 
 def _complete_readings(readings: _StatedReadings, *, may_ask: bool, yes: bool) -> _StatedReadings:
@@ -759,7 +768,7 @@ def _read_files(readings: _StatedReadings) -> ImportAnswer:
     with _name_options_in_errors():
         robot = None if readings.robot is None else _prepare_checked_robot(readings.robot)
         request = parse_document(_split_typed_header(readings.options, readings.sources), ImportRequest)
-        answer = import_files(readings.sources, request, robot)
+        answer = import_files(readings.sources, request, robot, originals=readings.originals)
     return _name_options_in_answer(answer)
 
 
@@ -779,7 +788,8 @@ def _read_for_questions(readings: _StatedReadings) -> ImportAnswer:
     with _name_options_in_errors():
         robot = None if readings.robot is None else _prepare_checked_robot(readings.robot)
         fields = _split_typed_header(readings.options, readings.sources) | {"show_faults": True}
-        return import_files(readings.sources, parse_document(fields, ImportRequest), robot)
+        request = parse_document(fields, ImportRequest)
+        return import_files(readings.sources, request, robot, originals=readings.originals)
 
 
 def _name_options_in_answer(answer: ImportAnswer) -> ImportAnswer:
@@ -1068,8 +1078,8 @@ def _find_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Ca
         words = next((fault.words for fault in answer.faults if fault.option == option), ())
         text = "Sheet or group, or several separated by ;"
         yield option, partial(typer.prompt, text, default=";".join(words) or None, err=True)
-    elif option in {"load_point", "flange_targets"}:
-        yield from _find_place_questions(option, answer)
+    elif option in {"force", "load_point", "flange_targets"}:
+        yield from _find_vector_questions(option, answer)
     elif option == "state_words":
         yield from _find_state_questions(
             next(fault.words for fault in answer.faults if fault.option == option)
@@ -1084,10 +1094,18 @@ def _find_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Ca
             yield f"columns.{header}", partial(typer.prompt, text, default="ignore", err=True)
 
 
-def _find_place_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Callable[[], object]]]:
-    """Yield questions about places on the flange, as (name of a field, function that asks for its value)."""
+def _find_vector_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Callable[[], object]]]:
+    """Yield questions about the force and places on the flange, as (field, function that asks for it)."""
     if option == "load_point":
         yield option, partial(_ask_load_point, answer.targets)
+        return
+    if option == "force":
+        likely = [
+            text.partition("; ")[2]
+            for field, text in zip(answer.missing_fields, answer.missing, strict=True)
+            if field == option
+        ]
+        yield option, partial(_ask_force, _name_options("".join(likely)))
         return
     for target in answer.targets:
         text = f"{target} in the flange frame, X,Y,Z in mm"
@@ -1133,6 +1151,15 @@ def _ask_vector(text: str, default: str | None) -> tuple[float, ...]:
     return answer
 
 
+def _ask_force(likely: str) -> _TypedForce:
+    """Ask a person for the force, after a sentence on what the files say; the sentence may be empty."""
+    if likely:
+        typer.echo(f"{likely}.", err=True)
+    text = "Force on the robot in R0, such as 0,0,-981 N, or a hung weight, such as 100 kg"
+    answer: _TypedForce = typer.prompt(text, value_proc=_parse_force, err=True)
+    return answer
+
+
 def _ask_load_point(targets: Sequence[str]) -> tuple[float, ...] | str:
     """Ask a person for the load point [mm], or which of the targets shows it; return the answer."""
 
@@ -1151,12 +1178,6 @@ def _ask_load_point(targets: Sequence[str]) -> tuple[float, ...] | str:
 _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
     # field of the request → function that asks for its value
     **{option: partial(_prompt_choice, *question) for option, question in _CHOICE_QUESTIONS.items()},
-    "force": partial(
-        typer.prompt,
-        "Force on the robot in R0, such as 0,0,-981 N, or a hung weight, such as 100 kg",
-        value_proc=_parse_force,
-        err=True,
-    ),
     "by_order": partial(typer.confirm, "Number the rows of files without names?", default=False, err=True),
     "allow_missing": partial(typer.confirm, "Skip incomplete readings?", default=False, err=True),
     "mean_of_repeats": partial(typer.confirm, "Use the mean of repeated readings?", default=False, err=True),

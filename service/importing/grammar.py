@@ -166,9 +166,12 @@ _VECTOR: Final = re.compile(
 )
 """A part of a vector such as `Fx`, in axes of R0 if the header names a frame."""
 _FORCES: Final = [word for word, kind in _VECTOR_OF.items() if kind == "force"]
-_AXIS_OF_FORCE: Final = re.compile(
-    rf"([xyz])[\s_-]+({_build_alternation(word for word in _FORCES if len(word) > 1)})", re.IGNORECASE
+_WORDS_OF_FORCE: Final = _build_alternation(word for word in _FORCES if len(word) > 1 or not word.isascii())
+_NAMED_FORCE: Final = re.compile(
+    rf"(?:{_WORDS_OF_FORCE})(?:[\s_.-]*f[\s_-]*|\.)([xyz])(?:[\s_-]+(?:R0|base|basis))?", re.IGNORECASE
 )
+"""A part of a force after its word, such as `Kraft Fx`, or of a key such as `force.x`."""
+_AXIS_OF_FORCE: Final = re.compile(rf"([xyz])[\s_-]+({_WORDS_OF_FORCE})", re.IGNORECASE)
 _WITH_FORCE: Final = _build_alternation(_WORD_LISTS["forces"])
 _LOAD: Final = (
     rf"(?:(?:{_WITH_FORCE})[\s_.-]+){{0,2}}(?:{_build_alternation((*_FORCES, *_WORDS['answers']['load']))})"
@@ -181,6 +184,12 @@ _NUMBERED_FORCE: Final = re.compile(
     rf"({_build_alternation(_FORCES)})[\s_-]?(?:([0-9])|\[([0-9])\])", re.IGNORECASE
 )
 """A force such as `F_1` or `Kraft[0]`, which is a part of a vector only if there are three of them."""
+_NUMBERED_WRENCH: Final = re.compile(r"wrench[\s_-]?(?:([0-9])|\[([0-9])\])", re.IGNORECASE)
+"""A part of a wrench such as `wrench 1`: of the force, then of the moment, if there are six of them."""
+_FORCE_IN_HEADER: Final = re.compile(
+    rf"(?<![^\W\d_])(?:(?:{_WORDS_OF_FORCE})(?![^\W\d_])|f[\s_.-]?[xyz]\b)", re.IGNORECASE
+)
+"""A word for a force, or `Fx`, among other words of a header."""
 _PHRASES: Final = [word for word in _STATE_OF if " " in word]
 _STATE_PHRASE: Final = re.compile(rf"(?<![^\s_])(?:{_build_alternation(_PHRASES)})(?![^\s_])", re.IGNORECASE)
 _PHRASE_IN_NAME: Final = re.compile(
@@ -315,11 +324,18 @@ def is_force(name: str) -> bool:
 def find_unit_of_size(header: str) -> str | None:
     """Return the unit of force of a load without an axis, such as `Kraft [kN]`; None for other headers."""
     base, unit = split_unit(header)
-    if unit is None:
-        base, unit = _split_unit_suffix(base) or (base, None)
-    known = None if unit is None else find_known_unit(unit)
+    base, unit_of_name = _split_unit_suffix(base) or (base, unit)
+    unit = unit or unit_of_name
+    known = None if unit is None or unit_of_name != unit else find_known_unit(unit)
     is_force = known is not None and known[0] == "force" and _SIZE_OF_LOAD.fullmatch(base) is not None
     return known[1] if known is not None and is_force else None
+
+
+def looks_like_a_force(header: str) -> bool:
+    """Return whether a header has a word for a force or a wrench, or a unit of force."""
+    base, unit = split_unit(header)
+    words = {fold_word(word) for word in _NO_LETTERS.split(base)}
+    return _is_unit_of("force", unit) or bool(_FORCE_IN_HEADER.search(base)) or "wrench" in words
 
 
 def find_answer(word: str) -> State | None:
@@ -540,7 +556,7 @@ def _parse_quantity(header: str, base: str, state_words: Mapping[str, State]) ->
     if vector := _VECTOR.fullmatch(base):
         kind = _VECTOR_OF[fold_word(vector[1].replace("-", " "))]
         return Meaning(Quantity(kind), "xyz".index(vector[2].casefold()))
-    if force := _AXIS_OF_FORCE.fullmatch(base):
+    if force := _NAMED_FORCE.fullmatch(base) or _AXIS_OF_FORCE.fullmatch(base):
         return Meaning(Quantity("force"), "xyz".index(force[1].casefold()))
     return _parse_position(header, base, state_words)
 
@@ -714,6 +730,12 @@ _PLANNED_ANGLES: Final = frozenset(("desired", "target", "reference", "command",
 """Words of a path whose angles were not measured."""
 
 
+_PARTS_OF_WRENCH: Final[Sequence[tuple[Kind, int]]] = (
+    ("force", 0), ("force", 1), ("force", 2), ("moment", 0), ("moment", 1), ("moment", 2),
+)  # fmt: skip
+"""Kind and axis of each number of a wrench."""
+
+
 class Vocabulary:
     """Grammar of headers, with words and meanings that the caller states, and names of a robot's joints."""
 
@@ -724,27 +746,34 @@ class Vocabulary:
         """
         self._names = tuple(joints)
         self._joints = {fold_word(name): number for number, name in enumerate(joints)}
-        self._forces: dict[str, int] = {}  # header without its unit → axis
+        self._loads: dict[str, tuple[Kind, int]] = {}  # header without its unit → kind and axis
         self.states = options.state_words
         self._ignored = options.ignore
         self.stated = {collapse_blanks(text): meaning for text, meaning in options.columns.items()}
 
     def add_names_of_table(self, headers: Sequence[str]) -> None:
-        """Know names that only all headers of a table explain: a maker's joints, and numbered forces."""
+        """Know names that only all headers of a table explain: a maker's joints, and numbered loads."""
         self._add_joints_of_makers(headers)
-        self._add_numbered_forces(headers)
+        self._add_numbered_loads(headers)
 
-    def _add_numbered_forces(self, headers: Iterable[str]) -> None:
-        """Know the numbers of a force as its axes, such as F1 F2 F3, if a table has exactly three."""
+    def _add_numbered_loads(self, headers: Iterable[str]) -> None:
+        """Know the numbers of a force as its axes, such as F1 F2 F3, if a table has exactly three.
+
+        The six numbers of a wrench are those of the force, then those of the moment.
+        """
         names_of_word: dict[str, dict[int, str]] = {}
         for header in headers:
             name, _ = split_unit(header)
             if found := _NUMBERED_FORCE.fullmatch(name):
                 number = int(found[2] or found[3])
                 names_of_word.setdefault(fold_word(found[1]), {})[number] = fold_word(name)
-        for names in names_of_word.values():
-            if sorted(names) in ([0, 1, 2], [1, 2, 3]):
-                self._forces.update({names[number]: axis for axis, number in enumerate(sorted(names))})
+            elif found := _NUMBERED_WRENCH.fullmatch(name):
+                names_of_word.setdefault("wrench", {})[int(found[1] or found[2])] = fold_word(name)
+        for word, names in names_of_word.items():
+            numbers = sorted(names)
+            parts = _PARTS_OF_WRENCH if word == "wrench" else _PARTS_OF_WRENCH[:3]
+            if len(numbers) == len(parts) and numbers[0] in (0, 1) and numbers[-1] - numbers[0] < len(parts):
+                self._loads.update(zip((names[number] for number in numbers), parts, strict=True))
 
     def _add_joints_of_makers(self, headers: Iterable[str]) -> None:
         """Know the names of a maker for the joints, such as S L U R B T, if a table has all of them."""
@@ -820,9 +849,10 @@ class Vocabulary:
         """
         name, unit = split_unit(header)
         number = self._joints.get(fold_word(name))
-        axis = self._forces.get(fold_word(name))
-        if axis is not None and number is None:
-            return Meaning(Quantity("force"), axis, check_unit(header, unit, "force"), guessed=True)
+        load = self._loads.get(fold_word(name))
+        if load is not None and number is None:
+            kind, axis = load
+            return Meaning(Quantity(kind), axis, check_unit(header, unit, kind), guessed=True)
         if number is None:
             return parse_header(header, self.states)
         with suppress(ImportFileError):

@@ -19,6 +19,8 @@ LEAST_ROWS: Final = 3
 """Objects of a table."""
 _COORDINATES: Final = 3
 _MOST_DEPTH: Final = 6
+_WRENCH: Final = "wrench"
+"""Field of a force and its moment, six numbers."""
 _CAMPAIGNS: Final = frozenset(("measurement_set", "observations", "robot_id", "poses"))
 """Fields of documents that need no import."""
 _NAMES: Final = ("name", "target", "id", "label")
@@ -112,10 +114,26 @@ def find_objects(document: object) -> list[dict[str, Any]]:
             return []
         forces = {key: each for key, each in document.items() if is_force(str(key)) and _is_vector(each)}
         others = {key: each for key, each in document.items() if key not in forces}
+        unit = _find_stated_unit(document)
         document = _find_array(others) or _turn_columns(others) or _list_named(others)
         if len(document) != _COORDINATES:
             document = [{**each, **(forces | each)} for each in document]
+        document = [{_add_unit(str(key), unit): value for key, value in each.items()} for each in document]
     return document if isinstance(document, list) and _is_array_of_objects(document) else []
+
+
+def _find_stated_unit(document: Mapping[str, Any]) -> str:
+    """Return the unit of forces that the object `units` of a document states; empty without one."""
+    units = document.get("units")
+    unit = str(units.get("force", "")) if isinstance(units, dict) else ""
+    known = find_known_unit(unit)
+    return known[1] if known is not None and known[0] == "force" else ""
+
+
+def _add_unit(key: str, unit: str) -> str:
+    """Return the name of a force or a wrench with a unit if it has none; other names unchanged."""
+    is_load = is_force(key) or key.casefold() == _WRENCH
+    return f"{key}_{unit}" if unit and is_load and not _split_unit(key)[1] else key
 
 
 def _is_vector(value: object) -> bool:
@@ -234,6 +252,9 @@ def _name_elements(values: Sequence[Any], name: str) -> list[str]:
     are_numbers = all(map(_is_number, values))
     if are_numbers and len(values) == _COORDINATES and not is_joint(base):
         return [f"{base} {axis}{ending}" for axis in "xyz"]
+    if base.casefold() == _WRENCH and are_numbers and len(values) == 2 * _COORDINATES:
+        # The unit is that of the force, not that of the moment.
+        return [f"{base} {n}{ending if n <= _COORDINATES else ''}" for n in range(1, len(values) + 1)]
     word = base if is_joint(base) or not base.casefold().startswith("joint") else "joint"
     return [f"{word} {number}{ending}" for number in range(1, len(values) + 1)]
 

@@ -48,6 +48,8 @@ _LEAST_NUMBERS: Final = 3
 """Numbers of a row of data, at least."""
 _IMPOSSIBLE_ANGLE: Final = re.compile(r"[-+]?[1-9]\d{1,2},\d{3}")
 """A number that, without its comma, is above 10 000: no joint turns so far in degrees."""
+_DIRECTION: Final = re.compile(r"[-+−–][XYZ]", re.IGNORECASE)
+"""A direction along an axis, with its sign."""
 _DIGITS: Final = 9
 """Digits behind the decimal mark of computed numbers."""
 _OTHER_KINDS: Final = frozenset(("force", "moment", "load point", "mass", "along", "uncertainty"))
@@ -123,6 +125,45 @@ class NumberTable:
             if self.meanings[column] is None and column not in self.ignored and find_unit_of_size(header)
         ]
         return sizes[0] if len(sizes) == 1 and kinds.isdisjoint(("force", "mass")) else None
+
+    def find_directions(self) -> int | None:
+        """Return the only column whose cells are directions such as `+X` or `-Z`; None without one."""
+        columns = [
+            column
+            for column in range(len(self.headers))
+            if column not in self.ignored
+            and all(_DIRECTION.fullmatch(row.cells[column].strip()) for row in self.rows)
+        ]
+        return columns[0] if len(columns) == 1 else None
+
+    def read_forces_along(self, directions: int, size: int) -> FloatArray:
+        """Return the forces (N, 3) of a column of sizes along the axes that a column of directions names."""
+        forces = np.zeros((len(self.rows), 3))
+        for number, row in enumerate(self.rows):
+            direction = row.cells[directions].strip().casefold()
+            sign = 1.0 if direction.startswith("+") else -1.0
+            forces[number, "xyz".index(direction[-1])] = sign * self.table.numbers[number, size]
+        return forces
+
+    def add_forces(self, forces: FloatArray, directions: int, size: int) -> NumberTable:
+        """Return the table with columns of forces (N, 3), in place of those of directions and sizes."""
+        unit = find_unit_of_size(self.headers[size])
+        width = len(self.headers)
+        rows = tuple(
+            replace(row, cells=(*row.cells, *(_write_number(float(each), self.mark) for each in force)))
+            for row, force in zip(self.rows, forces, strict=True)
+        )
+        meanings = [Meaning(Quantity("force"), axis, unit) for axis in range(3)]
+        others = self.table.others | {directions, size, width, width + 1, width + 2}
+        numbers = np.hstack([self.table.numbers, forces])
+        return replace(
+            self,
+            headers=(*self.headers, *(f"{meaning} [{unit}]" for meaning in meanings)),
+            meanings=(*self.meanings, *meanings),
+            rows=rows,
+            table=replace(self.table, numbers=numbers, others=others),
+            ignored=self.ignored | {directions, size},
+        )
 
     def name_size_along_z(self, column: int) -> NumberTable:
         """Return the table in which a column of sizes of a force, of any sign, is the force along −z."""

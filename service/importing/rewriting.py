@@ -199,8 +199,9 @@ def _keep_named(
 ) -> Iterator[list[str]]:
     """Yield the columns of some kinds that headers name, but not those that are `used` otherwise.
 
-    Forces along one axis only are 0 along the others.
+    Forces along one axis only are 0 along the others. Moments of 0 without a unit are left out.
     """
+    used = {*used, *_list_empty_moments(table)}
     for column, meaning in enumerate(table.meanings):
         if meaning is not None and meaning.kind in kinds and column not in used:
             cells = (table.rows[row].cells[column] for row in rows)
@@ -213,9 +214,20 @@ def _keep_named(
             yield [header, *("0" for _ in rows)]
 
 
+def _list_empty_moments(table: NumberTable) -> list[int]:
+    """Return the columns of moments if all of these are 0 and have no unit: the unit then says nothing."""
+    moments = [
+        column for column, each in enumerate(table.meanings) if each is not None and each.kind == "moment"
+    ]
+    has_unit = any(each is not None and each.kind == "moment" and each.unit for each in table.meanings)
+    return [] if has_unit or table.table.numbers[:, moments].any() else moments
+
+
 def _head(header: str, meaning: Meaning) -> str:
     """Return the header of a column that is kept, as the import understands it."""
-    return f"{meaning} [{meaning.unit}]" if meaning.unit else header or str(meaning)
+    if meaning.unit:
+        return f"{meaning} [{meaning.unit}]"
+    return header if header and not meaning.guessed else str(meaning)
 
 
 def _is_used(proposal: Proposal, table: NumberTable, column: int) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
-from jointstiff.service.importing.grammar import Meaning, collapse_blanks, fits_header
+from jointstiff.service.importing.grammar import Meaning, collapse_blanks, fits_header, looks_like_a_force
 from jointstiff.service.importing.naming import NamedReading
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.rewriting import KEPT_KINDS
@@ -131,6 +131,36 @@ def refuse_columns_left(
             reason = f"{listed} of {quote(each.table.name)} are not read, and all positions are {state}"
             remedy = "correct these columns or name them in `header`, or leave them out with `ignore`"
             raise ImportFileError(Place(each.table.grid.file), reason, remedy)
+
+
+def refuse_force_beside_columns(
+    left: Sequence[ColumnsLeft], request: ImportRequest, joints: NumberTable
+) -> None:
+    """Refuse one stated force if columns that are not read are forces by their words.
+
+    The size of a force in the table of joints has been compared with the stated force.
+
+    Raises:
+        ImportFileError: the request states a force, and there are such columns.
+    """
+    for each in left if request.force is not None else ():
+        table = each.table
+        columns = [column for column in each.columns if _may_be_force(table, column)]
+        if table is joints:
+            columns = [column for column in columns if column != table.find_size_of_force()]
+        else:
+            columns += table.find_force_columns().values()
+        if columns:
+            listed = ", ".join(_name_column(table, column) for column in columns)
+            reason = f"`force` is stated, but columns that are not read look like forces: {listed}"
+            remedy = "say what these columns are by `columns`, or leave them out with `ignore`"
+            raise ImportFileError(Place(table.grid.file), reason, remedy, "force")
+
+
+def _may_be_force(table: NumberTable, column: int) -> bool:
+    """Return whether a column without a known meaning has numbers other than 0, and a word for a force."""
+    has_numbers = bool(np.nan_to_num(table.table.numbers[:, column]).any())
+    return has_numbers and table.meanings[column] is None and looks_like_a_force(table.headers[column])
 
 
 def find_constant_force(left: ColumnsLeft) -> tuple[int, int, int] | None:

@@ -30,6 +30,7 @@ from jointstiff.service.importing.grammar import Kind, Quantity, joint_number, s
 from jointstiff.service.importing.posture_files import join_posture_files
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 from jointstiff.service.importing.rows import ObservationRecord, Value
+from jointstiff.service.importing.stated_loads import describe_stated_loads, find_stated_loads
 from jointstiff.service.problems import FilesError, reword_fault
 from jointstiff.solver.errors import MeasurementError
 
@@ -142,6 +143,7 @@ def import_files(
     request: ImportRequest,
     robot: Robot | None = None,
     other_robots: Iterable[KnownRobot] | None = None,
+    originals: Sequence[SourceFile] = (),
 ) -> ImportAnswer:
     """Read files of readings; return a preview, and a measurement set if nothing is missing.
 
@@ -150,6 +152,7 @@ def import_files(
         request: options, and statements that the files do not contain.
         robot: robot that was measured; if given, the set is inspected for mistakes.
         other_robots: robots that may have been measured instead; None takes the arms of the catalogue.
+        originals: files as they were sent, if `files` were written from these.
 
     Raises:
         ImportRefusedError: something in the files is not understood, contradictory or ambiguous, and the
@@ -167,11 +170,19 @@ def import_files(
             by_own_weight = _is_loaded_by_own_weight(understood, request, bodies, robot)
             readings = _StatedReadings(understood, request, files[0].name, by_own_weight)
             results = _make_results(readings, robot, other_robots)
+            if "force" in results.missing:
+                results.missing["force"] += _describe_likely_force(originals or files)
     except ImportFileError as fault:
         faults.append(fault)
     if faults and not request.show_faults:
         raise ImportRefusedError(faults)
     return _build_answer(understood, faults, bodies, results)
+
+
+def _describe_likely_force(files: Sequence[SourceFile]) -> str:
+    """Return the end of a sentence on the loads that files state in words; empty without such loads."""
+    sentence = describe_stated_loads(find_stated_loads(files))
+    return f"; {sentence}" if sentence else ""
 
 
 def lack_meaning(files: Sequence[SourceFile], request: ImportRequest, robot: Robot | None) -> bool:

@@ -53,6 +53,7 @@ from jointstiff.service.resources.columns_left import (
     list_unexplained_numbers,
     name_columns_left,
     refuse_columns_left,
+    refuse_force_beside_columns,
     refuse_single_rows,
     refuse_unknown_headers,
 )
@@ -119,6 +120,7 @@ class ProposedImport:
     notes: tuple[str, ...] = ()  # what a person should know of rows and columns
     masses: tuple[SourceFile, ...] = ()  # files with the masses of the robot's bodies
     previews: tuple[FilePreview, ...] = ()  # of the files as they are written
+    originals: tuple[SourceFile, ...] = ()  # files as they were sent
     statement: str = ""  # the proposal in words, if it has no positions that the robot could fit
 
     @property
@@ -152,7 +154,8 @@ class ProposedImport:
 
     def accept(self, request: ImportRequest | None = None) -> ImportAnswer:
         """Import the table as the proposal says; `request` has other statements about the readings."""
-        answer = import_files(self.files, request or self.request, self.known.robot)
+        robot = self.known.robot
+        answer = import_files(self.files, request or self.request, robot, originals=self.originals)
         assumptions = [self.sentence, *answer.assumptions]
         return answer.model_copy(update={"assumptions": assumptions, "files": list(self.previews)})
 
@@ -188,7 +191,7 @@ def propose_import(
             proposed = _propose_importable(numbers, request, known)
         else:
             proposed = _propose_as_template(numbers.tables, request, known, template)
-        return replace(proposed, masses=numbers.masses)
+        return replace(proposed, masses=numbers.masses, originals=tuple(files))
     except _NoProposalError as error:
         return NoProposal(error.reason, error.remedy, error.fault)
 
@@ -226,7 +229,7 @@ def _propose_importable(
     _refuse_loaded_after_unloading(named)
     tables, force_notes = _name_constant_force(proposal, tables, request)
     if not force_notes:
-        tables, force_notes = _name_force_along_z(proposal, named, tables, request)
+        tables, force_notes = _name_force_of_size(proposal, named, tables, request)
     _refuse_states_against_force(proposal, named, tables, request)
     _refuse_unknown_words(proposal, named, tables, request)
     words = Vocabulary(request, proposal.robots[0].robot.joint_names)
@@ -238,6 +241,7 @@ def _propose_importable(
     try:
         refuse_single_rows(proposal, tables)
         refuse_columns_left(left, proposal, named, tables)
+        refuse_force_beside_columns(left, request, joints)
         proposed = _build_import(proposal, named, tables, request, notes)
     except ImportFileError as error:
         found = describe(proposal, [each.words for each in named])
@@ -851,12 +855,13 @@ def _name_constant_force(
     return [named if table is joints else table for table in tables], [note]
 
 
-def _name_force_along_z(
+def _name_force_of_size(
     proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
 ) -> tuple[Sequence[NumberTable], list[str]]:
     """Return the tables, with the sizes of a force along −z of R0 if the targets move that way under load.
 
-    The header names no axis. A person may state the force with its direction, if the file has one force.
+    The header names no axis. A column of directions, such as `+X`, states the axis of each row. A person
+    may state the force with its direction, if the file has one force.
 
     Raises:
         _NoProposalError: there are several forces, whose direction the targets do not show; or the request
@@ -871,6 +876,10 @@ def _name_force_along_z(
     if request.force is not None:
         _refuse_other_size(joints, column, request)
         return tables, []
+    directions = joints.find_directions()
+    if directions is not None:
+        along, note = _name_force_along_directions(proposal, named, joints, (directions, column))
+        return [along if table is joints else table for table in tables], [note]
     has_one_sign = bool((sizes >= 0.0).all() or (sizes <= 0.0).all())
     if has_one_sign and _move_down(named):
         along_z = joints.name_size_along_z(column)
@@ -883,6 +892,35 @@ def _name_force_along_z(
             "write the force in columns `Fx [N]`, `Fy [N]` and `Fz [N]` in axes of R0",
         )
     return tables, []
+
+
+def _name_force_along_directions(
+    proposal: Proposal, named: Sequence[NamedReading], joints: NumberTable, columns: tuple[int, int]
+) -> tuple[NumberTable, str]:
+    """Return the table of joints with the force of its columns of directions and sizes, and a note on it.
+
+    Raises:
+        _NoProposalError: the targets do not move along the directions in R0, or a size is negative.
+    """
+    directions, size = columns
+    header = quote(joints.headers[directions])
+    forces = joints.read_forces_along(directions, size)
+    of_postures = proposal.joints.groups.split(forces).sum(axis=1)
+    unloaded = {each.target: each.reading.positions for each in named if each.state == "unloaded"}
+    along = [
+        np.einsum("ni,ni->n", of_postures, each.reading.positions - unloaded[each.target]) > 0.0
+        for each in named
+        if each.state == "loaded" and each.target in unloaded
+    ]
+    is_negative = bool((joints.table.numbers[:, size] < 0.0).any())
+    if is_negative or not along or np.mean(along) < _LEAST_ALONG:
+        found = describe(proposal, [each.words for each in named])
+        raise _NoProposalError(
+            f"{found}, but the targets do not move along {header} in R0",
+            "write the force in columns `Fx [N]`, `Fy [N]` and `Fz [N]` in axes of R0",
+        )
+    note = f"{quote(joints.headers[size])} along the directions of {header} in R0, as the targets move"
+    return joints.add_forces(forces, directions, size), note
 
 
 def _refuse_other_size(joints: NumberTable, column: int, request: ImportRequest) -> None:

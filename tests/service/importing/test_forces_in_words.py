@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 
 import numpy as np
 import pytest
@@ -56,6 +57,9 @@ def with_columns(headers, cells, loaded=LOADED):
         ("Kraft in {} [kN]", 1e3),
         ("Applied load {} [N]", 1),
         ("F.{} [N]", 1),
+        ("力F{}/N", 1),
+        ("Сила F{}, N", 1),
+        ("Kraft F{} [kN]", 1e3),
     ],
 )
 def test_parts_of_a_force_are_known_by_its_word_and_an_axis(form, newtons, tmp_path):
@@ -64,9 +68,64 @@ def test_parts_of_a_force_are_known_by_its_word_and_an_axis(form, newtons, tmp_p
     assert read_force(files, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
 
 
+def test_keys_of_a_force_are_its_parts_in_the_stated_unit(tmp_path):
+    files = with_columns(["force.x", "force.y", "force.z"], ["0", "0", "-981"])
+    assert read_force(files, tmp_path, units={"force": "N"}) == pytest.approx([0.0, 0.0, -981.0])
+
+
+def write_wrenches(moment, **units):
+    return json.dumps(
+        {
+            "units": units,
+            "measurements": [
+                {
+                    "pose": n + 1,
+                    "joints": CAMPAIGN.joints[n].tolist(),
+                    "unloaded": {"ball": UNLOADED[n].tolist()},
+                    "loaded": {"ball": LOADED[n].tolist()},
+                    "wrench": [0, 0, -981, *moment],
+                }
+                for n in range(len(CAMPAIGN.joints))
+            ],
+        }
+    )
+
+
+def test_a_wrench_is_a_force_and_a_moment_in_the_unit_of_its_document(tmp_path):
+    files = {"a.json": write_wrenches([0, 0, 0], force="N")}
+    document = accept(files, tmp_path).measurement_set
+    assert document.units.force == "N"
+    assert document.observations[0].force == (0.0, 0.0, -981.0)
+
+
+def test_the_moment_of_a_wrench_needs_a_unit(tmp_path):
+    with pytest.raises(js.CampaignError, match="moment x and 2 other columns have no unit"):
+        propose({"a.json": write_wrenches([0, 5, 0], force="N")}, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "headers", [["Kraft quer", "Kraft hoch"], ["wrench 1", "wrench 2"], ["a [N]", "b [N]"]]
+)
+def test_a_stated_force_does_not_replace_columns_that_look_like_forces(headers, tmp_path):
+    files = with_columns(headers, ["30", "981"])
+    stated = {"force": [0, 0, -981], "units": {"force": "N"}}
+    with pytest.raises(js.CampaignError, match=f"look like forces: {re.escape(', '.join(headers))}"):
+        propose(files, tmp_path, **stated)
+    assert read_force(files, tmp_path, ignore=headers, **stated) == pytest.approx([0.0, 0.0, -981.0])
+
+
 @pytest.mark.parametrize("header", ["Carga [kg]", "Last [kg]", "Load (kg)", "Carico [kg]"])
 def test_a_load_in_kg_hangs_at_the_load_point(header, tmp_path):
     assert read_force(with_columns([header], ["100"]), tmp_path) == pytest.approx([0.0, 0.0, -980.665])
+
+
+def test_a_load_in_kg_is_read_beside_missing_readings(tmp_path):
+    rows = [[*row[:7], "100", *row[7:]] for row in wide(CAMPAIGN, UNLOADED, LOADED)]
+    rows[2][-3:] = ["---"] * 3
+    header = ["Pose", *(f"{joint} [deg]" for joint in JOINTS), "Load [kg]", *POINTS]
+    document = accept({"a.csv": table(header, rows)}, tmp_path, allow_missing=True).measurement_set
+    assert document.units.force == "kgf"
+    assert [each.force for each in document.observations] == [(0.0, 0.0, -100.0)] * (len(rows) - 1)
 
 
 @pytest.mark.parametrize(
@@ -92,6 +151,34 @@ def test_a_stated_force_of_another_size_than_that_of_the_file_is_refused(tmp_pat
         propose(files, tmp_path, force=[0, 0, -500], units={"force": "N"})
     aside = read_force(files, tmp_path, force=[0, -981, 0], units={"force": "N"})
     assert aside == pytest.approx([0.0, -981.0, 0.0])
+
+
+AXES = {"+X": [1, 0, 0], "-X": [-1, 0, 0], "+Y": [0, 1, 0], "−Y": [0, -1, 0], "-Z": [0, 0, -1]}
+
+
+def with_directions(turn=0):
+    """Return a file with a pull along an axis in each posture; `turn` exchanges the directions."""
+    names = [list(AXES)[n % len(AXES)] for n in range(len(UNLOADED))]
+    pulled = UNLOADED + 0.0005 * np.array([AXES[name] for name in names])
+    rows = wide(CAMPAIGN, UNLOADED, pulled)
+    names = names[turn:] + names[:turn]
+    cells = [[*row[:7], name, "1.2", *row[7:]] for row, name in zip(rows, names, strict=True)]
+    header = ["Pose", *(f"{joint} [deg]" for joint in JOINTS), "Zugrichtung Basis", "Kraft kN [kN]", *POINTS]
+    return {"a.csv": table(header, cells)}
+
+
+def test_directions_beside_a_size_are_the_axes_of_the_force(tmp_path):
+    files = with_directions()
+    assert "'Kraft kN [kN]' along the directions of 'Zugrichtung Basis'" in str(propose(files, tmp_path))
+    document = accept(files, tmp_path).measurement_set
+    assert document.units.force == "kN"
+    expected = 1.2 * np.array([AXES[list(AXES)[n % len(AXES)]] for n in range(len(UNLOADED))])
+    np.testing.assert_allclose([each.force for each in document.observations], expected)
+
+
+def test_directions_against_the_moves_of_the_targets_are_refused(tmp_path):
+    with pytest.raises(js.CampaignError, match="the targets do not move along 'Zugrichtung Basis' in R0"):
+        propose(with_directions(turn=1), tmp_path)
 
 
 def test_sizes_of_several_forces_in_turn_are_loads_of_a_posture(tmp_path):
@@ -186,3 +273,46 @@ def test_a_unit_in_a_merged_cell_below_the_axes_holds_for_its_group(units, tmp_p
     rows = [[*row[:7], "0", "0", "-0.981", *row[7:]] for row in wide(CAMPAIGN, UNLOADED, LOADED)]
     text = "".join(";".join(row) + "\n" for row in [*header, *rows])
     assert read_force({"a.csv": text}, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
+
+
+@pytest.mark.parametrize(
+    ("line", "said", "force"),
+    [
+        (
+            "# Gewicht 150 kg am Flansch",
+            'says "Gewicht 150 kg" in line 1: if this load hangs',
+            "0,0,-150 kgf",
+        ),
+        ("# Weight of 10 kg hung", 'says "Weight of 10 kg" in line 1: if this load hangs', "0,0,-10 kgf"),
+        ("# payload_kg: 8.0", 'says "payload_kg: 8.0" in line 1: if this load hangs', "0,0,-8.0 kgf"),
+        ("# F = 60 N in -X", 'says "F = 60 N in -X" in line 1: if this force acts', "-60,0,0 N"),
+        ("# F = 60 N in Z", 'says "F = 60 N in Z" in line 1', ""),
+    ],
+)
+def test_the_question_for_the_force_names_a_load_in_words(line, said, force, tmp_path):
+    content = table(
+        ["Pose", *(f"{joint} [deg]" for joint in JOINTS), *POINTS], wide(CAMPAIGN, UNLOADED, LOADED)
+    )
+    answer = accept({"a.csv": f"{line}\n{content}"}, tmp_path)
+    assert answer.measurement_set is None
+    assert said in answer.missing[0]
+    assert (
+        answer.missing[0].endswith(f"`force` is {force}") if force else "`force` is" not in answer.missing[0]
+    )
+
+
+def test_several_loads_in_words_are_named_without_a_likely_force(tmp_path):
+    content = table(
+        ["Pose", *(f"{joint} [deg]" for joint in JOINTS), *POINTS], wide(CAMPAIGN, UNLOADED, LOADED)
+    )
+    answer = accept({"a.csv": f"# robot: 1078 kg\n# weight: 150 kg\n{content}"}, tmp_path)
+    assert '"robot 1078 kg" in line 1, ' in answer.missing[0]
+    assert "`force` is" not in answer.missing[0]
+
+
+def test_many_masses_in_words_are_no_load(tmp_path):
+    rows = [
+        [*row[:7], f"part of {n + 1} kg", *row[7:]] for n, row in enumerate(wide(CAMPAIGN, UNLOADED, LOADED))
+    ]
+    files = {"a.csv": table(["Pose", *(f"{joint} [deg]" for joint in JOINTS), "Remark", *POINTS], rows)}
+    assert accept(files, tmp_path).missing[0].endswith("(N, kN, kgf, lbf)")

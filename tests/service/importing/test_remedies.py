@@ -1180,6 +1180,16 @@ def strangers() -> dict[str, Proposed]:
             {"a.csv": table([*WIDE[:-3], *"DEF"], strange.wide(MEASURED, UNLOADED, LOADED[::-1]))},
             stated={"ignore": [*"DEF"], "force": None},
         ),
+        "columns that look like forces": Proposed(
+            "look like forces: Kraft quer",
+            {
+                "a.csv": table(
+                    [*WIDE, "Kraft quer"],
+                    [[*row, str(n + 1)] for n, row in enumerate(strange.wide(MEASURED, UNLOADED, LOADED))],
+                )
+            },
+            stated={"ignore": ["Kraft quer"]},
+        ),
         "rows of other numbers": Proposed(
             "it has 13 rows for 14 postures",
             {**unnamed, "b.csv": "\n".join(unnamed["b.csv"].splitlines()[:-1])},
