@@ -1,4 +1,4 @@
-"""Loads that files state once in words, beside the columns: a likely answer to the question for the force."""
+"""Loads that files state once in words, not in columns: a likely answer to the question for the force."""
 
 from __future__ import annotations
 

@@ -91,7 +91,18 @@ class _Call(NamedTuple):
                 if "campaign" in described.casefold() and "from_arrays" not in remedy:
                     remedy += "; `jointstiff.Campaign.from_arrays` makes a campaign of arrays"
                 return self._refuse(f"`{first}` is an array", remedy)
-        return self._explain_options(bound.get("options"))
+        return self._explain_list() or self._explain_options(bound.get("options"))
+
+    def _explain_list(self) -> CallError | None:
+        """Return the error of a list in the place of several arguments; None without one."""
+        first = self.parameters[0]
+        if first.kind is not first.VAR_POSITIONAL or not any(
+            isinstance(each, list) for each in self.arguments
+        ):
+            return None
+        name = first.name
+        remedy = f"give {name} one by one: {self.function.__name__}(*{name})"
+        return self._refuse(f"`{name}` are in a list", remedy)
 
     def _explain_options(self, options: object) -> CallError | None:
         """Return the error of options that are no message; None without one."""
@@ -181,7 +192,7 @@ def _name_arrays(arrays: Mapping[int, tuple[int, ...]]) -> list[str]:
     forces = [number for number, shape in arrays.items() if len(shape) == 2 and shape[1] == _AXES]
     positions = [number for number, shape in arrays.items() if len(shape) == _AXES]
     words = ["joints (N, n)", "forces (N, 3)", "positions without and with load (N, T, 3)"]
-    if len(joints) == 1:
+    if len(joints) == 1 and len(arrays) > 1:  # one table alone may be that of a robot
         words[0] = f"joints is argument {joints[0]}, {arrays[joints[0]]}"
     if len(forces) == 1:
         words[1] = f"forces is argument {forces[0]}, {arrays[forces[0]]}"

@@ -337,6 +337,8 @@ LEAST_RATIO: Final = 1e-3
 """Ratio to the campaign's greatest deflection below which a load is probably in kN that were read as N."""
 _NO_DEFLECTION: Final = 5e-6
 """Deflection [m] below which no process is corrected: no robot repeats it, and no tracker reads it."""
+_ROUNDED: Final = 1e-5
+"""Distance [m] from the flange up to which a point is its origin: metres read as millimetres are farther."""
 LONGEST_TOOL: Final = 1.5
 """Longest usual distance of a load point or a place from the flange [m]."""
 _SUBJECT: Final[dict[Verdict, str]] = {
@@ -416,7 +418,7 @@ def find_far_points(points: Iterable[Sequence[float] | None]) -> list[Finding]:
     """
     least_length, _ = FLANGE_LENGTHS
     distances = sorted(hypot(*point) for point in points if point is not None)
-    unusual = [each for each in distances if 0.0 < each < least_length or each > LONGEST_TOOL]
+    unusual = [each for each in distances if _ROUNDED < each < least_length or each > LONGEST_TOOL]
     if not unusual:
         return []
     worst = unusual[-1]

@@ -31,6 +31,10 @@ _ROUNDED: Final = 1e-6
 """Least distance [m] that a sentence states."""
 _SAME_DIGITS: Final = 1e-9
 """Greatest difference of numbers that are equal but for their unit, relative to the greatest of them."""
+_FACTORS_OF_UNITS: Final = np.multiply.outer([1.0, 180.0 / np.pi], [1e-3, 1.0, 1e3, 1e6]).ravel()
+"""Ratios of the same number as a force in N or kN, and as an angle in degrees or a length in m or mm."""
+_DISTINCT: Final = 0.8
+"""Least fraction of different numbers in a column that shows a mistaken choice of columns."""
 _ELSEWHERE: Final = 0.1
 """Least distance [m] between the load points of a set if they may be places in R0."""
 
@@ -140,13 +144,19 @@ def find_other_columns(view: View) -> Finding | None:
 
 
 def _are_equal_but_for_unit(numbers: FloatArray, others: FloatArray) -> bool:
-    """Return whether numbers (N,) that differ among each other are others (N,) times one factor."""
+    """Return whether numbers (N,) are others (N,) in some unit.
+
+    Designed loads may be proportional to an angle, so the factor must be one of units, and most of the
+    numbers must differ from each other.
+    """
     size = float(np.abs(others).max())
-    if np.ptp(others) <= _SAME_DIGITS * size or not numbers.any():
+    has_few_values = len(np.unique(others)) < _DISTINCT * len(others)
+    if has_few_values or not size or not numbers.any():
         return False
     factor = float(numbers @ others) / float(others @ others)
+    is_factor_of_unit = bool(np.isclose(np.abs(factor), _FACTORS_OF_UNITS, rtol=_SAME_DIGITS, atol=0.0).any())
     difference = np.abs(numbers - factor * others).max()
-    return bool(difference <= _SAME_DIGITS * np.abs(numbers).max())
+    return is_factor_of_unit and bool(difference <= _SAME_DIGITS * np.abs(numbers).max())
 
 
 def find_moments_of_forces(view: View) -> Finding | None:

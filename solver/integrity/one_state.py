@@ -23,6 +23,7 @@ from jointstiff.solver.integrity.mistakes import (
     greatest_distances,
 )
 from jointstiff.solver.integrity.values import LARGEST_DEFLECTION, LENGTH_UNITS, View, transform_to_flange
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.text import figure, length_text, list_labels
 
 _LEAST_ROWS: Final = 4
@@ -35,6 +36,10 @@ _ZERO: Final = 1e-9
 """Greatest distance [m] from the origin of a reading that is stored as zeros."""
 _LARGEST_COPIED_SHARE: Final = 0.5
 """Largest fraction of the readings under load that may be copies: others show that the load moves targets."""
+_USUAL_LOAD: Final = 0.5
+"""Least size of a load whose readings are compared, relative to the median size."""
+_SHOWN: Final = 4
+"""Greatest number of groups of targets, and of observations of a group, that a message lists."""
 _LARGEST_SHARE_OF_ZEROS: Final = 0.05
 """Largest fraction of zeros among the coordinates of other deflections: where coarse digits make more of them
 zero, all coordinates of a deflection may be zero by rounding."""
@@ -253,14 +258,15 @@ def leave_out_zeros(view: View) -> tuple[list[Finding], View]:
 def leave_out_copied_states(view: View) -> tuple[list[Finding], View]:
     """Report targets whose readings with and without the load are equal in every digit.
 
-    Such a load was not applied, or one reading was copied. Where many coordinates of deflections are zero,
-    rounding or a load that bends no joint explains equal readings.
+    Such a load was not applied, or one reading was copied. A load much smaller than the others may move
+    targets by less than the last digit, so that its readings are not compared. Where many coordinates of
+    deflections are zero, rounding or a load that bends no joint explains equal readings.
 
     Returns:
         The finding, if any; and the set without these readings.
     """
     measurements = view.measurements
-    under_load = view.measured & view.loaded[:, None]
+    under_load = view.measured & _find_usual_loads(measurements)[:, None]
     is_copied = under_load & (measurements.deflection == 0.0).all(axis=2)
     moved = measurements.deflection[under_load & ~is_copied]
     if not is_copied.any() or is_copied.sum() > _LARGEST_COPIED_SHARE * under_load.sum():
@@ -268,11 +274,14 @@ def leave_out_copied_states(view: View) -> tuple[list[Finding], View]:
     share_of_zeros = float((moved == 0.0).mean())
     if share_of_zeros > _LARGEST_SHARE_OF_ZEROS:
         return [], view
+    patterns = np.unique(is_copied[is_copied.any(axis=1)], axis=0)
     places = list[str]()
-    for row_pattern in np.unique(is_copied[is_copied.any(axis=1)], axis=0):
-        rows = np.flatnonzero((is_copied == row_pattern).all(axis=1)).tolist()
-        targets = [f"'{measurements.targets[target]}'" for target in np.flatnonzero(row_pattern).tolist()]
-        places.append(f"{', '.join(targets)} in {list_labels(measurements.labels, rows)}")
+    for pattern in patterns[:_SHOWN]:
+        rows = np.flatnonzero((is_copied == pattern).all(axis=1)).tolist()
+        targets = [f"'{measurements.targets[target]}'" for target in np.flatnonzero(pattern).tolist()]
+        places.append(f"{', '.join(targets)} in {list_labels(measurements.labels, rows[:_SHOWN])}")
+    if is_copied.any(axis=1).sum() > _SHOWN:
+        places.append(f"{is_copied.sum()} readings in all")
     typical = float(np.median(np.linalg.norm(moved, axis=1)))
     message = (
         f"the readings with and without the load are equal in every digit: {'; '.join(places)}; the other "
@@ -293,3 +302,13 @@ def leave_out_copied_states(view: View) -> tuple[list[Finding], View]:
     )
     finding = view.build_finding("deflection_implausibly_small", message, remedy, "do_not_use")
     return [finding], replace(view, measurements=without)
+
+
+def _find_usual_loads(measurements: Measurements) -> BoolArray:
+    """Return a mask (N,) of the observations whose force or moment is at least half of the median size."""
+    is_usual = np.zeros(len(measurements), dtype=np.bool_)
+    for vectors in (measurements.force, measurements.moment):
+        sizes = np.linalg.norm(vectors, axis=1)
+        if sizes.any():
+            is_usual |= sizes >= _USUAL_LOAD * np.median(sizes[sizes > 0.0])
+    return is_usual

@@ -372,6 +372,11 @@ def test_a_load_point_in_metres_is_named_although_the_place_is_in_millimetres(ru
     assert reason.remedy in " ".join(str(made).split())
 
 
+def test_rounding_of_a_point_at_the_flange_is_no_distance(run):
+    made = js.predict(run, POSTURE, forces=(0, 0, -500), at=(1e-11, 0, 0), place=POINT)
+    assert made.assessment.verdict == "use"
+
+
 NO_TOOL = "check the unit of the point; for a longer tool, put the flange of the robot's model on the tool"
 
 

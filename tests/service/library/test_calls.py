@@ -154,3 +154,16 @@ def test_a_folder_in_the_place_of_a_file_is_answered_with_files_of_the_folder(re
         read(tmp_path)
     assert isinstance(refused.value, IsADirectoryError)
     assert refused.value.problem.remedy == f"give a file in it: {tmp_path / 'day1.json'}"
+
+
+def test_files_in_a_list_are_given_one_by_one(tmp_path):
+    file = tmp_path / "readings.csv"
+    file.write_text("J1 [deg]\n1\n")
+    with pytest.raises(js.CampaignError, match=r"read\(\*files\)"):
+        js.read([file])
+
+
+def test_a_table_alone_is_not_named_as_joints():
+    with pytest.raises(js.CampaignError) as refused:
+        js.plan([[0.0, -90.0, 0.35, 0.675]] * 6)
+    assert "joints is argument" not in str(refused.value)

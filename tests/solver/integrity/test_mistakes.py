@@ -177,6 +177,40 @@ def test_forces_that_are_columns_of_something_else_are_the_only_mistake_named(of
     assert "where the slices of joints, forces and targets begin" in cause.remedy
 
 
+@pytest.mark.parametrize(("joint", "factor"), [(1, 10.0), (0, 350.0)])
+def test_forces_that_are_designed_by_an_angle_are_no_mistake(joint, factor):
+    known = ROBOTS[ARMS[0]]
+    right = readings_on(known.robot, seed=11, configurations=14)
+    planned = np.column_stack([factor * right.joints[:, joint], right.force[:, 1:]])
+    causes = name_cause(known, replace(right, force=planned))
+    assert not any("digit by digit" in cause.message for cause in causes)
+
+
+def test_a_small_load_that_moves_targets_by_less_than_a_digit_is_no_copy():
+    known = ROBOTS[ARMS[0]]
+    right = readings_on(known.robot, seed=11, configurations=14)
+    force, deflection = right.force.copy(), right.deflection.copy()
+    force[[3, 8]] *= 0.01
+    deflection[[3, 8]] = 0.0
+    causes = name_cause(known, replace(right, force=force, deflection=deflection))
+    assert not any("equal in every digit" in cause.message for cause in causes)
+
+
+def test_many_copied_readings_are_counted():
+    known = ROBOTS[ARMS[0]]
+    right = readings_on(known.robot, seed=11, configurations=14)
+    copied = np.random.default_rng(1).random(right.present.shape) < 0.4
+    (cause,) = (
+        each
+        for each in name_cause(
+            known, replace(right, deflection=np.where(copied[..., None], 0.0, right.deflection))
+        )
+        if "equal in every digit" in each.message
+    )
+    assert f"{copied.sum()} readings in all" in cause.message
+    assert len(cause.message) < 600
+
+
 @pytest.mark.parametrize("arm", ["FANUC R-2000iC/165F", "KUKA KR 210 R2700 extra", "ABB IRB 6640-185/2.8"])
 @pytest.mark.parametrize(
     ("axes", "words"),
