@@ -19,8 +19,8 @@ from jointstiff.service.conversion.prepared import PreparedRobot, read_stated_tr
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.kinds.run.work import RunWork, prepare_identification
 from jointstiff.service.live.sources import draw_plausible_stiffness
-from jointstiff.service.problems import STIFFNESS_REMEDY
 from jointstiff.service.resources.inputs import InMemoryInputs
+from jointstiff.service.runs.verdicts import refuse_implausible_stiffness
 from jointstiff.service.tables.estimate import estimate_columns
 from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.service.tables.table import Column, Table, as_line
@@ -29,9 +29,8 @@ from jointstiff.solver.fit.constraints import Bounds, Constraints
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.outcome.rules import PLAUSIBLE_STIFFNESS
 from jointstiff.solver.predict.models import JointModel
-from jointstiff.solver.text import figure, stiffness_text
+from jointstiff.solver.text import figure
 
 if TYPE_CHECKING:
     from jointstiff.solver.arrays import FloatArray
@@ -314,28 +313,10 @@ def _choose_stiffness(
     if not stated_stiffness:
         return stiffness, source
     for name, value in stated_stiffness.items():
-        _refuse_implausible_stiffness(robot, name, value)
+        refuse_implausible_stiffness(robot, name, value)
         stiffness[robot.joint_names.index(name)] = value
     states_all = len(stated_stiffness) == robot.n
     return stiffness, "the caller" if states_all else f"the caller, and {source}"
-
-
-def _refuse_implausible_stiffness(robot: Robot, name: str, value: float) -> None:
-    """Refuse a stated stiffness of a joint that does not exist, or that no joint of an industrial robot has.
-
-    Raises:
-        RequestError: names the joint.
-    """
-    joint = robot.joint_index(name, f"stiffness.{name}")
-    least, greatest = PLAUSIBLE_STIFFNESS
-    if not least <= value <= greatest:
-        kind = robot.joint_kinds[joint]
-        limits = " to ".join(stiffness_text(limit, kind) for limit in PLAUSIBLE_STIFFNESS)
-        raise RequestError(
-            f"the stiffness of {name} is {stiffness_text(value, kind)}; {limits} is plausible",
-            where=f"stiffness.{name}",
-            remedy=STIFFNESS_REMEDY,
-        )
 
 
 @dataclass(frozen=True, eq=False)

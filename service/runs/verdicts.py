@@ -14,7 +14,7 @@ from jointstiff.schemas.finding import Assessment, Finding, FindingCode, Verdict
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.run import Run, RunResult
 from jointstiff.service.conversion.units import FORCE, MOMENT
-from jointstiff.service.problems import VerdictError
+from jointstiff.service.problems import STIFFNESS_REMEDY, VerdictError
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
 from jointstiff.service.tables.report import describe_passed_checks, format_count
 from jointstiff.solver.arrays import FloatArray
@@ -22,12 +22,13 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.integrity.values import FLANGE_LENGTHS
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.outcome.rules import PLAUSIBLE_STIFFNESS
 from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.predict.forward import ForwardModel
 from jointstiff.solver.predict.models import IdentifiedWeight, JointModel, ModelError
 from jointstiff.solver.process.correct import LIMIT_TOLERANCE
 from jointstiff.solver.process.prior import FACTOR, build_prior_model
-from jointstiff.solver.text import PAST_CARE, PAST_DO_NOT_USE, figure, length_text
+from jointstiff.solver.text import PAST_CARE, PAST_DO_NOT_USE, figure, length_text, stiffness_text
 
 
 def find_accepted_run(inputs: Inputs, run_id: str, accept_verdict: str | None) -> MeasuredRun:
@@ -408,6 +409,24 @@ def find_implausible_deflection(greatest: float | None, run: RunResult | None) -
             f"check the units of the load and of the points (N or kN, m or mm); {PAST_DO_NOT_USE}",
         )
     ]
+
+
+def refuse_implausible_stiffness(robot: Robot, name: str, value: float) -> None:
+    """Refuse a stated stiffness of a joint that does not exist, or that no joint of an industrial robot has.
+
+    Raises:
+        RequestError: names the joint.
+    """
+    joint = robot.joint_index(name, f"stiffness.{name}")
+    least, greatest = PLAUSIBLE_STIFFNESS
+    if not least <= value <= greatest:
+        kind = robot.joint_kinds[joint]
+        limits = " to ".join(stiffness_text(limit, kind) for limit in PLAUSIBLE_STIFFNESS)
+        raise RequestError(
+            f"the stiffness of {name} is {stiffness_text(value, kind)}; {limits} is plausible",
+            where=f"stiffness.{name}",
+            remedy=STIFFNESS_REMEDY,
+        )
 
 
 def find_far_points(points: Iterable[Sequence[float] | None]) -> list[Finding]:

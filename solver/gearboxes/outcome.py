@@ -182,7 +182,7 @@ def _list_residuals(step: WeightStep, steps: JointStep, fit: GearboxFit | None) 
 
 def _report_load(step: WeightStep) -> Iterator[Finding]:
     """Report a mass that was not weighed, and a mass far beyond the payload."""
-    load, payload = step.load, step.robot.payload
+    load = step.load
     if not load.is_weighed:
         yield Finding(
             code="mass_assumed",
@@ -193,12 +193,18 @@ def _report_load(step: WeightStep) -> Iterator[Finding]:
             "the mass",
             remedy="weigh the load, and state `mass_uncertainty`",
         )
-    if payload is not None and load.mass > _TWICE * payload:
+    yield from report_overload(load.mass, step.robot, "load.mass")
+
+
+def report_overload(mass: float, robot: Robot, where: str) -> Iterator[Finding]:
+    """Report a mass [kg] far beyond the payload of a robot; `where` is the field of the mass."""
+    payload = robot.payload
+    if payload is not None and mass > _TWICE * payload:
         yield Finding(
             code="stiffness_against_payload",
             weight="do_not_use",
-            where="load.mass",
-            message=f"the load has {figure(load.mass)} kg, but the robot's payload is {figure(payload)} kg",
+            where=where,
+            message=f"the load has {figure(mass)} kg, but the robot's payload is {figure(payload)} kg",
             remedy="state the mass in kg, not the weight in N or the mass in lb",
         )
 

@@ -26,7 +26,12 @@ from jointstiff.service.conversion.robots import (
 from jointstiff.service.conversion.units import to_instrument
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs
-from jointstiff.service.runs.verdicts import assess_with_run, make_reason, refuse_unaccepted
+from jointstiff.service.runs.verdicts import (
+    assess_with_run,
+    make_reason,
+    refuse_implausible_stiffness,
+    refuse_unaccepted,
+)
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest
 from jointstiff.solver.design.plan import CampaignPlan, plan_campaign
@@ -38,6 +43,7 @@ from jointstiff.solver.fit.estimate import JointCompliance, predict
 from jointstiff.solver.fit.method import Settings
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.weight_rows import Burden, make_planned_rows_function
+from jointstiff.solver.gearboxes.outcome import report_overload
 from jointstiff.solver.gearboxes.planned import LEAST_POSTURES, PlannedStepRows, find_widening
 from jointstiff.solver.gearboxes.step import Load
 from jointstiff.solver.mechanics.block import targets_in_flange
@@ -259,7 +265,8 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
     robot = plan_input.robot
     if request.weight_step is not None:
         step_request = to_step_design_request(request, robot, request.weight_step)
-        return _state_plan(robot, step_request, (), None)
+        overload = report_overload(request.weight_step.mass, robot, "weight_step.mass")
+        return _state_plan(robot, step_request, (), None, list(overload))
     so_far = _evaluate_campaign(plan_input, request).with_unloaded_positions()
     _refuse_goal_of_live_campaign(request)
     design_request = to_design_request(request, robot, so_far)
@@ -284,7 +291,11 @@ def _refuse_goal_of_live_campaign(request: plans.PlanRequest) -> None:
 
 
 def _state_plan(
-    robot: Robot, request: PlanRequest, targets: Sequence[str], so_far: Assessment | None
+    robot: Robot,
+    request: PlanRequest,
+    targets: Sequence[str],
+    so_far: Assessment | None,
+    reasons_of_load: Sequence[Finding] = (),
 ) -> PlanResult:
     """Plan readings, and return the message of the plan with its verdict.
 
@@ -293,6 +304,7 @@ def _state_plan(
         request: the solver's request.
         targets: names of the targets.
         so_far: verdict on the campaign so far; None if the plan begins one.
+        reasons_of_load: why the load of the plan is doubtful.
 
     Raises:
         RequestError: no plan satisfies the request.
@@ -302,7 +314,7 @@ def _state_plan(
         reasons = _list_uncertain_joints(plan_result, _MORE_TWIST)
     else:
         reasons = _list_reasons(plan_result)
-    plan_assessment = assess_with_run("plan", reasons, so_far)
+    plan_assessment = assess_with_run("plan", [*reasons_of_load, *reasons], so_far)
     return plan_result.model_copy(update={"assessment": plan_assessment})
 
 
@@ -355,10 +367,11 @@ def _add_stated_compliances(
     infinite where nothing is known before the plan.
 
     Raises:
-        RequestError: a joint that the request names does not exist.
+        RequestError: a joint that the request names does not exist, or no joint has such a stiffness.
     """
     nominal = nominal.copy()
     for name, stiffness in request.stiffness.items():
+        refuse_implausible_stiffness(robot, name, stiffness)
         nominal[robot.joint_index(name, f"stiffness.{name}")] = 1.0 / stiffness
     prior_uncertainty = np.full(robot.n, np.inf)
     for name, prior in request.priors.items():

@@ -154,3 +154,21 @@ def test_a_weight_too_small_to_tell_is_said_in_words_of_encoders():
 def test_the_plan_of_a_step_is_no_campaign(small):
     with pytest.raises(RequestError, match="a weight step, which is read by two encoders instead of targets"):
         js.rehearse(small, robot=ROBOT)
+
+
+def test_a_weight_in_newtons_is_a_load_of_many_payloads():
+    robot = ROBOT.model_copy(update={"payload": 240.0})
+    heavy = js.plan(robot, weight_step=STEP | {"mass": 981.0}, joints=["joint_2", "joint_3"], **SMALL)
+    reason = heavy.result.assessment.reasons[0]
+    assert (reason.weight, reason.where) == ("do_not_use", "weight_step.mass")
+    assert reason.message == "the load has 981 kg, but the robot's payload is 240 kg"
+    right = js.plan(robot, weight_step=STEP, joints=["joint_2", "joint_3"], **SMALL)
+    assert "payload" not in str(right.result.assessment)
+
+
+def test_stiffnesses_of_no_joint_are_refused_with_their_unit():
+    stated = {"joint_2": 3.1, "joint_3": 2.5}
+    with pytest.raises(CampaignError) as refused:
+        js.plan(ROBOT, weight_step=STEP, joints=list(stated), stiffness=stated, **SMALL)
+    assert "is 3.1 N·m/rad; 1000 N·m/rad to 1 · 10⁹ N·m/rad is plausible" in refused.value.problem.detail
+    assert "in a table is 3.1e6" in refused.value.problem.remedy
