@@ -48,7 +48,8 @@ def decode(file: str, content: bytes) -> tuple[str, str]:
     known, else Latin-1, unless most bytes beyond ASCII are letters in UTF-8: then the file is damaged UTF-8.
 
     Raises:
-        ImportFileError: the text is damaged, or contains control characters.
+        ImportFileError: the text is damaged, contains control characters, or has a row of a table of Markdown
+            with too few cells.
     """
     remedy = "save the file as text in UTF-8"
     mark, encoding = next((entry for entry in _BYTE_ORDERS if content.startswith(entry[0])), (b"", ""))
@@ -69,7 +70,7 @@ def decode(file: str, content: bytes) -> tuple[str, str]:
     if control := _CONTROL.search(text):
         reason = f"the file contains the control character {control.group()!a}, so it is not plain text"
         raise ImportFileError(Place(file, 1 + text.count("\n", 0, control.start())), reason, remedy)
-    return write_tables_plainly(text), encoding or "utf-8"
+    return write_tables_plainly(file, text), encoding or "utf-8"
 
 
 def describe_encoding(encoding: str | None) -> list[str]:

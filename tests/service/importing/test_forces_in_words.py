@@ -257,6 +257,21 @@ def test_a_force_of_each_posture_is_a_matrix_of_its_name(write, tmp_path):
 
 
 @pytest.mark.process
+@pytest.mark.parametrize("name", ["forces", "force_N", "F_all"])
+@pytest.mark.parametrize("write", [write_npz, write_mat, write_matlab])
+def test_a_vector_is_not_the_force_of_all_postures_beside_a_force_of_each(write, name, tmp_path):
+    files = write({**ARRAYS, "f": np.array([0.1, 0.2, -0.3]), name: np.tile(FORCE, (14, 1))})
+    assert read_force(files, tmp_path, units={"force": "N"}) == pytest.approx([0.0, 0.0, -981.0])
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("write", [write_npz, write_mat, write_matlab])
+def test_the_force_of_all_postures_is_named(write, tmp_path):
+    answer = accept(write({**ARRAYS, "F_N": FORCE}), tmp_path)
+    assert "'F_N' as the force of all rows" in answer.files[0].assumptions
+
+
+@pytest.mark.process
 def test_another_vector_of_three_numbers_is_no_column(tmp_path):
     files = write_npz({**ARRAYS, "F_N": FORCE, "tool_mm": np.array([0.0, 0.0, 120.0])})
     assert read_force(files, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
