@@ -113,7 +113,7 @@ def _repeat_forces(arrays: Sequence[Any]) -> list[Any]:
     if count in (0, len(_AXES)):
         return list(arrays)
     of_rows = [each["name"] for each in arrays if each["columns"] and not _is_vector(each)]
-    has_forces = any(grammar.looks_like_a_force(name.replace("_", " ")) for name in of_rows)
+    has_forces = any(map(_may_be_force, of_rows))
     repeated = []
     for each in arrays:
         changes: dict[str, Any] = {}
@@ -123,6 +123,12 @@ def _repeat_forces(arrays: Sequence[Any]) -> list[Any]:
             changes = {"columns": cells, "is_repeated": True} if is_force else {"columns": None}
         repeated.append({**each, **changes})
     return repeated
+
+
+def _may_be_force(name: str) -> bool:
+    """Return whether a name, or a word of the name, is that of a force."""
+    words = name.replace("_", " ")
+    return grammar.looks_like_a_force(words) or any(map(grammar.is_force, words.split()))
 
 
 def _is_vector(array: Any) -> bool:  # noqa: ANN401 - an array as the other process writes it

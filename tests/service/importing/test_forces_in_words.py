@@ -145,6 +145,16 @@ def test_a_force_without_an_axis_is_no_weight_if_the_targets_move_aside(tmp_path
     assert "the force of each observation" in answer.missing[0]
 
 
+@pytest.mark.parametrize("tilt", [15.0, 22.0, 45.0])
+def test_a_force_without_an_axis_is_no_weight_if_the_targets_move_aside_by_turns(tilt, tmp_path):
+    tilt, turns = np.radians(tilt), 2.0 * np.arange(len(UNLOADED))
+    down = np.full(len(UNLOADED), -np.cos(tilt))
+    moves = np.column_stack([np.sin(tilt) * np.cos(turns), np.sin(tilt) * np.sin(turns), down])
+    answer = accept(with_columns(["Kraft [N]"], ["981"], UNLOADED + 0.0005 * moves), tmp_path)
+    assert answer.measurement_set is None
+    assert "the force of each observation" in answer.missing[0]
+
+
 def test_a_stated_force_of_another_size_than_that_of_the_file_is_refused(tmp_path):
     files = with_columns(["Kraft [kN]"], ["0.981"])
     with pytest.raises(js.CampaignError, match="`force` is 500 N, but 'Kraft \\[kN\\]' has 981 N"):
@@ -257,11 +267,17 @@ def test_a_force_of_each_posture_is_a_matrix_of_its_name(write, tmp_path):
 
 
 @pytest.mark.process
-@pytest.mark.parametrize("name", ["forces", "force_N", "F_all"])
+@pytest.mark.parametrize("name", ["forces", "force_N"])
 @pytest.mark.parametrize("write", [write_npz, write_mat, write_matlab])
 def test_a_vector_is_not_the_force_of_all_postures_beside_a_force_of_each(write, name, tmp_path):
     files = write({**ARRAYS, "f": np.array([0.1, 0.2, -0.3]), name: np.tile(FORCE, (14, 1))})
     assert read_force(files, tmp_path, units={"force": "N"}) == pytest.approx([0.0, 0.0, -981.0])
+
+
+@pytest.mark.process
+def test_a_vector_is_no_force_beside_a_matrix_that_may_be_one(tmp_path):
+    files = write_npz({**ARRAYS, "f": np.array([0.1, 0.2, -0.3]), "F_all": np.tile(FORCE, (14, 1))})
+    assert accept(files, tmp_path, units={"force": "N"}).measurement_set is None
 
 
 @pytest.mark.process
