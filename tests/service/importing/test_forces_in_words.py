@@ -163,6 +163,27 @@ def test_a_stated_force_of_another_size_than_that_of_the_file_is_refused(tmp_pat
     assert aside == pytest.approx([0.0, -981.0, 0.0])
 
 
+@pytest.mark.parametrize("is_turned", [False, True])
+@pytest.mark.parametrize(
+    ("unloaded", "loaded"),
+    [
+        ("antes carga", "después carga"),
+        ("carga antes", "carga despues"),
+        ("prima carico", "dopo carico"),
+        ("Last weg", "Last"),
+        ("charge enlevée", "charge"),
+        ("carga retirada", "carga"),
+    ],
+)
+def test_words_of_time_and_removal_tell_the_states_in_each_order(unloaded, loaded, is_turned, tmp_path):
+    states = [(unloaded, UNLOADED), (loaded, LOADED)]
+    (first, before), (second, behind) = reversed(states) if is_turned else states
+    points = [f"{word} {axis} [mm]" for word in (first, second) for axis in "xyz"]
+    header = ["Pose", *(f"{joint} [deg]" for joint in JOINTS), *points]
+    files = {"a.csv": table(header, wide(CAMPAIGN, before, behind))}
+    assert read_force(files, tmp_path, force=[0, 0, -981], units={"force": "N"}) == [0.0, 0.0, -981.0]
+
+
 AXES = {"+X": [1, 0, 0], "-X": [-1, 0, 0], "+Y": [0, 1, 0], "−Y": [0, -1, 0], "-Z": [0, 0, -1]}
 
 
