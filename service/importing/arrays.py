@@ -105,20 +105,30 @@ def build_grids_of_matrices(file: str, encoding: str, matrices: Sequence[Matrix]
 def _repeat_forces(arrays: Sequence[Any]) -> list[Any]:
     """Return arrays in which a force that a vector of three numbers states once is that of all rows.
 
-    Other vectors of three numbers are no columns, unless they have as many rows as most other arrays.
+    Other vectors of three numbers are no columns, unless they have as many rows as most other arrays; nor is
+    a force, if another array may be the force of each row.
     """
     counts = Counter(len(cells) for each in arrays if not _is_vector(each) for cells in each["columns"] or ())
     count = max(counts, key=lambda rows: (counts[rows], rows), default=0)
     if count in (0, len(_AXES)):
         return list(arrays)
+    of_rows = [each["name"] for each in arrays if each["columns"] and not _is_vector(each)]
+    has_forces = any(map(_may_be_force, of_rows))
     repeated = []
     for each in arrays:
-        columns = each["columns"]
+        changes: dict[str, Any] = {}
         if _is_vector(each):
-            is_force = grammar.is_force(each["name"])
-            columns = [[cell] * count for cell in columns[0]] if is_force else None
-        repeated.append({**each, "columns": columns})
+            is_force = grammar.is_force(each["name"]) and not has_forces
+            cells = [[cell] * count for cell in each["columns"][0]]
+            changes = {"columns": cells, "is_repeated": True} if is_force else {"columns": None}
+        repeated.append({**each, **changes})
     return repeated
+
+
+def _may_be_force(name: str) -> bool:
+    """Return whether a name, or a word of the name, is that of a force."""
+    words = name.replace("_", " ")
+    return grammar.looks_like_a_force(words) or any(map(grammar.is_force, words.split()))
 
 
 def _is_vector(array: Any) -> bool:  # noqa: ANN401 - an array as the other process writes it
@@ -210,6 +220,9 @@ def _build_grid(file: str, kind: TableFormat, table: str, arrays: Sequence[Any])
     if not rows:
         raise grid.no_rows_error(file)
     notes = [f"variables that are no tables were skipped: {quote(', '.join(skipped))}"] if skipped else []
+    notes += [
+        f"{quote(array['name'])} as the force of all rows" for array in arrays if array.get("is_repeated")
+    ]
     preview = FilePreview(file=file, format=kind, sheet=table or None, assumptions=notes)
     return Grid(preview, (header, *rows))
 

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
+from unicodedata import east_asian_width
 
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.grammar import WORDS_OF_ENCODINGS
@@ -48,7 +49,8 @@ def decode(file: str, content: bytes) -> tuple[str, str]:
     known, else Latin-1, unless most bytes beyond ASCII are letters in UTF-8: then the file is damaged UTF-8.
 
     Raises:
-        ImportFileError: the text is damaged, or contains control characters.
+        ImportFileError: the text is damaged, contains control characters, or has a row of a table of Markdown
+            with too few cells.
     """
     remedy = "save the file as text in UTF-8"
     mark, encoding = next((entry for entry in _BYTE_ORDERS if content.startswith(entry[0])), (b"", ""))
@@ -69,7 +71,7 @@ def decode(file: str, content: bytes) -> tuple[str, str]:
     if control := _CONTROL.search(text):
         reason = f"the file contains the control character {control.group()!a}, so it is not plain text"
         raise ImportFileError(Place(file, 1 + text.count("\n", 0, control.start())), reason, remedy)
-    return write_tables_plainly(text), encoding or "utf-8"
+    return write_tables_plainly(file, text), encoding or "utf-8"
 
 
 def describe_encoding(encoding: str | None) -> list[str]:
@@ -94,23 +96,29 @@ def _find_utf16(content: bytes) -> str:
 def _find_encoding(content: bytes) -> str:
     """Return the encoding in which most words of headers are known; empty without words, or for equally many.
 
-    No byte of a letter in these encodings is a line break.
+    One short word may be there by chance, so that it shows no encoding. No byte of a letter in these
+    encodings is a line break.
     """
     first = content[:_FIRST_BYTES].rpartition(b"\n")[0] if len(content) > _FIRST_BYTES else content
-    counts = {name: _count_words(first, name, words) for name, words in WORDS_OF_ENCODINGS.items()}
-    most = max(counts.values())
-    found = [name for name, count in counts.items() if count == most]
-    if most == 0 or len(found) > 1:
-        return ""
-    return found[0] if _can_be_decoded(content, found[0]) else ""
+    known = {name: _find_words(first, name, words) for name, words in WORDS_OF_ENCODINGS.items()}
+    most = max(map(len, known.values()))
+    found = [name for name, words in known.items() if len(words) == most]
+    is_clear = len(found) == 1 and (most > 1 or any(map(_is_long, known[found[0]])))
+    return found[0] if is_clear and _can_be_decoded(content, found[0]) else ""
 
 
-def _count_words(content: bytes, encoding: str, words: Sequence[str]) -> int:
-    """Return how many of some words a text in an encoding has; 0 for a text that is not in it."""
+def _find_words(content: bytes, encoding: str, words: Sequence[str]) -> set[str]:
+    """Return which of some words a text in an encoding has; none for a text that is not in it."""
     if not _can_be_decoded(content, encoding):
-        return 0
+        return set()
     text = content.decode(encoding).casefold()
-    return sum(word in text for word in words)
+    return {word for word in words if word in text}
+
+
+def _is_long(word: str) -> bool:
+    """Return whether a word is hardly there by chance: it has four letters, or two of East Asia."""
+    is_east_asian = all(east_asian_width(letter) in "WF" for letter in word)
+    return len(word) >= (2 if is_east_asian else 4)
 
 
 def _can_be_decoded(content: bytes, encoding: str) -> bool:

@@ -27,7 +27,7 @@ from jointstiff.service.importing.grid import CellKind, Grid, Remark, Row, write
 from jointstiff.service.importing.sheets import build_sheet_error
 
 MAX_SHEET_CELLS: Final = 500_000
-"""Cells of a sheet, which take longer to read than those of a text."""
+"""Cells of all sheets that are read, which take longer to read than those of a text."""
 MAX_XML_TAGS: Final = 2_500_000
 """Tags in the parts of an Excel file that are read: four for each number, six for each text, and rows."""
 _MAX_PARTS: Final = 1_000
@@ -102,13 +102,14 @@ def read_workbook(file: str, content: bytes, stated: str | None) -> list[Grid]:
     texts = [_join_text(archive, text)[:max_length] for text in elements]
     kinds = _find_number_kinds(archive, style_part)
     sheets = {name: _Sheet(archive, part, texts, kinds) for name, part in sheet_parts.items()}
-    filled = [name for name, sheet in sheets.items() if next(sheet.rows(), None)]
-    for name in split_sheets(stated):
-        if name is not None and name not in sheets:
+    names = [name for name in split_sheets(stated) if name is not None]
+    for name in names:
+        if name not in sheets:
             reason = f"the workbook has no sheet {quote(name)}"
             remedy = f"give one of {quote(', '.join(sheets))} as `sheet`"
             raise ImportFileError(Place(file), reason, remedy, "sheet", tuple(sheets))
-    names = [name for name in split_sheets(stated) if name is not None] or filled or list(sheets)[:1]
+    if not names:
+        names = [name for name, sheet in sheets.items() if next(sheet.rows(), None)] or list(sheets)[:1]
     try:
         return [_build_grid(file, name, sheets[name]) for name in names]
     except ImportFileError as fault:
@@ -288,6 +289,7 @@ class _Sheet:
 
     def rows(self) -> Iterator[Row]:
         """Yield the rows that are not empty, each up to its last cell with a text."""
+        self._archive.cells -= self._count
         self._line = self._column = self._count = self._hidden = self._formulas = 0
         filled_count = 0
         for element in self._archive.elements(self._part, "row", "col"):
@@ -331,11 +333,13 @@ class _Sheet:
                 raise self._workbook_error(f"cell {quote(address)} is out of order in the sheet")
             column = stated_column
         self._count += column - self._column
+        self._archive.cells += column - self._column
         self._column = column
-        if column > limits.MAX_COLUMNS or self._count > MAX_SHEET_CELLS:
-            raise self._workbook_error(
-                f"the sheet has more than {limits.MAX_COLUMNS} columns or {MAX_SHEET_CELLS} cells"
+        if column > limits.MAX_COLUMNS or self._archive.cells > MAX_SHEET_CELLS:
+            reason = (
+                f"a sheet has more than {limits.MAX_COLUMNS} columns, or the sheets {MAX_SHEET_CELLS} cells"
             )
+            raise self._workbook_error(reason)
 
     def _read_cell(self, cell: Element) -> tuple[str, CellKind]:
         """Return the text and the kind of a cell; the kind is `formula` if no value is stored with it."""
@@ -383,7 +387,11 @@ class _Sheet:
 
 
 class Archive:
-    """Archive of an Excel file: named parts, read within limits that hold for all parts together."""
+    """Archive of an Excel file: named parts, read within limits that hold for all parts together.
+
+    Attributes:
+        cells: number of cells that were read in all sheets.
+    """
 
     def __init__(self, file: str, content: bytes) -> None:
         """Open an archive; refuse a file that is damaged, encrypted or too large when it is unpacked.
@@ -392,7 +400,7 @@ class Archive:
             ImportFileError: the archive is refused.
         """
         self._file = file
-        self._tags = 0
+        self._tags = self.cells = 0
         try:
             self._zip = zipfile.ZipFile(io.BytesIO(content))
         except _ZIP_FAULTS as error:

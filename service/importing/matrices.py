@@ -12,6 +12,10 @@ from jointstiff.service.importing.grid import MAX_NUMBER_LENGTH
 
 _BRACKETS: Final = re.compile(r"\[([^\[\]]*)\]")
 _NAME: Final = re.compile(r"([A-Za-z]\w{0,62})[ \t]*=[ \t]*$", re.ASCII)
+_ASSIGNED: Final = re.compile(
+    r"(?<![\w.])([A-Za-z]\w{0,62})(?:\([^()\n]{0,40}\))?[ \t]*=[ \t]*(?![=\[ \t])", re.ASCII
+)
+"""Assignment of something else than brackets to a name, or to a part of what has the name."""
 _LONGEST_NAME: Final = 80
 _COMMENT: Final = re.compile(r"%[^\n]*")
 _CONTINUED: Final = re.compile(r"\.\.\.[ \t]*\r?\n")
@@ -63,9 +67,9 @@ def find_matrices(file: str, text: str) -> list[Matrix]:
             raise _refuse_computed(file, name)
         found.pop(name, None)
         found[name] = Matrix(name, rows)
-    for name in found:
-        if _is_changed_later(name, text):
-            raise _refuse_computed(file, name)
+    for assigned in _ASSIGNED.finditer(text):
+        if assigned[1] in found:
+            raise _refuse_computed(file, assigned[1])
     return list(found.values()) if any(_is_matrix(each.rows) for each in found.values()) else []
 
 
@@ -85,13 +89,6 @@ def _generate_lines_without_blocks(text: str) -> Iterator[str]:
             depth = max(depth - 1, 0)
         elif depth == 0:
             yield line
-
-
-def _is_changed_later(name: str, text: str) -> bool:
-    """Return whether a text assigns to a matrix, or to a part of it, something else than brackets."""
-    part = r"(?:\([^()\n]{0,40}\))?"
-    assigned = rf"(?<![\w.]){re.escape(name)}{part}[ \t]*=[ \t]*(?![=\[ \t])"
-    return re.search(assigned, text, re.ASCII) is not None
 
 
 def _refuse_computed(file: str, name: str) -> ImportFileError:

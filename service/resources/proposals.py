@@ -93,7 +93,11 @@ _LEAST_ALONG: Final = 0.75
 _SAME_FORCE: Final = 0.02
 """Largest difference of a stated force from the size in a file, as a part of the stated force."""
 _LEAST_DOWN: Final = 0.9
-"""Least fraction of the positions that are lower under load, if a force without an axis is a weight."""
+"""Least fraction of the positions that move within `_MOST_ASIDE`, if a force without an axis is a weight."""
+_MOST_ASIDE: Final = np.radians(30.0)
+"""Largest angle of these moves to −z of R0 [rad]."""
+_MEDIAN_ASIDE: Final = np.radians(10.0)
+"""Largest median of the angles of all moves to −z of R0 [rad], if a force without an axis is a weight."""
 _CLEARLY_FARTHER: Final = 2.0
 """Ratio of the distances to positions without and under load from which a reading is one under load."""
 _LARGEST_REMAINDER: Final = 0.25
@@ -943,7 +947,7 @@ def _refuse_other_size(joints: NumberTable, column: int, request: ImportRequest)
 
 
 def _move_down(named: Sequence[NamedReading]) -> bool:
-    """Return whether targets move along −z of R0 under load, and clearly less along x and y."""
+    """Return whether targets move along −z of R0 under load, in most positions hardly along x and y."""
     unloaded = {each.target: each.reading.positions for each in named if each.state == "unloaded"}
     shifts = [
         each.reading.positions - unloaded[each.target]
@@ -952,10 +956,13 @@ def _move_down(named: Sequence[NamedReading]) -> bool:
     ]
     if not shifts:
         return False
-    x, y, z = np.array(shifts).reshape(-1, 3).T
-    are_down = np.mean(z[np.isfinite(z)] < 0.0) >= _LEAST_DOWN
-    aside = max(abs(np.nansum(x)), abs(np.nansum(y)))
-    return bool(are_down and -np.nansum(z) > _CLEARLY_FARTHER * aside)
+    moved = np.array(shifts).reshape(-1, 3)
+    x, y, z = moved[np.isfinite(moved).all(axis=1)].T
+    if len(z) == 0:
+        return False
+    angles = np.arctan2(np.hypot(x, y), -z)
+    is_most_down = np.mean(angles <= _MOST_ASIDE) >= _LEAST_DOWN
+    return bool(is_most_down and np.median(angles) <= _MEDIAN_ASIDE)
 
 
 def _refuse_states_against_force(

@@ -26,6 +26,12 @@ def test_the_encoding_is_the_one_whose_words_are_known(encoding):
     assert decode("a.csv", text.encode(encoding)) == (text, encoding)
 
 
+@pytest.mark.parametrize("header", ["ÏÓØ", "«ìì»", "X (ìì)"])
+def test_one_short_word_is_there_by_chance(header):
+    text = f"name;{header} unloaded x [mm];{header} loaded x [mm]\n1;2;3\n"
+    assert decode("a.csv", text.encode("latin-1")) == (text, "latin-1")
+
+
 @pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])
 def test_utf_16_without_a_mark_is_read_behind_letters_of_other_scripts(encoding):
     text = "姿勢番号,関節1\n1,-12.5\n2,-13.5\n"

@@ -145,12 +145,43 @@ def test_a_force_without_an_axis_is_no_weight_if_the_targets_move_aside(tmp_path
     assert "the force of each observation" in answer.missing[0]
 
 
+@pytest.mark.parametrize("tilt", [15.0, 22.0, 45.0])
+def test_a_force_without_an_axis_is_no_weight_if_the_targets_move_aside_by_turns(tilt, tmp_path):
+    tilt, turns = np.radians(tilt), 2.0 * np.arange(len(UNLOADED))
+    down = np.full(len(UNLOADED), -np.cos(tilt))
+    moves = np.column_stack([np.sin(tilt) * np.cos(turns), np.sin(tilt) * np.sin(turns), down])
+    answer = accept(with_columns(["Kraft [N]"], ["981"], UNLOADED + 0.0005 * moves), tmp_path)
+    assert answer.measurement_set is None
+    assert "the force of each observation" in answer.missing[0]
+
+
 def test_a_stated_force_of_another_size_than_that_of_the_file_is_refused(tmp_path):
     files = with_columns(["Kraft [kN]"], ["0.981"])
     with pytest.raises(js.CampaignError, match="`force` is 500 N, but 'Kraft \\[kN\\]' has 981 N"):
         propose(files, tmp_path, force=[0, 0, -500], units={"force": "N"})
     aside = read_force(files, tmp_path, force=[0, -981, 0], units={"force": "N"})
     assert aside == pytest.approx([0.0, -981.0, 0.0])
+
+
+@pytest.mark.parametrize("is_turned", [False, True])
+@pytest.mark.parametrize(
+    ("unloaded", "loaded"),
+    [
+        ("antes carga", "después carga"),
+        ("carga antes", "carga despues"),
+        ("prima carico", "dopo carico"),
+        ("Last weg", "Last"),
+        ("charge enlevée", "charge"),
+        ("carga retirada", "carga"),
+    ],
+)
+def test_words_of_time_and_removal_tell_the_states_in_each_order(unloaded, loaded, is_turned, tmp_path):
+    states = [(unloaded, UNLOADED), (loaded, LOADED)]
+    (first, before), (second, behind) = reversed(states) if is_turned else states
+    points = [f"{word} {axis} [mm]" for word in (first, second) for axis in "xyz"]
+    header = ["Pose", *(f"{joint} [deg]" for joint in JOINTS), *points]
+    files = {"a.csv": table(header, wide(CAMPAIGN, before, behind))}
+    assert read_force(files, tmp_path, force=[0, 0, -981], units={"force": "N"}) == [0.0, 0.0, -981.0]
 
 
 AXES = {"+X": [1, 0, 0], "-X": [-1, 0, 0], "+Y": [0, 1, 0], "−Y": [0, -1, 0], "-Z": [0, 0, -1]}
@@ -254,6 +285,27 @@ def test_a_force_that_a_file_states_once_is_that_of_all_postures(write, name, un
 def test_a_force_of_each_posture_is_a_matrix_of_its_name(write, tmp_path):
     files = write({**ARRAYS, "F_N": np.tile(FORCE, (14, 1))})
     assert read_force(files, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("name", ["forces", "force_N"])
+@pytest.mark.parametrize("write", [write_npz, write_mat, write_matlab])
+def test_a_vector_is_not_the_force_of_all_postures_beside_a_force_of_each(write, name, tmp_path):
+    files = write({**ARRAYS, "f": np.array([0.1, 0.2, -0.3]), name: np.tile(FORCE, (14, 1))})
+    assert read_force(files, tmp_path, units={"force": "N"}) == pytest.approx([0.0, 0.0, -981.0])
+
+
+@pytest.mark.process
+def test_a_vector_is_no_force_beside_a_matrix_that_may_be_one(tmp_path):
+    files = write_npz({**ARRAYS, "f": np.array([0.1, 0.2, -0.3]), "F_all": np.tile(FORCE, (14, 1))})
+    assert accept(files, tmp_path, units={"force": "N"}).measurement_set is None
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("write", [write_npz, write_mat, write_matlab])
+def test_the_force_of_all_postures_is_named(write, tmp_path):
+    answer = accept(write({**ARRAYS, "F_N": FORCE}), tmp_path)
+    assert "'F_N' as the force of all rows" in answer.files[0].assumptions
 
 
 @pytest.mark.process

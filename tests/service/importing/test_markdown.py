@@ -6,6 +6,7 @@ import pytest
 from support.strange_files import JOINTS, both, in_turn, judge, simulate
 
 import jointstiff as js
+from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.markdown import write_tables_plainly
 
 ARM = "KUKA KR 210 R2700 extra"
@@ -37,16 +38,27 @@ def test_a_lab_book_is_read(tmp_path):
     [
         ("words\n\n| a | b |\n|:-:|---|\n| 1 | x\\|y |\n", "# words\n\na\tb\n\n1\tx|y\n"),
         ("| a | b |\r\n| --- | --- |\r\n|  | 2 |", "a\tb\r\n\r\n\t2"),
+        ("|a|b|\n|-|-|\n1 | 2\n3|4|\n|5|6\n> | 7 | 8 |\n", "a\tb\n\n1\t2\n3\t4\n5\t6\n7\t8\n"),
+        ("> |a|b|\n> |-|-|\n> |1|2|\n> words\n", "a\tb\n\n1\t2\n# words\n"),
+        ("5 | 6\n|a|b|\n|-|-|\n|1|2|\nno | number | here\n", "# 5 | 6\na\tb\n\n1\t2\n# no | number | here\n"),
         ("| a | b |\n| 1 | 2 |\n", None),
         ("a;b\n|---|\n1;2\n", None),
     ],
 )
 def test_lines_keep_their_numbers_and_other_texts_are_unchanged(text, plain):
-    assert write_tables_plainly(text) == (text if plain is None else plain)
+    assert write_tables_plainly("a.md", text) == (text if plain is None else plain)
 
 
-@pytest.mark.parametrize("line", ["|" + "-" * 1_000_000 + "x", "|" * 1_000_000, "|" + "- " * 500_000 + "x"])
+@pytest.mark.parametrize("line", ["1 | 2", "> 1 | 2 |", "1 | 2 | 3 | 4", "- | 1 | 2 | 3"])
+def test_numbers_between_upright_lines_are_no_comment(line):
+    with pytest.raises(ImportFileError, match=r"line 4: .* not the 3 cells of the table above"):
+        write_tables_plainly("a.md", f"|a|b|c|\n|-|-|-|\n|1|2|3|\n{line}\n")
+
+
+@pytest.mark.parametrize(
+    "line", ["|" + "-" * 1_000_000 + "x", "|" * 1_000_000, ">" * 1_000_000, "|" + "- " * 500_000 + "x"]
+)
 def test_a_long_line_is_read_in_linear_time(line):
     start = time.perf_counter()
-    write_tables_plainly(f"| a | b |\n|---|---|\n{line}\n")
+    write_tables_plainly("a.md", f"| a | b |\n|---|---|\n{line}\n")
     assert time.perf_counter() - start < 5.0

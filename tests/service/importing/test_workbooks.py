@@ -73,6 +73,33 @@ def test_the_sheet_is_stated_where_several_have_data():
     assert numbers_of(answered(file, sheet="Sheet")) == CAMPAIGN_NUMBERS
 
 
+def test_the_cells_of_all_sheets_are_limited_together(monkeypatch):
+    """Each of several sheets was once read in full before the question which one to read."""
+    monkeypatch.setattr("jointstiff.service.importing.excel.MAX_SHEET_CELLS", 300)
+
+    def repeated(book, sheet):
+        for number in range(10):
+            more = book.create_sheet(f"again {number}")
+            for row in sheet.iter_rows(values_only=True):
+                more.append(row)
+
+    read_parts = []
+    elements = Archive.elements
+
+    def noted(archive, name, *wanted):
+        for element in elements(archive, name, *wanted):
+            read_parts.append((name, element))
+            yield element
+
+    monkeypatch.setattr(Archive, "elements", noted)
+    file = "a.xlsx", workbook(change=repeated)
+    (refusal,) = refusals(file)
+    assert "several sheets have data" in refusal
+    rows = sum("worksheets" in name for name, _ in read_parts)
+    assert rows < 11 * 3
+    assert numbers_of(answered(file, sheet="Sheet")) == CAMPAIGN_NUMBERS
+
+
 def test_sheets_without_a_table_are_named_and_not_read():
     def noted(book, sheet):
         sheet.title = "data"
