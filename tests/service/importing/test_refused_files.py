@@ -75,42 +75,6 @@ def test_a_label_is_a_name_that_can_be_printed(label):
     assert answered(("a.csv", CAMPAIGN.replace("c02;", "c" * 200 + ";"))).first_labels[1] == "c" * 200
 
 
-MISSPELT = "\n".join(
-    f"c{n:02d}_{'P1O' if (n, target) == (4, 'P10') else target}_{state};{n};{k};{100 * n + k}"
-    for n in range(1, 7)
-    for k, target in enumerate(("P10", "P11"))
-    for state in ("unloaded", "loaded")
-)
-
-
-@pytest.mark.parametrize(
-    ("given", "line", "lacked", "name", "meant"),
-    [
-        (
-            MISSPELT.replace("P1O_unloaded", "P10_unloaded"),
-            14,
-            "P10 loaded",
-            "c04_P1O_loaded",
-            "c04_P10_loaded",
-        ),
-        (MISSPELT, 13, "P10 unloaded", "c04_P1O_unloaded", "c04_P10_unloaded"),
-    ],
-    ids=["in one row", "in both states"],
-)
-def test_a_misspelt_target_is_named_at_its_line_with_the_name_that_is_meant(given, line, lacked, name, meant):
-    said = refusals(("p.txt", given.encode()), units=MM)[0]
-    assert said.startswith(f"p.txt:{line}: only 'c04' has a row of {lacked.replace('P10', 'P1O')}")
-    assert f"'c04' has no row of {lacked}, which most observations have" in said
-    assert f"if 'P10' was read, rename '{name}' to '{meant}'" in said
-    assert "c01" not in said
-
-
-def test_a_row_that_few_observations_have_is_named_instead_of_the_others():
-    extra = MISSPELT.replace("P1O", "P10") + "\nc06_P13_loaded;6;5;700"
-    said = refusals(("p.txt", extra.encode()), units=MM)[0]
-    assert said.startswith("p.txt:25: only 'c06' has a row of P13 loaded; correct the name of this row")
-
-
 @pytest.mark.parametrize(
     ("content", "said"),
     [
