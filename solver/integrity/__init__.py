@@ -35,6 +35,7 @@ from jointstiff.solver.integrity.one_state import (
 )
 from jointstiff.solver.integrity.order import inspect_loaded
 from jointstiff.solver.integrity.rounded_angles import inspect_rounded_angles
+from jointstiff.solver.integrity.shifted_target import find_shifted_targets
 from jointstiff.solver.integrity.values import (
     InstrumentFrame,
     View,
@@ -114,6 +115,7 @@ def inspect_measurements(
     findings = [*missed, *copied, *inspect_values(posted), *inspect_equal_targets(posted)]
     mistaken_state = find_mistaken_state(posted)
     mistakes_in_loaded = [mistaken_state] if mistaken_state else inspect_loaded(posted)
+    mistakes_in_loaded = mistakes_in_loaded or find_shifted_targets(posted)
     if mistakes_in_loaded:
         # These loaded readings are no positions of these postures: nothing can be compared with them.
         findings = [finding for finding in findings if finding.code != "deflection_implausibly_large"]
