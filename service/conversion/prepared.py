@@ -516,10 +516,17 @@ def check_set(
             flange_fields=flange_fields,
             header_units=header_units,
             frame=frame,
+            length_unit=document.units.length,
         )
     else:
         findings += inspect_unloaded(
-            robot, measurements, degrees=degrees, others=others, header_units=header_units, frame=frame
+            robot,
+            measurements,
+            degrees=degrees,
+            others=others,
+            header_units=header_units,
+            frame=frame,
+            length_unit=document.units.length,
         )
     content = compute_content_hash(document, readings, resolved)
     return PreparedSet(robot, robot_id, robot_hash, readings, measurements, findings, content)

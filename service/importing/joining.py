@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from functools import cached_property
 
 import numpy as np
@@ -312,14 +314,11 @@ def _order_by_labels(named: _NamedTable, labels: Sequence[str]) -> list[int] | N
         row_of_name.setdefault(name, row)
     if len(row_of_name) < len(named.names):
         return _order_repeated(named, labels)
-    order = []
-    for label in labels:
-        for key in named.keys:
-            name = key._replace(label=label)
-            if name not in row_of_name:
-                raise _build_gap_error(named, label, key)
-            order.append(row_of_name[name])
-    return order
+    names = [key._replace(label=label) for label in labels for key in named.keys]
+    gaps = [name for name in names if name not in row_of_name]
+    if gaps:
+        raise _build_gap_error(named, gaps, len(labels))
+    return [row_of_name[name] for name in names]
 
 
 def _order_repeated(named: _NamedTable, labels: Sequence[str]) -> list[int] | None:
@@ -413,13 +412,56 @@ def _build_repeat_error(named: _NamedTable, row: int, name: RowName) -> ImportFi
     )
 
 
-def _build_gap_error(named: _NamedTable, label: str, key: RowName) -> ImportFileError:
-    """Return the error that a posture lacks a row that others have."""
+def _build_gap_error(named: _NamedTable, gaps: Sequence[RowName], count: int) -> ImportFileError:
+    """Return the error that postures lack rows that others have, or have a row that most postures lack.
+
+    Args:
+        named: table with the names of its rows.
+        gaps: names of the rows that are missing.
+        count: number of the postures.
+    """
+    gaps_of_key = Counter(gap._replace(label=None) for gap in gaps)
+    rare, lacking = gaps_of_key.most_common(1)[0]
+    if 2 * lacking > count:
+        return _build_rare_error(
+            named, rare, [gap for gap in gaps if 2 * gaps_of_key[gap._replace(label=None)] < count]
+        )
+    gap = gaps[0]
     return ImportFileError(
         Place(named.table.grid.file),
-        f"{quote(label)} has no row{_describe_key(key)}, but other observations have one",
+        f"{quote(gap.label or '')} has no row{_describe_key(gap)}, but other observations have one",
         "add the row, or remove the other rows of this observation",
     )
+
+
+def _build_rare_error(named: _NamedTable, rare: RowName, usual_gaps: Sequence[RowName]) -> ImportFileError:
+    """Return the error that few postures have a row, whose target may be misspelt.
+
+    Args:
+        named: table with the names of its rows.
+        rare: names of the row, without a label.
+        usual_gaps: names of the missing rows that most postures have.
+    """
+    table = named.table
+    rows = [row for row, name in enumerate(named.names) if name._replace(label=None) == rare]
+    row, name = rows[0], named.names[rows[0]]
+    having = _list_names([named.names[each].label or "" for each in rows])
+    reason = f"only {having} {'has' if len(rows) == 1 else 'have'} a row{_describe_key(rare)}"
+    remedy = "correct the name of this row, leave the row out, or add such a row to all observations"
+    meant = [gap.target for gap in usual_gaps if gap.target and gap._replace(target=rare.target) == name]
+    if rare.target and meant:
+        target = get_close_matches(rare.target, meant, n=1, cutoff=0.0)[0]
+        gap = name._replace(target=target)
+        reason += (
+            f", and {quote(name.label or '')} has no row{_describe_key(gap)}, which most observations have"
+        )
+        cell = next((cell for cell in table.rows[row].cells if rare.target in cell), rare.target)
+        renamed = cell.replace(rare.target, target)
+        remedy = (
+            f"if {quote(target)} was read, rename {quote(cell)} to {quote(renamed)}; else leave this row "
+            "out, and add the row that is missing"
+        )
+    return ImportFileError(table.grid.place(table.rows[row]), reason, remedy)
 
 
 def _describe_key(name: RowName) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -35,6 +35,7 @@ from jointstiff.solver.integrity.one_state import (
 )
 from jointstiff.solver.integrity.order import inspect_loaded
 from jointstiff.solver.integrity.rounded_angles import inspect_rounded_angles
+from jointstiff.solver.integrity.shifted_target import find_shifted_targets
 from jointstiff.solver.integrity.values import (
     InstrumentFrame,
     View,
@@ -84,6 +85,7 @@ def inspect_measurements(
     flange_fields: Sequence[str] = (),
     header_units: Collection[str] = (),
     frame: InstrumentFrame | None = None,
+    length_unit: Literal["m", "mm"] = "mm",
 ) -> list[Finding]:
     """Return findings on the usual mistakes of a day of measurements.
 
@@ -100,11 +102,12 @@ def inspect_measurements(
         flange_fields: fields that a remedy names if lengths in the flange frame seem to have another unit.
         header_units: quantities, such as length, whose units the headers of files state.
         frame: frame in which positions were read; None if they were given in R0.
+        length_unit: unit of the lengths as posted, for remedies.
 
     Returns:
         The findings, at most `MAX_FINDINGS_PER_CODE` of each kind.
     """
-    given = View(robot, measurements, degrees, flange_fields, header_units, frame)
+    given = View(robot, measurements, degrees, flange_fields, header_units, frame, length_unit)
     missed, read = leave_out_zeros(given)
     if not read.measurements.present.any():
         return missed
@@ -112,6 +115,7 @@ def inspect_measurements(
     findings = [*missed, *copied, *inspect_values(posted), *inspect_equal_targets(posted)]
     mistaken_state = find_mistaken_state(posted)
     mistakes_in_loaded = [mistaken_state] if mistaken_state else inspect_loaded(posted)
+    mistakes_in_loaded = mistakes_in_loaded or find_shifted_targets(posted)
     if mistakes_in_loaded:
         # These loaded readings are no positions of these postures: nothing can be compared with them.
         findings = [finding for finding in findings if finding.code != "deflection_implausibly_large"]
@@ -147,6 +151,7 @@ def inspect_unloaded(
     others: Iterable[KnownRobot] = (),
     header_units: Collection[str] = (),
     frame: InstrumentFrame | None = None,
+    length_unit: Literal["m", "mm"] = "mm",
 ) -> list[Finding]:
     """Return findings on the positions without load of a set in which some were not read under load.
 
@@ -160,11 +165,12 @@ def inspect_unloaded(
         others: robots that may have been measured instead.
         header_units: quantities, such as length, whose units the headers of files state.
         frame: frame in which positions were read; None if they were given in R0.
+        length_unit: unit of the lengths as posted, for remedies.
     """
     unloaded_only = measurements.unloaded_only
     was_read = measurements.present if unloaded_only is None else measurements.present | unloaded_only
     read = replace(measurements, present=was_read)
-    given = View(robot, read, degrees, header_units=header_units, frame=frame)
+    given = View(robot, read, degrees, header_units=header_units, frame=frame, length_unit=length_unit)
     findings, view = leave_out_zeros(given)
     if not view.measurements.present.any():
         return findings

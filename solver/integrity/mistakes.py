@@ -19,7 +19,13 @@ from scipy.optimize import minimize_scalar
 
 from jointstiff.schemas.finding import AdvisedAction, Finding, FindingCode, Unit
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.integrity.values import OTHER_UNITS, View, median, transform_to_flange
+from jointstiff.solver.integrity.values import (
+    OTHER_UNITS,
+    InstrumentFrame,
+    View,
+    median,
+    transform_to_flange,
+)
 from jointstiff.solver.meaning.decision import (
     LARGEST_PART,
     LARGEST_RESIDUAL,
@@ -62,6 +68,8 @@ _MOST_TARGETS: Final = 4
 """Targets that suffice to find a frame: those that were read most often."""
 _SAME_AXES: Final = 0.03
 """Largest difference of a rotation from exchanged axes [rad]."""
+_SIZES_OF_LENGTHS: Final = {"m": (1.0, 4), "mm": (1e-3, 1)}
+"""Unit of a set's lengths → its size [m], and decimals that show a tenth of a millimetre."""
 _LEAST_TURN: Final = 0.1
 """Least change of the flange's orientation [rad] that shows where the origin of a frame is."""
 _SCALE_BY_RESIDUAL: Final = 3.0
@@ -307,7 +315,7 @@ def report_trial(view: View, trial: Trial, agreeing: BoolArray, rows: IndexArray
         action = _advise_joint_map(view.robot, hypothesis.correction)
         # An arm in a plane and its mirror image have the same places: both causes are stated.
         found = _fit_frame_of(view, rows)
-        axes = None if found is None else _name_axes(found)
+        axes = None if found is None else _name_axes(view, found)
         if axes is not None:
             effect += f"; x, y, z given as {axes} explain the readings as well"
     return view.build_finding(hypothesis.code, effect, hypothesis.remedy, "do_not_use", action)
@@ -557,8 +565,7 @@ def find_frame_mistake(view: View, rows: IndexArray) -> Finding | None:
     if found is None:
         return None
     fit = found.fit
-    axes = _name_axes(found)
-    rotation, origin = fit.frame.rotation, found.shown_origin
+    axes = _name_axes(view, found)
     within = f"within {length_text(fit.typical)} in the median of {len(fit.distances)} observations"
     if axes is not None:
         message = (
@@ -569,25 +576,56 @@ def find_frame_mistake(view: View, rows: IndexArray) -> Finding | None:
         return view.build_finding(code, message, remedy, "do_not_use")
     if fit.frame.is_mirrored:
         return _report_left_handed_frame(view, rows, within)
-    turn = float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0))))
-    distance = float(np.linalg.norm(origin))
+    return _report_frame(view, found, within)
+
+
+def _report_frame(view: View, found: _FrameFit, within: str) -> Finding | None:
+    """Build the finding that positions are in another frame, with the frame to state; None if R0 fits.
+
+    Args:
+        view: measurement set.
+        found: frame of the positions.
+        within: distance of the targets from their places, in words.
+    """
+    fitted = InstrumentFrame(found.fit.frame.rotation, found.shown_origin)
+    cosine_of_turn = 0.5 * (np.trace(fitted.rotation) - 1.0)
+    turn = float(np.degrees(np.arccos(np.clip(cosine_of_turn, -1.0, 1.0))))
+    distance = float(np.linalg.norm(fitted.translation))
     if turn < 1.0 and distance < LARGEST_MODEL_ERROR:
         return None
-    message = (
-        f"the positions are not in R0: the targets keep their places on the flange, {within}, if the "
-        f"positions are in a frame that is turned by {turn:.3g}° against R0"
-    )
-    axes_rows = ", ".join(f"[{', '.join(f'{each:.5f}' for each in row)}]" for row in rotation)
+    message = f"the positions are not in R0: the targets keep their places on the flange, {within}, if the "
+    if view.frame is None:
+        message += f"positions are in a frame that is turned by {turn:.3g}° against R0"
+    else:
+        message += f"frame of the readings is turned by {turn:.3g}° against the stated `frame`"
+    fitted = fitted.after(view.frame)
+    stated = "state the `frame` of the readings"
+    if found.shows_origin:
+        of_other = "R0" if view.frame is None else "the stated frame"
+        message += f", and whose origin is {length_text(distance)} from that of {of_other}"
+        inverse = None if view.frame is None else view.frame.inverse
+        if inverse is not None and _are_alike_frames(fitted, inverse):
+            fitted = inverse
+            message = (
+                "the stated `frame` is the inverse: it leads from R0 to the frame of the readings; with its "
+                f"inverse, the targets keep their places on the flange, {within}"
+            )
+            stated = "state the `frame` from the readings to R0"
+    axes_rows = ", ".join(f"[{', '.join(f'{each:.5f}' for each in row)}]" for row in fitted.rotation)
     fitting = f"`rotation` [{axes_rows}] fits, and these orientations of the flange do not show `translation`"
     if found.shows_origin:
-        message += f", and whose origin is {length_text(distance)} from that of R0"
-        place = ", ".join(f"{1e3 * each:.1f}" for each in origin)
-        fitting = f"`rotation` [{axes_rows}] and `translation` [{place}] mm fit"
-    remedy = (
-        f"state the `frame` of the readings: {fitting}, or identify the frame by `geometry`; "
-        f"{PAST_DO_NOT_USE}"
-    )
+        size, digits = _SIZES_OF_LENGTHS[view.length_unit]
+        place = ", ".join(f"{each / size:.{digits}f}" for each in fitted.translation)
+        fitting = f"`rotation` [{axes_rows}] and `translation` [{place}] {view.length_unit} fit"
+    remedy = f"{stated}: {fitting}, or identify the frame by `geometry`; {PAST_DO_NOT_USE}"
     return view.build_finding("frame_mistaken", message, remedy, "do_not_use")
+
+
+def _are_alike_frames(first: InstrumentFrame, second: InstrumentFrame) -> bool:
+    """Return whether two frames differ by no more than the error of a fit."""
+    turn = float(np.abs(first.rotation - second.rotation).max())
+    distance = float(np.linalg.norm(first.translation - second.translation))
+    return turn <= _SAME_AXES and distance <= 2.0 * LARGEST_MODEL_ERROR
 
 
 def _report_left_handed_frame(view: View, rows: IndexArray, within: str) -> Finding:
@@ -721,8 +759,13 @@ def _fit_linear(rotation: FloatArray, place: FloatArray, points: FloatArray) -> 
     return min(fits, key=lambda fit: fit.residual, default=None)
 
 
-def _name_axes(found: _FrameFit) -> str | None:
-    """Return which coordinates are x, y and z of R0, such as `z, y, −x`; None unless axes are exchanged."""
+def _name_axes(view: View, found: _FrameFit) -> str | None:
+    """Return which coordinates are x, y and z of R0, such as `z, y, −x`; None unless axes are exchanged.
+
+    None for readings in a stated frame, whose axes are not those of R0.
+    """
+    if view.frame is not None:
+        return None
     rotation = found.fit.frame.rotation
     nearest = np.round(rotation)
     is_exchange = np.abs(rotation - nearest).max() <= _SAME_AXES and not np.array_equal(nearest, np.eye(3))

@@ -96,7 +96,7 @@ def _find_other_unit(view: View, states: _States) -> Finding | None:
             if is_same[view.measured].mean() < EXPLAINED:
                 continue
             names = ("unloaded", "loaded") if greater_is_unloaded else ("loaded", "unloaded")
-            fits = [_keep_places(view, positions) for positions in (large, small)]
+            fits = [keep_places(view, positions) for positions in (large, small)]
             return _report_unit(view, names, (greater, smaller), ratio, fits)
     return None
 
@@ -144,7 +144,7 @@ def _find_exchanged_axes(view: View, states: _States, is_far: BoolArray) -> Find
             best, least, axes = share, typical, tried
     if not best:
         return None
-    unloaded_fits, loaded_fits = _keep_places(view, unloaded), _keep_places(view, loaded)
+    unloaded_fits, loaded_fits = keep_places(view, unloaded), keep_places(view, loaded)
     if unloaded_fits == loaded_fits:
         return None
     state = "loaded" if unloaded_fits else "unloaded"
@@ -195,7 +195,7 @@ def _list_axes() -> Iterator[FloatArray]:
                 yield axes
 
 
-def _keep_places(view: View, positions: FloatArray) -> bool:
+def keep_places(view: View, positions: FloatArray) -> bool:
     """Return whether targets (N, K, 3), as they were read, are at the same places on the flange in most rows.
 
     Targets that hardly move keep their places with an arm that hardly moves: they show nothing.

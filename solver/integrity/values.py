@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from scipy import special
@@ -82,6 +82,18 @@ class InstrumentFrame:
     rotation: FloatArray  #: R (3, 3)
     translation: FloatArray  #: t (3,) [m]
 
+    @property
+    def inverse(self) -> InstrumentFrame:
+        """The transform from R0 to the frame."""
+        return InstrumentFrame(self.rotation.T, -self.translation @ self.rotation)
+
+    def after(self, first: InstrumentFrame | None) -> InstrumentFrame:
+        """Return the transform that moves points by `first`, if any, and then by this transform."""
+        if first is None:
+            return self
+        translation = self.rotation @ first.translation + self.translation
+        return InstrumentFrame(self.rotation @ first.rotation, translation)
+
 
 @dataclass(frozen=True, eq=False)
 class View:
@@ -93,6 +105,7 @@ class View:
     flange_fields: Sequence[str] = ()  #: fields of lengths in the flange frame, to be named in remedies
     header_units: Collection[str] = ()  #: quantities, such as length, whose units the headers of files state
     frame: InstrumentFrame | None = None  #: frame of the readings; None if they were given in R0
+    length_unit: Literal["m", "mm"] = "mm"  #: unit of the lengths as posted
 
     def as_read(self, positions: FloatArray) -> FloatArray:
         """Return positions (..., 3) in R0 [m] in the frame in which they were read."""

@@ -408,3 +408,32 @@ def test_a_damaged_archive_is_refused_in_a_sentence():
     position = content.index(b"NUMPY") + 40
     damaged = content[:position] + b"\0" * 20 + content[position + 20 :]
     assert "damaged" in refusals(("a.npz", damaged))[0]
+
+
+# ---- misspelt names of points
+
+
+NAMED_POINTS = [
+    [f"{label}_{target}_{state}", *p]
+    for k, target in enumerate(("T10", "T11"))
+    for s, state in enumerate(("unloaded", "loaded"))
+    for label, *p in points(CAMPAIGN, s, target=k)
+]
+
+
+@pytest.mark.parametrize("states", [("loaded",), ("unloaded", "loaded")])
+def test_a_misspelt_target_is_named_at_its_line_with_the_name_that_is_meant(states, tmp_path):
+    misspelt = {f"P04_T10_{state}": f"P04_T1O_{state}" for state in states}
+    rows = [[misspelt.get(name, name), *p] for name, *p in NAMED_POINTS]
+    line = 1 + next(number for number, row in enumerate(rows, 1) if "T1O" in row[0])  # below the header
+    said = refuse({"axes.csv": joints(CAMPAIGN), "points.csv": table(["name", *"XYZ"], rows)}, tmp_path)
+    state = states[0]
+    assert f"'points.csv', line {line}: only 'P04' has a row of T1O {state}" in said
+    assert f"'P04' has no row of T10 {state}, which most observations have" in said
+    assert f"if 'T10' was read, rename 'P04_T1O_{state}' to 'P04_T10_{state}'" in said
+
+
+def test_a_row_that_few_observations_have_is_named_instead_of_the_others(tmp_path):
+    rows = [*NAMED_POINTS, ["P06_T13_loaded", *NAMED_POINTS[0][1:]]]
+    said = refuse({"axes.csv": joints(CAMPAIGN), "points.csv": table(["name", *"XYZ"], rows)}, tmp_path)
+    assert f"line {1 + len(rows)}: only 'P06' has a row of T13 loaded; remedy: correct the name" in said

@@ -1082,6 +1082,9 @@ def strangers() -> dict[str, Proposed]:
         MEASURED, ("0 kg", "50 kg", "100 kg"), strange.loads(MEASURED)))}  # fmt: skip
     against = table(["Pose", *strange.JOINTS, *(f"{w} {a}" for w in ("ba", "bb") for a in "XYZ")],
                     strange.wide(MEASURED, LOADED, UNLOADED))  # fmt: skip
+    named = ["Pose", "Target", *IN_TURN[1:]]
+    of_targets = [[row[0], f"T{row[1]}", *row[2:]] for row in OF_TWO_TARGETS]
+    misspelt = [*of_targets[:6], [of_targets[6][0], "TI", *of_targets[6][2:]], *of_targets[7:]]
     uneven = [[*row[:3], f"{float(row[3]) + 0.3 * (n % 2)}", *row[4:]] for n, row in enumerate(TURNS)]
     return {
         "block": Proposed(
@@ -1149,6 +1152,11 @@ def strangers() -> dict[str, Proposed]:
             {"a.csv": table(IN_TURN, [[*TURNS[0][:-1], "5000.1"], *TURNS])},
             {"a.csv": turns},
             options={"mean_of_repeats": True},
+        ),
+        "misspelt target": Proposed(
+            "only '.*' has a row of TI loaded",
+            {"a.csv": table(named, misspelt)},
+            {"a.csv": table(named, of_targets)},
         ),
         "row too few": Proposed("has no row", {"a.csv": table(IN_TURN, TURNS[1:])}, {"a.csv": turns}),
         "unknown words": Proposed(

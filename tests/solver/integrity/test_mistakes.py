@@ -1,5 +1,6 @@
 """The usual mistakes of a whole set: each is named by its cause, in one sentence, and nothing else is."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from support.slides import gantry
 from support.springs import readings_of, robot_of
 
 from jointstiff.solver.integrity import inspect_measurements, inspect_unloaded
+from jointstiff.solver.integrity.values import InstrumentFrame
 from jointstiff.solver.mechanics.robot import JointMap, Robot
 
 ROBOTS = {known.name: known for known in build_nominal_robots()}
@@ -323,6 +325,27 @@ def test_a_turned_frame_of_linear_axes_is_named_without_a_place():
     (cause,) = [finding for finding in findings if finding.code == FRAME]
     assert "whose origin" not in cause.message
     assert "do not show `translation`" in cause.remedy
+
+
+STATED = InstrumentFrame(TURN, np.array([2.5, -1.2, 0.4]))
+OTHER = InstrumentFrame(TURN @ TURN, np.array([-0.7, 1.6, 0.2]))
+
+
+@pytest.mark.parametrize("unit", ["m", "mm"])
+@pytest.mark.parametrize("stated", [STATED, OTHER], ids=["the inverse", "another frame"])
+def test_the_remedy_of_a_wrong_frame_is_the_frame_to_state(stated, unit):
+    known, true = ROBOTS[ARMS[0]], STATED.inverse
+    right = readings_on(known.robot, seed=11, configurations=14)
+    as_read = moved(lambda p: (p - true.translation) @ true.rotation)(right)
+    given = moved(lambda p: p @ stated.rotation.T + stated.translation)(as_read)
+    findings = inspect_measurements(known.robot, given, degrees=True, frame=stated, length_unit=unit)
+    (cause,) = [finding for finding in findings if finding.code == FRAME]
+    assert ("the stated `frame` is the inverse" in cause.message) == (stated is STATED)
+    numbers = np.array([float(each) for each in re.findall(r"-?\d+\.\d+", cause.remedy)])
+    np.testing.assert_allclose(numbers[:9].reshape(3, 3), true.rotation, atol=5e-3)
+    size = {"m": 1.0, "mm": 1e-3}[unit]
+    np.testing.assert_allclose(size * numbers[9:], true.translation, atol=1e-2)
+    assert f"] {unit} fit" in cause.remedy
 
 
 def test_the_remedy_of_a_left_handed_frame_leads_to_the_frame():

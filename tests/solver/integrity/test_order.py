@@ -111,6 +111,41 @@ def test_other_mistakes_are_not_called_another_order(measurements):
     assert "observations_out_of_order" not in codes
 
 
+def shifted(state, step, first, target=1):
+    """Return the campaign with the readings of one target in one state shifted from a row on."""
+    states = {"unloaded": UNLOADED.copy(), "loaded": LOADED.copy()}
+    given = states[state][:, target]
+    given[first:] = np.roll(given, -step, axis=0)[first:]
+    return read(**states)
+
+
+@pytest.mark.parametrize("state", ["loaded", "unloaded"])
+@pytest.mark.parametrize(("step", "side"), [(-1, "before"), (1, "after")])
+@pytest.mark.parametrize(
+    ("first", "where"), [(0, "in all observations"), (4, "from c05 on"), (11, "from c12 on")]
+)
+def test_readings_of_one_target_that_were_shifted_by_a_row_are_named_alone(state, step, side, first, where):
+    measurements = shifted(state, step, first)
+    name = measurements.targets[1]
+    (finding,) = inspect_measurements(ROBOT, measurements, degrees=False)
+    assert finding.code == "observations_out_of_order"
+    assert finding.message.startswith(
+        f"{where}, the {state} readings of '{name}' are those of the row {side}"
+    )
+    assert f"shift the {state} readings of '{name}' back by one row" in finding.remedy
+
+
+def test_two_wrong_readings_or_a_target_that_moved_are_no_shifted_rows():
+    moved = LOADED.copy()
+    moved[5:, 1] += [0.1, 0.0, 0.0]
+    bumped = Postures(ROBOT, ROBOT.joint_map.model_angles(CAMPAIGN.joints)).to_flange(LOADED)
+    bumped[5:, 1] += [0.1, 0.0, 0.0]
+    bumped = Postures(ROBOT, ROBOT.joint_map.model_angles(CAMPAIGN.joints)).to_base(bumped)
+    for measurements in (shifted("loaded", -1, 13), read(UNLOADED, moved), read(UNLOADED, bumped), CAMPAIGN):
+        codes = {each.code for each in inspect_measurements(ROBOT, measurements, degrees=False)}
+        assert "observations_out_of_order" not in codes
+
+
 def test_a_turned_frame_is_no_order_although_it_leads_from_posture_to_posture():
     """Postures on a ring about the axis of joint 1: turned by one step, each reading fits another row."""
     step = 2.0 * np.pi / 6.0
