@@ -8,7 +8,9 @@ from typing import Final
 
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 
-PAST_DO_NOT_USE: Final = "if the numbers are right, state `accept_verdict` to use the result"
+PAST_DO_NOT_USE: Final = (
+    "if the numbers are right, state `accept_verdict` in each map, program, plan or export of the run"
+)
 PAST_CARE: Final = "if the numbers are right, use the result with care"
 """How to go past a limit of plausibility, by the verdict of its finding: ends of remedies."""
 _SUPERSCRIPTS: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -18,6 +18,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from jointstiff.schemas.finding import Problem
+from jointstiff.schemas.job import Job
 from jointstiff.service.api.addresses import advise_address, advise_method
 from jointstiff.service.jobs import Parts
 from jointstiff.service.problems import ServiceError, http_problem, problem_from_error, problem_from_faults
@@ -42,6 +43,14 @@ _REMEDIES: Final = {
     409: "check `state` and `error` of the resource",
     413: "send less data in one request",
 }
+_WAIT: Final = "wait: read GET /v1/jobs/{id} until `state` is `succeeded`"
+_NEXT_STEPS: Final = {
+    "queued": _WAIT,
+    "running": _WAIT,
+    "failed": "read `error` of GET /v1/jobs/{id}, mend its cause, and post the {kind} again",
+    "cancelled": "post the {kind} again",
+}
+"""State of a job without a result → what to do."""
 
 RETRY_SECONDS: Final = {429: 10, 503: 5}
 """Seconds after which a refused request may be sent again, by status."""
@@ -93,6 +102,12 @@ def answer_created(collection: str, identifier: str, text: str, status: int = 20
     response = json_response(text, status)
     response.headers["Location"] = f"/v1/{collection}/{identifier}"
     return response
+
+
+def make_missing_error(job: Job, missing: str) -> HTTPException:
+    """Return the error (409) that a job does not have what it has after success, such as a `result`."""
+    remedy = _NEXT_STEPS.get(job.state, _REMEDIES[409]).format(kind=job.kind, id=job.id)
+    return HTTPException(409, f"the {job.kind} has no {missing}, because its state is {job.state}; {remedy}")
 
 
 def describe_post_responses(message: type[BaseModel]) -> dict[int | str, dict[str, Any]]:

@@ -22,6 +22,7 @@ from jointstiff.schemas.program import Program
 from jointstiff.schemas.query import FileQuery
 from jointstiff.schemas.robot import Robot
 from jointstiff.schemas.run import Run
+from jointstiff.service.api.answers import make_missing_error
 from jointstiff.service.api.rehearsal import write_rehearsal
 from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.kind import AnyKind, File
@@ -241,7 +242,7 @@ def _require_result(jobs: Jobs, job_id: str) -> Job:
     """Return a job; raise HTTPException (409) if it has no result."""
     job = jobs.current(job_id)
     if job.result is None:
-        raise HTTPException(409, f"the {job.kind} has no result, because its state is {job.state}")
+        raise make_missing_error(job, "result")
     return job
 
 

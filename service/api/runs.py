@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from typing import Annotated, Any, Final, TypeVar, cast
 
 from anyio.to_thread import run_sync
-from fastapi import APIRouter, File, Form, HTTPException, Request, Response, UploadFile
+from fastapi import APIRouter, File, Form, Request, Response, UploadFile
 from pydantic import Json, JsonValue, TypeAdapter, ValidationError
 
 from jointstiff.schemas.correction import CorrectionJob, CorrectionRequest
@@ -27,7 +27,12 @@ from jointstiff.schemas.program import MAX_FILES as MAX_PROGRAM_FILES
 from jointstiff.schemas.program import Program, ProgramFile, ProgramRequest
 from jointstiff.schemas.robot import CatalogueModel, RobotChange, RobotDocument
 from jointstiff.schemas.run import Campaign, Run, RunRequest
-from jointstiff.service.api.answers import InjectedParts, describe_post_responses, json_response
+from jointstiff.service.api.answers import (
+    InjectedParts,
+    describe_post_responses,
+    json_response,
+    make_missing_error,
+)
 from jointstiff.service.api.bodies import (
     MAX_FILES,
     BodyRoute,
@@ -164,7 +169,7 @@ def _refuse_unadvised(run: Run, action: AdvisedAction) -> None:
         RequestError: the run's assessment does not recommend the action.
     """
     if run.result is None:
-        raise HTTPException(409, f"the run has no assessment, because its state is {run.state}")
+        raise make_missing_error(run, "assessment")
     advised_action = action
     if action.kind == "state_payload":
         advised_action = action.model_copy(update={"payload": None})

@@ -216,6 +216,8 @@ _FORMS: Final = {
 
 Fields that are not listed have the form that `ImportRequest` declares.
 """
+_PAST_ERRORS: Final = "if the numbers are right, state `--despite-errors` to use the result"
+"""How to go past a finding in this command, in place of `PAST_DO_NOT_USE`."""
 _UNIT_IN_TEXT: Final = re.compile(r"set `units\.(\w+)` to (\w+)")
 """Remedy that sets one unit of the field `units`: the option `--units` has all units."""
 _LENGTH_FIELDS: Final = frozenset(("noise", "load_point", "flange_targets"))
@@ -843,7 +845,10 @@ def _name_options(text: str) -> str:
     A campaign that is not to be used is refused by this command, not by a later request.
     """
     text = _UNIT_IN_TEXT.sub(r"give `units` with \1=\2", text)
-    return name_options_in_text(ImportRequest, text, _FORMS).replace("`accept_verdict`", "`--despite-errors`")
+    from jointstiff.solver.text import PAST_DO_NOT_USE
+
+    text = text.replace(PAST_DO_NOT_USE, _PAST_ERRORS)
+    return name_options_in_text(ImportRequest, text, _FORMS)
 
 
 def _read_sources(files: Sequence[Path]) -> list[SourceFile]:

@@ -18,6 +18,7 @@ import typer
 from jointstiff.schemas.correction import CorrectionOptions
 from jointstiff.schemas.deflection import DeflectionOptions
 from jointstiff.schemas.fields import Message, Terminal
+from jointstiff.schemas.finding import AcceptingOptions
 from jointstiff.schemas.program import Cut
 from jointstiff.service.cli import options as cli
 from jointstiff.service.cli.fields import (
@@ -542,9 +543,14 @@ def _print_report(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: AN
         details=values["details"],
         unit=values["unit"],
         applies=names_actions,
-        change_text=partial(name_options_in_text, kind.options),
+        change_text=partial(_name_options, kind.options),
     )
     console().print(shown)
+
+
+def _name_options(options: type[Message], text: str) -> str:
+    """Return a text that names options of a command, or those of commands that use its result."""
+    return name_options_in_text(AcceptingOptions, name_options_in_text(options, text))
 
 
 def _choose_corrected_path(values: _Values) -> Path | None:

@@ -565,6 +565,9 @@ def to_vectors(
 _READINGS: Final = frozenset({"unloaded", "loaded", "unloaded_after", "deflections"})
 """Arrays in which a number may be missing, because a target was not read."""
 _NAN_WHERE_NOT_READ: Final = "write NaN where a target was not read"
+_ROWS: Final = (list, tuple, np.ndarray)
+_LONGEST_SHOWN: Final = 40
+"""Most characters of a value that a message shows."""
 _MOST_NAMED: Final = 5
 """Most observations that a message names."""
 _NUMBERS: Final = "give an array, lists of equal lengths, or columns of a data frame"
@@ -577,6 +580,8 @@ def to_number_array(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anyt
         MeasurementError: the value has elements that are not numbers, or infinite.
     """
     remedy = f"{_NUMBERS}; {_NAN_WHERE_NOT_READ}" if _may_lack_numbers(name) else _NUMBERS
+    if _may_lack_numbers(name):
+        value = _fill_missing_readings(value)
     numbers = read_numbers(value, name, remedy)
     if np.isinf(numbers).any():
         raise MeasurementError(
@@ -647,21 +652,51 @@ def _refuse_unit_in_text(reason: str, name: str) -> None:
         )
 
 
+def _fill_missing_readings(value: Any) -> Any:  # noqa: ANN401 - anything numpy understands
+    """Return lists in which None or NaN in place of a list becomes as many NaN as the lists beside it have.
+
+    Lists whose other rows differ in shape are returned unchanged; a later check refuses them.
+    """
+    if not isinstance(value, list | tuple) or not any(isinstance(row, _ROWS) for row in value):
+        return value
+    rows = [_fill_missing_readings(row) for row in value]
+    try:
+        shapes = [np.shape(row) for row in rows]
+    except ValueError:
+        return value
+    shape = max(shapes, key=len)
+    return [
+        np.full(shape, np.nan) if own != shape and own == shape[: len(own)] and _is_missing(row) else row
+        for row, own in zip(rows, shapes, strict=True)
+    ]
+
+
+def _is_missing(value: Any) -> bool:  # noqa: ANN401 - anything numpy understands
+    """Return whether a value, or each value of a list, is None or NaN."""
+    values = np.asarray(value, dtype=object).ravel()
+    return all(isinstance(each, float) and np.isnan(each) for each in map(_replace_missing, values))
+
+
 def _refuse_rows_of_several_lengths(value: object, name: str) -> None:
     """Raise the error about a list whose rows have different lengths; it names the first such row."""
-    if not isinstance(value, list | tuple) or not all(isinstance(row, list | tuple) for row in value):
+    if not isinstance(value, list | tuple) or not any(isinstance(row, list | tuple) for row in value):
         return
+    length = next(len(row) for row in value if isinstance(row, list | tuple))
+    remedy = "give every row the same number of values"
+    if _may_lack_numbers(name):
+        remedy += "; NaN means that a target was not read"
     for number, row in enumerate(value):
-        if len(row) != len(value[0]):
-            remedy = "give every row the same number of values"
-            if name in {"unloaded", "loaded"}:
-                remedy += "; NaN means that a target was not read"
+        if not isinstance(row, list | tuple):
+            reason = f"`{name}[{number}]` is {str(row)[:_LONGEST_SHOWN]}, not a list of {length} values"
+            raise MeasurementError(reason, where=name, remedy=remedy)
+        if len(row) != length:
             raise MeasurementError(
-                f"`{name}` has rows of different lengths: {len(value[0])} in the first, {len(row)} in row "
+                f"`{name}` has rows of different lengths: {length} in the first, {len(row)} in row "
                 f"{number + 1}",
                 where=name,
                 remedy=remedy,
             )
+        _refuse_rows_of_several_lengths(row, f"{name}[{number}]")
 
 
 def _refuse_decimal_comma(fault: str, name: str) -> None:

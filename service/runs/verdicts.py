@@ -28,7 +28,7 @@ from jointstiff.solver.predict.forward import ForwardModel
 from jointstiff.solver.predict.models import IdentifiedWeight, JointModel, ModelError
 from jointstiff.solver.process.correct import LIMIT_TOLERANCE
 from jointstiff.solver.process.prior import FACTOR, build_prior_model
-from jointstiff.solver.text import PAST_CARE, PAST_DO_NOT_USE, figure, length_text, stiffness_text
+from jointstiff.solver.text import PAST_CARE, figure, length_text, stiffness_text
 
 
 def find_accepted_run(inputs: Inputs, run_id: str, accept_verdict: str | None) -> MeasuredRun:
@@ -336,6 +336,8 @@ LARGEST_RATIO: Final = 20.0
 """Ratio to the campaign's greatest deflection beyond which a load or a length is probably in a wrong unit."""
 LEAST_RATIO: Final = 1e-3
 """Ratio to the campaign's greatest deflection below which a load is probably in kN that were read as N."""
+_PAST_OWN_VERDICT: Final = "if the numbers are right, state `accept_verdict` to use the result"
+"""How to go past the verdict on a result that is made from a run: end of a remedy."""
 _NO_DEFLECTION: Final = 5e-6
 """Deflection [m] below which no process is corrected: no robot repeats it, and no tracker reads it."""
 _ROUNDED: Final = 1e-5
@@ -406,7 +408,7 @@ def find_implausible_deflection(greatest: float | None, run: RunResult | None) -
             "do_not_use",
             f"the greatest deflection is {1e3 * greatest:.4g} mm{comparison}; up to "
             f"{1e3 * LARGEST_DEFLECTION:g} mm, and {LARGEST_RATIO:g} times the campaign's, is plausible",
-            f"check the units of the load and of the points (N or kN, m or mm); {PAST_DO_NOT_USE}",
+            f"check the units of the load and of the points (N or kN, m or mm); {_PAST_OWN_VERDICT}",
         )
     ]
 

@@ -149,7 +149,7 @@ def propose_unit_mistakes(joints: FloatArray, prismatic: BoolArray) -> Iterator[
 def propose_angle_mistakes(
     joints: FloatArray, rows: IndexArray, names: tuple[str, ...]
 ) -> Iterator[Hypothesis]:
-    """Yield the hypotheses of a wrong sign of a joint, two exchanged joints, and rows shifted by one row.
+    """Yield the hypotheses of a wrong sign, two exchanged joints, shifted rows and a transposed array.
 
     Args:
         joints: (N, n) controller angles of the whole set [rad].
@@ -176,6 +176,10 @@ def propose_angle_mistakes(
             )
             shifted = joints[rows[rows_with_neighbour] + shift]
             yield Hypothesis("observations_out_of_order", shifted, change, remedy, rows_with_neighbour)
+    if len(joints) == len(names):  # only a square array hides that it is transposed
+        change = "rows and columns of the joints exchanged"
+        remedy = "transpose the array of the joints: a row for each observation, a column for each joint"
+        yield Hypothesis("joints_swapped", joints.T[rows], change, remedy, all_rows)
 
 
 def propose_countings(angles: FloatArray, robot: Robot) -> Iterator[Hypothesis]:

@@ -53,6 +53,15 @@ _LENGTHS: Final = {
     "inches where mm are stated": 25.4,
     "mm where inches are stated": 1.0 / 25.4,
 }
+_ORIENTATIONS: Final = {
+    "ZYX": "A, B, C of KUKA (about z, y′, x″)",
+    "xyz": "W, P, R of FANUC (about x, y, z of the base: roll, pitch, yaw)",
+    "XYZ": "Rx, Ry, Rz of Stäubli (about x, y′, z″)",
+    "ZYZ": "O, A, T of Kawasaki (about z, y′, z″)",
+}
+"""Order of three angles, as SciPy names it → controller that shows such angles."""
+_WHOLE_TURNS: Final = (0.0, -1.0, 1.0, -2.0)
+"""Whole turns by which a vector of three angles, up to 360° each, may be longer than its rotation vector."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,11 +138,13 @@ def _count_decimals(size: float, most: int) -> int:
 class FrameProposal:
     """Tool, base and units with which poses and joints agree."""
 
-    #: what is probably wrong: `joints`, `lengths` or both, `units`, for their unit, or the frames
-    cause: Literal["joints", "lengths", "units", "base", "tool", "base_and_tool"]
+    #: what is probably wrong: `joints`, `lengths` or both, `units`, for their unit, `orientation` for angles
+    #: that were read as a rotation vector, or the frames
+    cause: Literal["joints", "lengths", "units", "orientation", "base", "tool", "base_and_tool"]
     tool: FloatArray  #: (4, 4) tool in the flange frame [m]
     base: FloatArray  #: (4, 4) base in R0 [m]
     unit: str = ""  #: words for the units, such as `mm where m are stated`, if a unit is wrong
+    orders: tuple[str, ...] = ()  #: orders of three angles that agree, such as `ZYX`, for `orientation`
     decimals: Decimals = FINEST  #: decimals that the rows determine
     compared: int = 0  #: number of rows that were compared
     others: tuple[int, ...] = ()  #: compared rows that do not agree, from 1
@@ -156,6 +167,8 @@ class FrameProposal:
             return f"correct the unit of the lengths: the numbers are {self.unit}"
         if self.cause == "units":
             return f"correct the units of lengths and joints: the numbers are {self.unit}"
+        if self.cause == "orientation":
+            return self._correction_of_angles
         stated = []
         if self.cause != "tool":
             stated.append(f"`base` {describe_pose(self.decimals.round_pose(self.base))}")
@@ -163,6 +176,17 @@ class FrameProposal:
             stated.append(f"`tool` {describe_pose(self.decimals.round_pose(self.tool))}")
         agreeing = f"{self.compared - len(self.others)} of {self.compared}" if self.others else "all"
         return f"{agreeing} rows agree with {' and '.join(stated)}: check, and state these numbers"
+
+    @property
+    def _correction_of_angles(self) -> str:
+        """Words that say how to state angles that were read as a rotation vector."""
+        angles = " or ".join(_ORIENTATIONS[order] for order in self.orders)
+        columns = "columns `a`, `b`, `c` in place of `rx`, `ry`, `rz`, or " if "ZYX" in self.orders else ""
+        return (
+            f"the orientations agree if they are {angles}, not a rotation vector: give {columns}matrices "
+            f"(N, 4, 4) with SciPy's rotations `Rotation.from_euler('{self.orders[0]}', …)`; a `tool` and a "
+            "`base` with such angles need a matrix, too"
+        )
 
 
 class FramesError(RequestError):
@@ -212,6 +236,7 @@ def propose_frames(
         proposal = (
             comparison.try_units(least_agreement)
             or comparison.try_both_units(least_agreement)
+            or comparison.try_orientations(least_agreement)
             or comparison.try_frames(least_agreement)
         )
         if proposal is not None:
@@ -266,6 +291,34 @@ class _Comparison:
                     if gaps.agree.mean() >= least_agreement:
                         return FrameProposal("units", own_tool, own_base, note, others=_list_others(gaps))
         return None
+
+    def try_orientations(self, least_agreement: float) -> FrameProposal | None:
+        """Return the orders of three angles, given as rotation vectors, with which a fraction of rows agree.
+
+        None is returned if there are none. `others` are indices of rows.
+        """
+        found = dict[str, FrameGaps]()
+        for order in _ORIENTATIONS:
+            tool, base = (_read_as_angles(each, order, 0.0) for each in (self.tool, self.base))
+            for own_tool, own_base in ((self.tool, self.base), (tool, base)):
+                trials = [
+                    _measure_gaps(
+                        self.robot, self.joints, _read_as_angles(self.poses, order, turns), own_tool, own_base
+                    )
+                    for turns in _WHOLE_TURNS
+                ]
+                # A row agrees if it does with one of the vectors that have its rotation.
+                best = np.argmin([gaps.size for gaps in trials], axis=0), np.arange(len(self.poses))
+                gaps = FrameGaps(
+                    np.stack([each.distance for each in trials])[best],
+                    np.stack([each.angle for each in trials])[best],
+                )
+                if gaps.agree.mean() >= least_agreement:
+                    found.setdefault(order, gaps)
+        if not found:
+            return None
+        others = _list_others(next(iter(found.values())))
+        return FrameProposal("orientation", self.tool, self.base, orders=tuple(found), others=others)
 
     def try_far_units(self) -> FrameProposal | None:
         """Return the unit of lengths with which the rows nearly agree, and without which they do not."""
@@ -386,6 +439,16 @@ def _scale(poses: FloatArray, factor: float) -> FloatArray:
     scaled = poses.copy()
     scaled[..., :3, 3] *= factor
     return scaled
+
+
+def _read_as_angles(poses: FloatArray, order: str, turns: float) -> FloatArray:
+    """Return poses (..., 4, 4) whose rotation vectors, longer by whole turns, are read as three angles."""
+    vectors = Rotation.from_matrix(poses[..., :3, :3]).as_rotvec()
+    size = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    longer = vectors * (1.0 + 2.0 * np.pi * turns / np.where(size > 0.0, size, np.inf))
+    read = poses.copy()
+    read[..., :3, :3] = Rotation.from_euler(order, longer).as_matrix()
+    return read
 
 
 def invert_poses(poses: FloatArray) -> FloatArray:

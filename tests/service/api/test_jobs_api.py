@@ -491,6 +491,14 @@ class TestHttp:
         refused = client.patch(job_at(address), json=DELETE)
         assert refused.status_code == 409
         assert f"PATCH {job_at(address)}" in refused.json()["remedy"]
+        early = client.get(f"{job_at(address)}/files/joints.csv")
+        assert early.status_code == 409
+        identifier = job_at(address).rpartition("/")[2]
+        wait = f"wait: read GET /v1/jobs/{identifier} until `state` is `succeeded`"
+        assert early.json()["remedy"] == wait
+        assert client.patch(job_at(address), json=CANCEL).status_code == 200
+        late = client.get(f"{job_at(address)}/files/joints.csv")
+        assert (late.status_code, late.json()["remedy"]) == (409, "post the run again")
         for _ in range(2):
             cancelled = client.patch(job_at(address), json=CANCEL | DELETE)
             assert (cancelled.status_code, cancelled.json()["state"]) == (200, "cancelled")

@@ -82,6 +82,19 @@ def test_a_program_that_cannot_be_compensated_is_not_written(folder, arguments, 
     assert not (folder / "out.src").exists()
 
 
+def test_a_run_names_the_commands_that_take_its_numbers_despite_the_verdict(folder):
+    turned = json.loads((folder / "pull.json").read_text())
+    for one in turned["measurement_set"]["observations"]:
+        one["joints"] = np.radians(one["joints"]).tolist()
+    (folder / "pull.json").write_text(json.dumps(turned))
+    shown = words(terminal("identify", "pull.json").stdout)
+    past = (
+        "if the numbers are right, state `--despite-verdict` in each map, program, plan or export of the run"
+    )
+    assert past in shown
+    assert "accept_verdict" not in shown
+
+
 def test_a_result_that_must_not_be_used_compensates_no_program(folder):
     turned = json.loads((folder / "pull.json").read_text())
     for one in turned["measurement_set"]["observations"]:
@@ -96,7 +109,7 @@ def test_a_result_that_must_not_be_used_compensates_no_program(folder):
         "with the data as given, the targets keep their positions on the flange (up to 20 mm is plausible) "
         "in only 1 of 12 observations; with all angles taken as radians, in 12 of 12, within 52.2 µm; set "
         "`units.angle` to rad; "
-        "if the numbers are right, state `--despite-verdict` to use the result "
+        "if the numbers are right, state `--despite-verdict` in each map, program, plan or export of the run "
         "remedy: follow the remedies of the reasons and identify again; "
         "to continue anyway, give `--despite-verdict`"
     )

@@ -307,7 +307,7 @@ def test_deflections_of_another_unit_are_no_measurement():
     assert messages[5] == "distances between targets scatter by 43.6 mm, but the stated noise gives 28.3 µm"
     assert found.reasons[0].remedy == (
         "check `units.length`, and that unloaded and loaded readings belong together; if the numbers are "
-        "right, state `accept_verdict` to use the result"
+        "right, state `accept_verdict` in each map, program, plan or export of the run"
     )
 
 

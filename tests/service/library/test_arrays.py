@@ -158,6 +158,38 @@ def test_what_does_not_fit_is_said_with_its_remedy(changes, said):
     assert str(caught.value) == said
 
 
+@pytest.mark.parametrize("missing", [None, np.nan, [None, None, None]])
+def test_a_missing_value_in_place_of_a_reading_is_a_target_that_was_not_read(missing):
+    of_nan = read("loaded")
+    of_nan[2, 1] = np.nan
+    loaded = read("loaded").tolist()
+    loaded[2][1] = missing
+    assert of_arrays(loaded=loaded) == of_arrays(loaded=of_nan)
+    by_target = {name: [row[t] for row in loaded] for t, name in enumerate(TARGETS)}
+    assert of_arrays(loaded=by_target) == of_arrays(loaded=of_nan)
+    of_nan[2] = np.nan
+    loaded[2] = missing
+    assert of_arrays(loaded=loaded) == of_arrays(loaded=of_nan)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (7.5, "`loaded[2][1]` is 7.5, not a list of 3 values"),
+        ([7.5, 1.0], "`loaded[2]` has rows of different lengths: 3 in the first, 2 in row 2"),
+        ([], "`loaded[2]` has rows of different lengths: 3 in the first, 0 in row 2"),
+    ],
+)
+def test_a_reading_of_another_shape_is_refused_by_its_place(wrong, said):
+    loaded = read("loaded").tolist()
+    loaded[2][1] = wrong
+    with pytest.raises(js.CampaignError) as caught:
+        of_arrays(loaded=loaded)
+    assert str(caught.value).endswith(
+        f"{said}; remedy: give every row the same number of values; NaN means that a target was not read"
+    )
+
+
 def test_positions_after_unloading_reach_the_run_and_may_be_missing():
     after = read("unloaded")
     after[2:] = np.nan

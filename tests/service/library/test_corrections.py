@@ -51,6 +51,29 @@ def test_results_in_m_and_rad_given_back_name_both_units():
     assert in_metres.status == ["corrected"] * 20
 
 
+@pytest.mark.parametrize(
+    ("order", "named"), [("ZYX", "KUKA"), ("xyz", "FANUC"), ("XYZ", "Stäubli"), ("ZYZ", "Kawasaki")]
+)
+@pytest.mark.parametrize("turned", [0.0, 360.0])
+def test_angles_of_a_controller_read_as_a_rotation_vector_are_named_by_their_order(order, named, turned):
+    _, run = exact_run()
+    angles = Rotation.from_matrix(POSES[:, :3, :3]).as_euler(order, degrees=True)
+    six = np.concatenate(
+        [IN_MM[:, :3, 3], np.round(np.where(angles < 0.0, angles + turned, angles), 4)], axis=1
+    )
+    with pytest.raises(js.CampaignError, match="20 of 20 rows") as caught:
+        run.correct(six, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+    remedy = caught.value.problem.remedy
+    assert named in remedy
+    assert f"from_euler('{order}', …)" in remedy
+    others = {"KUKA", "FANUC", "Stäubli", "Kawasaki"} - {named}
+    assert not [other for other in others if other in remedy]
+    assert ("`a`, `b`, `c`" in remedy) == (order == "ZYX")
+    as_matrices = IN_MM.copy()
+    as_matrices[:, :3, :3] = Rotation.from_euler(order, six[:, 3:], degrees=True).as_matrix()
+    assert run.correct(as_matrices, DEGREES, tool=TOOL_IN_MM, forces=FORCE).counts == {"corrected": 20}
+
+
 def test_forces_may_change_from_row_to_row_or_along_the_path():
     _, run = exact_run()
     rows = np.tile(FORCE, (20, 1))

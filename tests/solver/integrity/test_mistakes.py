@@ -167,6 +167,20 @@ def test_a_mistake_of_the_whole_set_is_named_by_its_cause_alone(mistake, arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("configurations", [6, 7])
+def test_joints_that_are_transposed_are_named_if_their_array_is_square(configurations, arm):
+    known = ROBOTS[arm]
+    right = readings_on(known.robot, seed=11, configurations=configurations)
+    assert not any("rows and columns" in cause.message for cause in name_cause(known, right))
+    if configurations == 6:
+        causes = name_cause(known, replace(right, joints=right.joints.T.copy()))
+        (cause,) = [each for each in causes if each.code != "joint_outside_limits"]
+        assert cause.code == SWAPPED
+        assert "with rows and columns of the joints exchanged, in 6 of 6" in cause.message
+        assert cause.remedy.startswith("transpose the array of the joints")
+
+
+@pytest.mark.parametrize("arm", ARMS)
 @pytest.mark.parametrize("of_joint", [True, False])
 def test_forces_that_are_columns_of_something_else_are_the_only_mistake_named(of_joint, arm):
     known = ROBOTS[arm]
