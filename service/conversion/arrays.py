@@ -653,7 +653,7 @@ def _refuse_unit_in_text(reason: str, name: str) -> None:
 
 
 def _fill_missing_readings(value: Any) -> Any:  # noqa: ANN401 - anything numpy understands
-    """Return lists in which None or NaN in place of a list becomes as many NaN as the lists beside it have.
+    """Return lists in which None or NaN in place of a list becomes as many NaN as its neighbours have.
 
     Lists whose other rows differ in shape are returned unchanged; a later check refuses them.
     """
