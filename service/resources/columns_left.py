@@ -145,7 +145,7 @@ def refuse_force_beside_columns(
     """
     for each in left if request.force is not None else ():
         table = each.table
-        columns = [column for column in each.columns if _may_be_force(table, column)]
+        columns = [column for column in each.columns if may_be_force(table, column)]
         if table is joints:
             columns = [column for column in columns if column != table.find_size_of_force()]
         else:
@@ -157,7 +157,7 @@ def refuse_force_beside_columns(
             raise ImportFileError(Place(table.grid.file), reason, remedy, "force")
 
 
-def _may_be_force(table: NumberTable, column: int) -> bool:
+def may_be_force(table: NumberTable, column: int) -> bool:
     """Return whether a column without a known meaning has numbers other than 0, and a word for a force."""
     has_numbers = bool(np.nan_to_num(table.table.numbers[:, column]).any())
     return has_numbers and table.meanings[column] is None and looks_like_a_force(table.headers[column])
