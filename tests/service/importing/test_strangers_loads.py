@@ -1,6 +1,8 @@
 """Tables of strangers whose loads, states or postures are asked: the question says what to state."""
 
 import io
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import openpyxl
@@ -8,6 +10,7 @@ import pytest
 from support.strange_files import JOINTS, both, digits, joint_rows, simulate, table, wide
 
 import jointstiff as js
+from jointstiff.service.importing import grammar as words
 
 ARM = "KUKA KR 210 R2700 extra"
 CAMPAIGN = simulate(ARM, seed=3, postures=14)
@@ -151,3 +154,44 @@ def test_a_force_of_merged_cells_is_that_of_all_targets_of_a_posture(tmp_path):
     }
     document = accept(files, tmp_path, **NEWTONS)
     np.testing.assert_allclose(list_forces(document), [[0.0, 0.0, -1313.0]] * len(SIZES))
+
+
+@pytest.mark.parametrize(
+    ("without", "under"),
+    [
+        ("Obelastad", "Belastad"),
+        ("Utan belastning", "Med belastning"),
+        ("Ubelastet", "Belastet"),
+        ("Uten last", "Med last"),
+        ("Nieobciążony", "Obciążony"),
+        ("без", "с"),
+        ("T1 без груза", "T1 с грузом"),
+        ("без нагр", "с нагр"),
+        ("Yük yok", "Yük var"),
+        ("Kuormittamaton", "Kuormitettu"),
+    ],
+)
+def test_states_in_more_languages_are_known(without, under, tmp_path):
+    header = ["Pose", *JOINTS, *[f"{state} {axis}" for state in (under, without) for axis in "XYZ"]]
+    files = {"a.csv": table(header, wide(CAMPAIGN, LOADED, UNLOADED))}
+    (first, *_) = accept(files, tmp_path, **NEWTONS).observations
+    (reading,) = first.readings
+    np.testing.assert_allclose(reading.unloaded, UNLOADED[0], atol=1e-3)
+    np.testing.assert_allclose(reading.loaded, LOADED[0], atol=1e-3)
+
+
+def test_no_word_means_two_states():
+    with Path(words.__file__).with_name("words.toml").open("rb") as file:
+        states = tomllib.load(file)["states"]
+    listed = [word for each in states.values() for word in each]
+    assert sorted(set(listed)) == sorted(listed)
+
+
+def test_targets_with_cyrillic_letters_are_no_states(tmp_path):
+    both_states = [both(CAMPAIGN, target) for target in range(3)]
+    columns = [
+        f"{name} {state} {axis}" for name in "АВС" for state in ("unloaded", "loaded") for axis in "xyz"
+    ]
+    rows = wide(CAMPAIGN, *[positions for pair in both_states for positions in pair])
+    document = accept({"a.csv": table(["Pose", *JOINTS, *columns], rows)}, tmp_path, **NEWTONS)
+    assert {each.target for each in document.observations[0].readings} == {"А", "В", "С"}
