@@ -44,6 +44,7 @@ from jointstiff.service.importing.unread import (
 )
 from jointstiff.service.resources.columns_left import (
     ColumnsLeft,
+    describe_likely_force,
     find_constant_force,
     find_contradiction,
     leave_positions,
@@ -120,6 +121,7 @@ class ProposedImport:
     previews: tuple[FilePreview, ...] = ()  # of the files as they are written
     originals: tuple[SourceFile, ...] = ()  # files as they were sent
     statement: str = ""  # the proposal in words, if it has no positions that the robot could fit
+    likely_force: str = ""  # end of a sentence on columns that may be the load
 
     @property
     def files(self) -> list[SourceFile]:
@@ -153,7 +155,13 @@ class ProposedImport:
     def accept(self, request: ImportRequest | None = None) -> ImportAnswer:
         """Import the table as the proposal says; `request` has other statements about the readings."""
         robot = self.known.robot
-        answer = import_files(self.files, request or self.request, robot, originals=self.originals)
+        answer = import_files(
+            self.files,
+            request or self.request,
+            robot,
+            originals=self.originals,
+            likely_force=self.likely_force,
+        )
         assumptions = [self.sentence, *answer.assumptions]
         return answer.model_copy(update={"assumptions": assumptions, "files": list(self.previews)})
 
@@ -246,6 +254,7 @@ def _propose_importable(
     except ImportFileError as error:
         found = describe(proposal, [each.words for each in named])
         raise _NoProposalError(f"{found}, but {error.reason}", error.remedy, error) from error
+    proposed = replace(proposed, likely_force=describe_likely_force(left))
     fault = proposed.find_fault()
     if fault is not None:
         are_cells_missing = fault.option == "allow_missing" and _have_same_states(named)

@@ -195,3 +195,30 @@ def test_targets_with_cyrillic_letters_are_no_states(tmp_path):
     rows = wide(CAMPAIGN, *[positions for pair in both_states for positions in pair])
     document = accept({"a.csv": table(["Pose", *JOINTS, *columns], rows)}, tmp_path, **NEWTONS)
     assert {each.target for each in document.observations[0].readings} == {"А", "В", "С"}
+
+
+@pytest.mark.parametrize("header", ["추 무게(kg)", "Вес [кг]"])
+def test_the_question_for_the_force_quotes_a_column_of_one_mass(header, tmp_path):
+    files = write_wide(["12"] * len(SIZES), header)
+    (missing, *_) = propose(files, tmp_path).accept().missing
+    assert f"{header!r} has 12 kg: if this load hangs, `force` is 0,0,-12 kgf" in missing
+
+
+def write_bare(forces):
+    rows = [
+        [*row[1:], *digits(force)]
+        for row, force in zip(wide(CAMPAIGN, UNLOADED, LOADED), forces, strict=True)
+    ]
+    return {"a.txt": table([], rows, " ")}
+
+
+def test_the_question_for_the_force_names_the_three_columns_that_are_left(tmp_path):
+    forces = np.random.default_rng(5).uniform(-60.0, 60.0, (len(SIZES), 3))
+    (missing, *_) = propose(write_bare(forces), tmp_path).accept().missing
+    assert "in axes of R0" in missing
+    assert "columns 13–15 of 'a.txt' are not read and may be the force" in missing
+    header = [*JOINTS, *STATES, "Fx [N]"]
+    with pytest.raises(
+        js.CampaignError, match=r"13 columns, but the rows have 15 cells.*without blanks in a name"
+    ):
+        propose(write_bare(forces), tmp_path, header=header)
