@@ -548,6 +548,7 @@ class _StatedReadings:
     statements: Options | None = None  # about columns of these files, for a template
     is_refused: bool = False  # whether a person does not accept the robot's proposal
     originals: Sequence[SourceFile] = ()  # files that a proposal explains, as they were sent
+    likely_force: str = ""  # end of a sentence on columns of these files that may be the load
 
     @property
     def has_proposal(self) -> bool:
@@ -558,6 +559,14 @@ class _StatedReadings:
         """Return the readings with the answers of a person, whose lengths are in mm."""
         typed = _convert_to_template_unit(options, self.options)
         return replace(self, options=_merge_options(self.options, typed))
+
+    def import_by(self, request: ImportRequest, robot: Robot | None) -> ImportAnswer:
+        """Import the files by a request."""
+        from jointstiff.service.resources.imports import import_files
+
+        return import_files(
+            self.sources, request, robot, originals=self.originals, likely_force=self.likely_force
+        )
 
     def replace_by_proposal(self, proposed: ProposedImport) -> _StatedReadings:
         """Return the table that a proposal makes of the files, with the robot whose kinematics explains it.
@@ -578,6 +587,7 @@ class _StatedReadings:
             proposed.previews,
             statements,
             originals=proposed.originals,
+            likely_force=proposed.likely_force,
         )
 
 
@@ -765,12 +775,11 @@ def _read_arm(name: str) -> RobotDocument:
 def _read_files(readings: _StatedReadings) -> ImportAnswer:
     """Read the files; the texts of the result name command-line options in place of fields."""
     from jointstiff.service.resources.documents import parse_document
-    from jointstiff.service.resources.imports import import_files
 
     with _name_options_in_errors():
         robot = None if readings.robot is None else _prepare_checked_robot(readings.robot)
         request = parse_document(_split_typed_header(readings.options, readings.sources), ImportRequest)
-        answer = import_files(readings.sources, request, robot, originals=readings.originals)
+        answer = readings.import_by(request, robot)
     return _name_options_in_answer(answer)
 
 
@@ -785,13 +794,12 @@ def _prepare_checked_robot(robot: RobotDocument) -> Robot:
 def _read_for_questions(readings: _StatedReadings) -> ImportAnswer:
     """Read the files with the options that are stated so far; the answer has all faults."""
     from jointstiff.service.resources.documents import parse_document
-    from jointstiff.service.resources.imports import import_files
 
     with _name_options_in_errors():
         robot = None if readings.robot is None else _prepare_checked_robot(readings.robot)
         fields = _split_typed_header(readings.options, readings.sources) | {"show_faults": True}
         request = parse_document(fields, ImportRequest)
-        return import_files(readings.sources, request, robot, originals=readings.originals)
+        return readings.import_by(request, robot)
 
 
 def _name_options_in_answer(answer: ImportAnswer) -> ImportAnswer:

@@ -197,7 +197,7 @@ _PHRASE_IN_NAME: Final = re.compile(
     re.IGNORECASE,
 )
 """A phrase in a name; those with a digit are left out, as the digit may be a target."""
-_UNIT: Final = re.compile(r"(.*?)\s*_?(?:\[((?!\d+\])[^][]*)\]|\(([^()]*)\)|[/,]\s*([^/,]+))")
+_UNIT: Final = re.compile(r"(.*?)\s*_?(?:\[((?!\d+\])[^][]*)\]|\(([^()]*)\)|[/,]\s*([^][/,]+))")
 _WIDE_SIGNS: Final = str.maketrans("（）［］【】／，", "()[][]/,")
 """Signs of East Asian texts → those of ASCII."""
 _TOKEN: Final = re.compile(r"[^\s_]+")
@@ -329,6 +329,12 @@ def find_unit_of_size(header: str) -> str | None:
     known = None if unit is None or unit_of_name != unit else find_known_unit(unit)
     is_force = known is not None and known[0] == "force" and _SIZE_OF_LOAD.fullmatch(base) is not None
     return known[1] if known is not None and is_force else None
+
+
+def find_unit_of_force(header: str) -> str | None:
+    """Return the unit of force of a header with any words, such as `Cell 3 [N]`; None without such a unit."""
+    known = find_known_unit(split_unit(header)[1] or "")
+    return known[1] if known is not None and known[0] == "force" else find_unit_of_size(header)
 
 
 def looks_like_a_force(header: str) -> bool:

@@ -145,16 +145,15 @@ class NumberTable:
             forces[number, "xyz".index(direction[-1])] = sign * self.table.numbers[number, size]
         return forces
 
-    def add_forces(self, forces: FloatArray, directions: int, size: int) -> NumberTable:
-        """Return the table with columns of forces (N, 3), in place of those of directions and sizes."""
-        unit = find_unit_of_size(self.headers[size])
+    def add_forces(self, forces: FloatArray, unit: str | None, replaced: Collection[int] = ()) -> NumberTable:
+        """Return the table with columns of forces (N, 3), in place of other columns."""
         width = len(self.headers)
         rows = tuple(
             replace(row, cells=(*row.cells, *(_write_number(float(each), self.mark) for each in force)))
             for row, force in zip(self.rows, forces, strict=True)
         )
         meanings = [Meaning(Quantity("force"), axis, unit) for axis in range(3)]
-        others = self.table.others | {directions, size, width, width + 1, width + 2}
+        others = self.table.others | {*replaced, width, width + 1, width + 2}
         numbers = np.hstack([self.table.numbers, forces])
         return replace(
             self,
@@ -162,7 +161,7 @@ class NumberTable:
             meanings=(*self.meanings, *meanings),
             rows=rows,
             table=replace(self.table, numbers=numbers, others=others),
-            ignored=self.ignored | {directions, size},
+            ignored=self.ignored.union(replaced),
         )
 
     def name_size_along_z(self, column: int) -> NumberTable:

@@ -114,6 +114,8 @@ def _add_targets(table: NumberTable, names: list[RowName]) -> list[RowName]:
 def are_far_apart(table: NumberTable, groups: Sequence[Sequence[int]], least: float) -> bool:
     """Return whether rows with the same names are positions of several targets: each is far from the others.
 
+    A table without coordinates has no positions.
+
     Args:
         table: numbers of a file.
         groups: indices of the rows with the same names.
@@ -122,6 +124,8 @@ def are_far_apart(table: NumberTable, groups: Sequence[Sequence[int]], least: fl
     if not all(1 < len(group) <= _MOST_CODES for group in groups):
         return False
     sizes_of_units = find_units_of_coordinates(table)
+    if not sizes_of_units:
+        return False
     numbers = table.table.numbers
     for group in groups:
         positions = np.array([size * numbers[group, column] for column, size in sizes_of_units.items()])

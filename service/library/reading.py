@@ -105,9 +105,10 @@ class ProposedReadings:
         return ImportedReadings.model_validate(dict(answer)).with_robot(self._robot)
 
     def _list_cleared(self) -> dict[str, Any]:
-        """Return the options about columns, which the written table does not need."""
+        """Return options that the written table does not need: about columns, and a force that it has."""
         request = self._proposed.request.model_dump()
-        return {name: request[name] for name in OPTIONS_OF_COLUMNS}
+        replaced = {"force": None} if request["force"] is None and self._fields.get("force") else {}
+        return {name: request[name] for name in OPTIONS_OF_COLUMNS} | replaced
 
     @property
     def campaign(self) -> Campaign:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -24,6 +25,8 @@ _MOST_NAMED: Final = 8
 _COORDINATES: Final = 3
 _SAME_SIZE: Final = 0.01
 """Largest difference of the sizes of forces, as a part of their mean."""
+_IN_KG: Final = re.compile(r"(?:[\s_/(\[（]|,\s)(?:kg|кг)[)\]）]?$", re.IGNORECASE)
+"""End of a header of masses, such as `weight_kg`."""
 _LEAST_FORCE: Final = 2.0
 """Least size of a force; a direction has the size 1."""
 """Coordinates of a position."""
@@ -145,7 +148,7 @@ def refuse_force_beside_columns(
     """
     for each in left if request.force is not None else ():
         table = each.table
-        columns = [column for column in each.columns if _may_be_force(table, column)]
+        columns = [column for column in each.columns if may_be_force(table, column)]
         if table is joints:
             columns = [column for column in columns if column != table.find_size_of_force()]
         else:
@@ -157,7 +160,7 @@ def refuse_force_beside_columns(
             raise ImportFileError(Place(table.grid.file), reason, remedy, "force")
 
 
-def _may_be_force(table: NumberTable, column: int) -> bool:
+def may_be_force(table: NumberTable, column: int) -> bool:
     """Return whether a column without a known meaning has numbers other than 0, and a word for a force."""
     has_numbers = bool(np.nan_to_num(table.table.numbers[:, column]).any())
     return has_numbers and table.meanings[column] is None and looks_like_a_force(table.headers[column])
@@ -179,6 +182,37 @@ def find_constant_force(left: ColumnsLeft) -> tuple[int, int, int] | None:
     if third - first != _COORDINATES - 1 or not is_constant or not is_moving:
         return None
     return (first, second, third) if sizes.mean() > _LEAST_FORCE else None
+
+
+def describe_likely_force(left: Sequence[ColumnsLeft]) -> str:
+    """Return the end of a sentence on columns that may be the load, with what to state; empty without any.
+
+    A column in kg with one number is a likely mass, and the last three numbers without a header are a likely
+    force.
+    """
+    sentences = [
+        f"{quote(each.table.headers[column])} has {mass:g} kg: if this load hangs, "
+        f"`force` is 0,0,-{mass:g} kgf"
+        for each in left
+        for column in each.columns
+        if (mass := _find_mass(each.table, column)) is not None
+    ]
+    for each in left:
+        if len(each.columns) == _COORDINATES and not any(each.table.headers):
+            first, _, third = each.columns
+            sentences.append(
+                f"columns {first + 1}–{third + 1} of {quote(each.table.name)} are not read and may be "
+                "the force: if so, name all columns by `header`, these as `Fx[N]`, `Fy[N]` and `Fz[N]`"
+            )
+    return "".join(f"; {sentence}" for sentence in sentences)
+
+
+def _find_mass(table: NumberTable, column: int) -> float | None:
+    """Return the one mass [kg] of a column in kg, apart from rows with 0; None of other columns."""
+    numbers = table.table.numbers[:, column]
+    masses = set(numbers[np.isfinite(numbers) & (numbers != 0.0)].tolist())
+    is_in_kg = bool(_IN_KG.search(table.headers[column]))
+    return masses.pop() if is_in_kg and len(masses) == 1 and min(masses) > 0.0 else None
 
 
 def refuse_single_rows(proposal: Proposal, tables: Sequence[NumberTable]) -> None:
@@ -246,7 +280,13 @@ def refuse_unknown_headers(tables: Sequence[NumberTable], request: ImportRequest
     if request.header is not None and len(request.header) not in widths:
         found = " or ".join(map(str, sorted(widths)))
         reason = f"`header` names {len(request.header)} columns, but the rows have {found} cells"
-        raise ImportFileError(NOWHERE, reason, "name each column in `header`", "header")
+        are_blanks_between = any(table.grid.preview.delimiter == "whitespace" for table in tables)
+        remedy = "name each column in `header`" + (
+            ", without blanks in a name, such as `Fx[N]`: blanks separate the cells of the file"
+            if are_blanks_between
+            else ""
+        )
+        raise ImportFileError(NOWHERE, reason, remedy, "header")
     headers = {collapse_blanks(header) for table in tables for header in table.headers}
     for header in request.columns:
         if collapse_blanks(header) not in headers:

@@ -144,6 +144,7 @@ def import_files(
     robot: Robot | None = None,
     other_robots: Iterable[KnownRobot] | None = None,
     originals: Sequence[SourceFile] = (),
+    likely_force: str = "",
 ) -> ImportAnswer:
     """Read files of readings; return a preview, and a measurement set if nothing is missing.
 
@@ -153,6 +154,7 @@ def import_files(
         robot: robot that was measured; if given, the set is inspected for mistakes.
         other_robots: robots that may have been measured instead; None takes the arms of the catalogue.
         originals: files as they were sent, if `files` were written from these.
+        likely_force: end of a sentence on columns of these that may be the load.
 
     Raises:
         ImportRefusedError: something in the files is not understood, contradictory or ambiguous, and the
@@ -171,7 +173,7 @@ def import_files(
             readings = _StatedReadings(understood, request, files[0].name, by_own_weight)
             results = _make_results(readings, robot, other_robots)
             if "force" in results.missing:
-                results.missing["force"] += _describe_likely_force(originals or files)
+                results.missing["force"] += likely_force or _describe_likely_force(originals or files)
     except ImportFileError as fault:
         faults.append(fault)
     if faults and not request.show_faults:
@@ -357,8 +359,8 @@ _DESCRIPTIONS: Final[Mapping[MissingField, str]] = MappingProxyType(
             "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, … (lengths as `J3 [mm]`)"
         ),
         "force": (
-            "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force` "
-            "(N, kN, kgf, lbf)"
+            "the force of each observation in axes of R0: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one "
+            "`force` (N, kN, kgf, lbf)"
         ),
         "readings": "readings: columns such as `P10 unloaded x [mm]`, or lists of points",
         "loaded": "the positions under load",

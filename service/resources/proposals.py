@@ -12,7 +12,6 @@ import numpy as np
 from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
 from jointstiff.schemas.meaning import JointsMeaning, PointsMeaning, TableMeaning
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
-from jointstiff.service.conversion.units import FORCE
 from jointstiff.service.importing.deflections import (
     Deflection,
     add_deflections,
@@ -45,6 +44,7 @@ from jointstiff.service.importing.unread import (
 )
 from jointstiff.service.resources.columns_left import (
     ColumnsLeft,
+    describe_likely_force,
     find_constant_force,
     find_contradiction,
     leave_positions,
@@ -57,6 +57,7 @@ from jointstiff.service.resources.columns_left import (
     refuse_single_rows,
     refuse_unknown_headers,
 )
+from jointstiff.service.resources.force_sizes import StatedForce, compare_stated_force
 from jointstiff.service.resources.imports import ImportRefusedError, import_files, lack_meaning
 from jointstiff.service.resources.previews import preview_tables
 from jointstiff.solver.arrays import FloatArray
@@ -90,8 +91,6 @@ _LARGEST_WORSENING: Final = 3.0
 """Largest ratio of the residuals of files and of those of their template."""
 _LEAST_ALONG: Final = 0.75
 """Least fraction of the postures in which targets move along a force whose columns have no headers."""
-_SAME_FORCE: Final = 0.02
-"""Largest difference of a stated force from the size in a file, as a part of the stated force."""
 _LEAST_DOWN: Final = 0.9
 """Least fraction of the positions that move within `_MOST_ASIDE`, if a force without an axis is a weight."""
 _MOST_ASIDE: Final = np.radians(30.0)
@@ -126,6 +125,7 @@ class ProposedImport:
     previews: tuple[FilePreview, ...] = ()  # of the files as they are written
     originals: tuple[SourceFile, ...] = ()  # files as they were sent
     statement: str = ""  # the proposal in words, if it has no positions that the robot could fit
+    likely_force: str = ""  # end of a sentence on columns that may be the load
 
     @property
     def files(self) -> list[SourceFile]:
@@ -159,7 +159,13 @@ class ProposedImport:
     def accept(self, request: ImportRequest | None = None) -> ImportAnswer:
         """Import the table as the proposal says; `request` has other statements about the readings."""
         robot = self.known.robot
-        answer = import_files(self.files, request or self.request, robot, originals=self.originals)
+        answer = import_files(
+            self.files,
+            request or self.request,
+            robot,
+            originals=self.originals,
+            likely_force=self.likely_force,
+        )
         assumptions = [self.sentence, *answer.assumptions]
         return answer.model_copy(update={"assumptions": assumptions, "files": list(self.previews)})
 
@@ -231,10 +237,12 @@ def _propose_importable(
     _refuse_contradiction(proposal, named, tables)
     _refuse_order_against_words(proposal, named)
     _refuse_loaded_after_unloading(named)
-    tables, force_notes = _name_constant_force(proposal, tables, request)
+    _refuse_states_against_force(proposal, named, tables, request)
+    tables, request, force_notes = _compare_stated_force(proposal, named, tables, request)
+    if not force_notes:
+        tables, force_notes = _name_constant_force(proposal, tables, request)
     if not force_notes:
         tables, force_notes = _name_force_of_size(proposal, named, tables, request)
-    _refuse_states_against_force(proposal, named, tables, request)
     _refuse_unknown_words(proposal, named, tables, request)
     words = Vocabulary(request, proposal.robots[0].robot.joint_names)
     named = add_uncertainties(named, tables, words, proposal.unit)
@@ -250,6 +258,7 @@ def _propose_importable(
     except ImportFileError as error:
         found = describe(proposal, [each.words for each in named])
         raise _NoProposalError(f"{found}, but {error.reason}", error.remedy, error) from error
+    proposed = replace(proposed, likely_force=describe_likely_force(left))
     fault = proposed.find_fault()
     if fault is not None:
         are_cells_missing = fault.option == "allow_missing" and _have_same_states(named)
@@ -859,27 +868,37 @@ def _name_constant_force(
     return [named if table is joints else table for table in tables], [note]
 
 
+def _compare_stated_force(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
+) -> StatedForce:
+    """Return tables and request after a stated force was compared with a column of sizes.
+
+    Raises:
+        _NoProposalError: the sizes are not those of the stated force.
+    """
+    left = list_columns_left(proposal, tables, named)
+    try:
+        return compare_stated_force(left, proposal, named, tables, request)
+    except ImportFileError as fault:
+        raise _NoProposalError(fault.reason, fault.remedy) from fault
+
+
 def _name_force_of_size(
     proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
 ) -> tuple[Sequence[NumberTable], list[str]]:
     """Return the tables, with the sizes of a force along −z of R0 if the targets move that way under load.
 
-    The header names no axis. A column of directions, such as `+X`, states the axis of each row. A person
-    may state the force with its direction, if the file has one force.
+    The header names no axis. A column of directions, such as `+X`, states the axis of each row.
 
     Raises:
-        _NoProposalError: there are several forces, whose direction the targets do not show; or the request
-            states a force of another size.
+        _NoProposalError: there are several forces, whose direction the targets do not show.
     """
     joints = next(table for table in tables if table.name == proposal.joints.table)
     column = joints.find_size_of_force()
-    if column is None:
+    if column is None or request.force is not None:
         return tables, []
     header = quote(joints.headers[column])
     sizes = joints.table.numbers[:, column]
-    if request.force is not None:
-        _refuse_other_size(joints, column, request)
-        return tables, []
     directions = joints.find_directions()
     if directions is not None:
         along, note = _name_force_along_directions(proposal, named, joints, (directions, column))
@@ -924,26 +943,8 @@ def _name_force_along_directions(
             "write the force in columns `Fx [N]`, `Fy [N]` and `Fz [N]` in axes of R0",
         )
     note = f"{quote(joints.headers[size])} along the directions of {header} in R0, as the targets move"
-    return joints.add_forces(forces, directions, size), note
-
-
-def _refuse_other_size(joints: NumberTable, column: int, request: ImportRequest) -> None:
-    """Refuse a stated force whose size is not that of a column of sizes; rows without load do not count.
-
-    Raises:
-        _NoProposalError: the column has another size, or several.
-    """
-    if request.force is None or request.units is None or request.units.force is None:
-        return
-    newtons = FORCE[find_unit_of_size(joints.headers[column]) or "N"]
-    sizes = newtons * np.abs(joints.table.numbers[:, column])
-    stated = FORCE[request.units.force] * float(np.linalg.norm(request.force))
-    differences = np.abs(sizes[sizes > 0.0] - stated)
-    if differences.max(initial=0.0) > _SAME_FORCE * stated:
-        raise _NoProposalError(
-            f"`force` is {stated:.4g} N, but {quote(joints.headers[column])} has {sizes.max():.4g} N",
-            "correct `force`, or omit `force` if the load hangs: then it pulls along −z of R0",
-        )
+    unit = find_unit_of_size(joints.headers[size])
+    return joints.add_forces(forces, unit, columns), note
 
 
 def _move_down(named: Sequence[NamedReading]) -> bool:

@@ -27,7 +27,8 @@ ROWS = [line.split(";") for line in CAMPAIGN.splitlines()[1:]]
 BODY = "".join(f"{';'.join(row)}\n" for row in ROWS[1:])
 JOINTS_MISSING = "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, … (lengths as `J3 [mm]`)"
 FORCE_MISSING = (
-    "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force` (N, kN, kgf, lbf)"
+    "the force of each observation in axes of R0: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force` "
+    "(N, kN, kgf, lbf)"
 )
 
 
