@@ -1,4 +1,4 @@
-"""Column of the sizes of a force, beside a force that the caller states."""
+"""Column of the sizes of a force, together with a force that the caller states."""
 
 from __future__ import annotations
 

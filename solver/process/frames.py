@@ -184,8 +184,8 @@ class FrameProposal:
         columns = "columns `a`, `b`, `c` in place of `rx`, `ry`, `rz`, or " if "ZYX" in self.orders else ""
         return (
             f"the orientations agree if they are {angles}, not a rotation vector: give {columns}matrices "
-            f"(N, 4, 4) with SciPy's rotations `Rotation.from_euler('{self.orders[0]}', …)`; a `tool` and a "
-            "`base` with such angles need a matrix, too"
+            f"(N, 4, 4), which SciPy's rotations make of Euler angles in the order {self.orders[0]}; a "
+            "`tool` and a `base` with such angles need a matrix, too"
         )
 
 

@@ -46,7 +46,7 @@ def test_a_file_that_there_is_not_is_answered_with_those_that_there_are(local, r
 @pytest.mark.parametrize(
     ("name", "remedy"),
     [
-        ("", "use one of the addresses /v1/audit, "),
+        ("", "get a file with GET /v1/jobs/{}/files/NAME"),
         ("../x", "use one of the addresses /v1/audit, "),
         ("../model.csv", "use the address /v1/jobs/{}/files/model.csv"),
     ],

@@ -63,7 +63,8 @@ def test_a_simulated_campaign_states_its_true_stiffnesses_and_is_not_written_ove
     assert third["readings"][0]["loaded"] == pytest.approx([2.1707, -1.1655, 2.092], abs=1e-4)
     assert refused("simulate new.json") == "new.json exists remedy: choose another name, or use --overwrite"
     said = refused("simulate nowhere/x.json")
-    assert said == "cannot write nowhere/x.json: No such file or directory remedy: choose another path"
+    reason = "'nowhere/x.json' cannot be written, as there is no folder 'nowhere'"
+    assert said == f"{reason} remedy: make this folder first, or choose another path"
 
 
 def test_a_campaign_of_own_weight_states_masses_and_reads_without_a_load():

@@ -31,7 +31,7 @@ SPACE = b"http://schemas.openxmlformats.org/spreadsheetml/2006/main"
     [
         (b"<row><c><v>1</v></c></row>" * 400_000, "100 times as large"),
         (b"<row>" + b"<c/>" * 257 + b"</row>", "more than 256 columns"),
-        (b'<row><c r="IV%d"/></row>', "or 500000 cells"),
+        (b'<row><c r="IV%d"/></row>', "or the sheets 500000 cells"),
         (b"<row>" + b"<x/>" * 100_001 + b"</row>", "100000 in one"),
         (b"<row><c><v>" + b"1" * 400_000 + b"</v></c></row>", "a text in the file has more than"),
     ],

@@ -185,7 +185,7 @@ def test_columns_may_have_the_names_of_the_robots_joints():
         ("x-nicht-belastet", "unloaded"),
         ("c1_load_0kg", None),  # perhaps without a load
         ("un-loaded", None),
-        ("load_removed", None),
+        ("load_removed", "unloaded"),
         ("last_day", None),
         ("before_repair", None),
         ("delta_robot_cell", None),

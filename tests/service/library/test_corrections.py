@@ -65,7 +65,7 @@ def test_angles_of_a_controller_read_as_a_rotation_vector_are_named_by_their_ord
         run.correct(six, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
     remedy = caught.value.problem.remedy
     assert named in remedy
-    assert f"from_euler('{order}', …)" in remedy
+    assert f"Euler angles in the order {order};" in remedy
     others = {"KUKA", "FANUC", "Stäubli", "Kawasaki"} - {named}
     assert not [other for other in others if other in remedy]
     assert ("`a`, `b`, `c`" in remedy) == (order == "ZYX")
