@@ -6,6 +6,7 @@ import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
+from os import PathLike
 from typing import Any, Final, NamedTuple, ParamSpec, TypeVar
 
 from jointstiff.service.problems import CampaignError, find_similar_name, http_problem
@@ -91,18 +92,22 @@ class _Call(NamedTuple):
                 if "campaign" in described.casefold() and "from_arrays" not in remedy:
                     remedy += "; `jointstiff.Campaign.from_arrays` makes a campaign of arrays"
                 return self._refuse(f"`{first}` is an array", remedy)
-        return self._explain_list() or self._explain_options(bound.get("options"))
+        return self._explain_files() or self._explain_options(bound.get("options"))
 
-    def _explain_list(self) -> CallError | None:
-        """Return the error of a list in the place of several arguments; None without one."""
+    def _explain_files(self) -> CallError | None:
+        """Return the error of an argument that is no name of a file, such as a list of names.
+
+        None for a function without names of files, and for arguments that are names.
+        """
         first = self.parameters[0]
-        if first.kind is not first.VAR_POSITIONAL or not any(
-            isinstance(each, list) for each in self.arguments
-        ):
+        are_files = first.kind is first.VAR_POSITIONAL and "PathLike" in str(first.annotation)
+        others = [each for each in self.arguments if not isinstance(each, str | PathLike)]
+        if not are_files or not others:
             return None
-        name = first.name
-        remedy = f"give {name} one by one: {self.function.__name__}(*{name})"
-        return self._refuse(f"`{name}` are in a list", remedy)
+        reason = f"it has `{type(others[0]).__name__}` in place of the name of a file"
+        function = self.function.__name__
+        remedy = f"give each file as an argument of its own, such as {function}(*{first.name})"
+        return self._refuse(reason, remedy)
 
     def _explain_options(self, options: object) -> CallError | None:
         """Return the error of options that are no message; None without one."""

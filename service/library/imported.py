@@ -13,7 +13,7 @@ from jointstiff.schemas.imports import ImportAnswer
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.library.calls import CallError, explain_calls
+from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.library.here import Here
 from jointstiff.service.library.results import Presented, TabledRun
@@ -212,7 +212,6 @@ def import_files(
     from jointstiff.service.resources import imports
 
     request = parse_document(options, ImportRequest)
-    _refuse_lists_of_files(files)
     sources = [SourceFile(Path(file).name, Path(file).read_bytes()) for file in files]
     robot_model = None
     if robot is None and payload is not None:
@@ -234,16 +233,3 @@ def import_files(
         raise CampaignError(problem_from_error(error)) from error
     readings = ImportedReadings.model_validate(dict(answer))
     return readings if robot is None else readings.with_robot(robot)
-
-
-def _refuse_lists_of_files(files: Sequence[object]) -> None:
-    """Refuse an argument that is no name of a file, such as a list of names.
-
-    Raises:
-        CallError: there is such an argument.
-    """
-    for file in files:
-        if not isinstance(file, str | PathLike):
-            reason = f"import_files() has `{type(file).__name__}` in place of the name of a file"
-            remedy = "give each file as an argument of its own, such as import_files(*files)"
-            raise CallError(http_problem(422, reason, remedy))

@@ -100,9 +100,8 @@ class Elastic:
     estimate: ElasticFit  #: fit of the chosen model
     #: effective compliances of the joints, with intervals that account for the choice of the model
     effective: EffectiveCompliances
-    intervals: (
-        ModelName | None
-    )  #: model whose fit gives the intervals; None without, as the penalty was given
+    #: model whose fit gives the intervals; None without intervals, because the penalty was given
+    intervals: ModelName | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -608,8 +607,7 @@ class Competition:
         """Return the effective joint compliances of a fit, with ranges that another fit gives.
 
         The effective compliance of a joint includes the bending of its link about the joint's axis. Ranges
-        are published as intervals only if cross-validation chose the penalty: they would not contain the bias
-        by any penalty that a user may give.
+        are published as intervals only if cross-validation chose the penalty.
 
         Args:
             elastic: fit of the chosen model.
