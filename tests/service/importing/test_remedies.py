@@ -46,6 +46,8 @@ label;J1 [deg];J2 [deg];P10 unloaded x [mm];P10 unloaded y [mm];P10 unloaded z [
 c01;10.5;-20.25;1245.7134;-310.1127;239.2014
 c02;-15;-35.125;1102.5518;402.9017;318.4406
 """
+MARKDOWN = "| " + POSES.replace(";", " | ").replace("\n", " |\n|" + 6 * "---|" + "\n| ", 1)
+"""The same poses as a table of Markdown."""
 READINGS = arrays(
     label=["c01", "c02"],
     q_deg=[[10.0, 20.0], [30.0, 40.0]],
@@ -331,6 +333,9 @@ ROWS = {
     ),
     "comment like a header, stated": option(
         "looks like a header, but is not understood", "# y x z\n" + POINTS, header=["name", "y", "x", "z"]
+    ),
+    "row of Markdown": table(
+        "but not the 6 cells of the table above", MARKDOWN.replace("-15 | ", "-15 "), MARKDOWN
     ),
     "header without rows": table("a header but no row of data", CAMPAIGN.splitlines()[1] + "\n", CAMPAIGN),
     "row above the header": table(
