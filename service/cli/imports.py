@@ -336,6 +336,7 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
     Raises:
         typer.Exit: the readings have errors, something is missing, or a file cannot be written.
     """
+    from jointstiff.service.importing.reading import read_sources
     from jointstiff.service.resources.documents import read_robot
 
     notes = _parse_pairs(values["about"] or [], SetMetadata, "--about")
@@ -346,7 +347,7 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
     )
     may_ask = is_terminal_input() and not values["as_json"]
     robot = None if values["robot"] is None else read_robot(values["robot"], "--robot")
-    stated = _StatedReadings(_read_sources(files), options, robot, meaning)
+    stated = _StatedReadings(read_sources(files), options, robot, meaning)
     readings = _complete_readings(stated, may_ask=may_ask, yes=values["yes"])
     imported = _read_with_robot(readings, may_ask=may_ask).show_files(readings.previews)
     imported = imported.add_payload(values["payload"])
@@ -857,23 +858,6 @@ def _name_options(text: str) -> str:
 
     text = text.replace(PAST_DO_NOT_USE, _PAST_ERRORS)
     return name_options_in_text(ImportRequest, text, _FORMS)
-
-
-def _read_sources(files: Sequence[Path]) -> list[SourceFile]:
-    """Read the files into memory.
-
-    Of large files only so much is read that the import refuses them as too large.
-    """
-    from jointstiff.service.importing.grid import MAX_FILE_BYTES
-    from jointstiff.service.importing.reading import SourceFile
-
-    sources, bytes_left = [], MAX_FILE_BYTES
-    for path in files:
-        with path.open("rb") as file:
-            content = file.read(bytes_left + 1)  # one byte more than is allowed
-        bytes_left = max(0, bytes_left - len(content))
-        sources.append(SourceFile(path.name, content))
-    return sources
 
 
 def _parse_pairs(

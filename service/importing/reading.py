@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import degrees, dist, sqrt
+from os import PathLike
+from pathlib import Path
 from statistics import fmean, median, pstdev
 from types import MappingProxyType
 from typing import Final, Literal, NamedTuple
@@ -99,6 +101,23 @@ class SourceFile:
 
     name: str  # without a folder; the name may contain target and state
     content: bytes
+
+
+def read_sources(files: Iterable[str | PathLike[str]]) -> list[SourceFile]:
+    """Read files into memory.
+
+    Of large files only so much is read that the import refuses them as too large.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    sources, bytes_left = [], grid.MAX_FILE_BYTES
+    for path in map(Path, files):
+        with path.open("rb") as file:
+            content = file.read(bytes_left + 1)  # one byte more than is allowed
+        bytes_left = max(0, bytes_left - len(content))
+        sources.append(SourceFile(path.name, content))
+    return sources
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypedDict, Unpack, cast
 
 from pydantic import PrivateAttr
@@ -207,12 +206,12 @@ def import_files(
         CampaignError: a file or an option was not understood.
     """
     from jointstiff.schemas.imports import ImportRequest
-    from jointstiff.service.importing.reading import SourceFile
+    from jointstiff.service.importing.reading import read_sources
     from jointstiff.service.problems import FilesError
     from jointstiff.service.resources import imports
 
     request = parse_document(options, ImportRequest)
-    sources = [SourceFile(Path(file).name, Path(file).read_bytes()) for file in files]
+    sources = read_sources(files)
     robot_model = None
     if robot is None and payload is not None:
         problem = http_problem(422, "payload: the robot is unknown", "give `robot`, too")

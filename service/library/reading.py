@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
-from pathlib import Path
 from typing import Any, Unpack
 
 from jointstiff.schemas.imports import ImportRequest
@@ -12,7 +11,7 @@ from jointstiff.schemas.meaning import TableMeaning
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.importing.reading import read_sources
 from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.library.imported import ImportedReadings, ImportFields
@@ -139,7 +138,7 @@ def read(
         CampaignError: neither names nor a robot explain the columns, or an option is not valid.
     """
     request = parse_document(dict(options), ImportRequest)
-    sources = [SourceFile(Path(file).name, Path(file).read_bytes()) for file in files]
+    sources = read_sources(files)
     document = _find_robot(robot)
     robots = _prepare_robots(document)
     try:

@@ -274,14 +274,7 @@ def leave_out_copied_states(view: View) -> tuple[list[Finding], View]:
     share_of_zeros = float((moved == 0.0).mean())
     if share_of_zeros > _LARGEST_SHARE_OF_ZEROS:
         return [], view
-    patterns = np.unique(is_copied[is_copied.any(axis=1)], axis=0)
-    places = list[str]()
-    for pattern in patterns[:_SHOWN]:
-        rows = np.flatnonzero((is_copied == pattern).all(axis=1)).tolist()
-        targets = [f"'{measurements.targets[target]}'" for target in np.flatnonzero(pattern).tolist()]
-        places.append(f"{', '.join(targets)} in {list_labels(measurements.labels, rows[:_SHOWN])}")
-    if is_copied.any(axis=1).sum() > _SHOWN:
-        places.append(f"{is_copied.sum()} readings in all")
+    places = _list_copies(measurements, is_copied)
     typical = float(np.median(np.linalg.norm(moved, axis=1)))
     message = (
         f"the readings with and without the load are equal in every digit: {'; '.join(places)}; the other "
@@ -302,6 +295,24 @@ def leave_out_copied_states(view: View) -> tuple[list[Finding], View]:
     )
     finding = view.build_finding("deflection_implausibly_small", message, remedy, "do_not_use")
     return [finding], replace(view, measurements=without)
+
+
+def _list_copies(measurements: Measurements, is_copied: BoolArray) -> list[str]:
+    """Return in words which targets of which observations have equal readings, by groups of equal targets.
+
+    Args:
+        measurements: Observations with the readings.
+        is_copied: Mask (N, T) of the equal readings.
+    """
+    patterns = np.unique(is_copied[is_copied.any(axis=1)], axis=0)
+    places = list[str]()
+    for pattern in patterns[:_SHOWN]:
+        rows = np.flatnonzero((is_copied == pattern).all(axis=1)).tolist()
+        targets = [f"'{measurements.targets[target]}'" for target in np.flatnonzero(pattern).tolist()]
+        places.append(f"{', '.join(targets)} in {list_labels(measurements.labels, rows[:_SHOWN])}")
+    if is_copied.any(axis=1).sum() > _SHOWN:
+        places.append(f"{is_copied.sum()} readings in all")
+    return places
 
 
 def _find_usual_loads(measurements: Measurements) -> BoolArray:

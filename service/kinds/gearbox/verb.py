@@ -93,7 +93,7 @@ def _read_table(file: Path, robot: Any) -> dict[str, Any]:  # noqa: ANN401 - as 
         OSError: the file cannot be read.
     """
     from jointstiff.service.conversion.prepared import prepare_robot
-    from jointstiff.service.importing.reading import SourceFile
+    from jointstiff.service.importing.reading import read_sources
     from jointstiff.service.resources.imports import import_files
 
     model = None
@@ -103,7 +103,7 @@ def _read_table(file: Path, robot: Any) -> dict[str, Any]:  # noqa: ANN401 - as 
         with as_campaign_error("robot"):
             model = prepare_robot(document).robot
     try:
-        answer = import_files([SourceFile(file.name, file.read_bytes())], ImportRequest(), model)
+        answer = import_files(read_sources([file]), ImportRequest(), model)
     except FilesError as error:
         raise CampaignError(problem_from_error(error)) from error
     if answer.weight_step is None:
