@@ -9,8 +9,9 @@ robot-world/hand-eye calibration problem using the Kronecker product*, 2013).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import permutations, product
 from math import ceil, log10
 from typing import Final, Literal, NamedTuple
 
@@ -60,6 +61,10 @@ _ORIENTATIONS: Final = {
     "ZYZ": "O, A, T of Kawasaki (about z, y′, z″)",
 }
 """Order of three angles, as SciPy names it → controller that shows such angles."""
+_POSITION: Final = ("x", "y", "z")
+_ROTATION: Final = ("rx", "ry", "rz")
+_OTHER_ORDERS: Final = tuple(permutations(range(3)))[1:]
+"""Orders of three columns other than their own."""
 _WHOLE_TURNS: Final = (0.0, -1.0, 1.0, -2.0)
 """Whole turns by which a vector of three angles, up to 360° each, may be longer than its rotation vector."""
 
@@ -139,12 +144,13 @@ class FrameProposal:
     """Tool, base and units with which poses and joints agree."""
 
     #: what is probably wrong: `joints`, `lengths` or both, `units`, for their unit, `orientation` for angles
-    #: that were read as a rotation vector, or the frames
-    cause: Literal["joints", "lengths", "units", "orientation", "base", "tool", "base_and_tool"]
+    #: that were read as a rotation vector, `columns` for columns in another order, or the frames
+    cause: Literal["joints", "lengths", "units", "orientation", "columns", "base", "tool", "base_and_tool"]
     tool: FloatArray  #: (4, 4) tool in the flange frame [m]
     base: FloatArray  #: (4, 4) base in R0 [m]
     unit: str = ""  #: words for the units, such as `mm where m are stated`, if a unit is wrong
     orders: tuple[str, ...] = ()  #: orders of three angles that agree, such as `ZYX`, for `orientation`
+    columns: tuple[tuple[str, str], ...] = ()  #: columns, each with the one whose numbers it needs
     decimals: Decimals = FINEST  #: decimals that the rows determine
     compared: int = 0  #: number of rows that were compared
     others: tuple[int, ...] = ()  #: compared rows that do not agree, from 1
@@ -169,6 +175,8 @@ class FrameProposal:
             return f"correct the units of lengths and joints: the numbers are {self.unit}"
         if self.cause == "orientation":
             return self._correction_of_angles
+        if self.cause == "columns":
+            return self._correction_of_columns
         stated = []
         if self.cause != "tool":
             stated.append(f"`base` {describe_pose(self.decimals.round_pose(self.base))}")
@@ -187,6 +195,12 @@ class FrameProposal:
             f"(N, 4, 4), which SciPy's rotations make of Euler angles in the order {self.orders[0]}; a "
             "`tool` and a `base` with such angles need a matrix, too"
         )
+
+    @property
+    def _correction_of_columns(self) -> str:
+        """Words that say which columns have the numbers of others."""
+        needed = ", ".join(f"as `{column}` those of `{source}`" for column, source in self.columns)
+        return f"the rows agree if columns are exchanged: give {needed}"
 
 
 class FramesError(RequestError):
@@ -237,6 +251,7 @@ def propose_frames(
             comparison.try_units(least_agreement)
             or comparison.try_both_units(least_agreement)
             or comparison.try_orientations(least_agreement)
+            or comparison.try_columns(least_agreement)
             or comparison.try_frames(least_agreement)
         )
         if proposal is not None:
@@ -319,6 +334,25 @@ class _Comparison:
             return None
         others = _list_others(next(iter(found.values())))
         return FrameProposal("orientation", self.tool, self.base, orders=tuple(found), others=others)
+
+    def try_columns(self, least_agreement: float) -> FrameProposal | None:
+        """Return an order of x, y, z or of rx, ry, rz with which a fraction of the rows agree, or None.
+
+        A rotation vector that is longer by whole turns has the same direction, so that its order is found,
+        too. `others` are indices of rows.
+        """
+        for names, reorder in ((_POSITION, _reorder_position), (_ROTATION, _reorder_rotation)):
+            for order in _OTHER_ORDERS:
+                poses = reorder(self.poses, order)
+                gaps = _measure_gaps(self.robot, self.joints, poses, self.tool, self.base)
+                if gaps.agree.mean() >= least_agreement:
+                    sources = tuple(
+                        (names[k], names[source]) for k, source in enumerate(order) if k != source
+                    )
+                    return FrameProposal(
+                        "columns", self.tool, self.base, columns=sources, others=_list_others(gaps)
+                    )
+        return None
 
     def try_far_units(self) -> FrameProposal | None:
         """Return the unit of lengths with which the rows nearly agree, and without which they do not."""
@@ -441,6 +475,21 @@ def _scale(poses: FloatArray, factor: float) -> FloatArray:
     return scaled
 
 
+def _reorder_position(poses: FloatArray, order: Sequence[int]) -> FloatArray:
+    """Return poses (..., 4, 4) with the coordinates of their positions in another order."""
+    read = poses.copy()
+    read[..., :3, 3] = poses[..., order, 3]
+    return read
+
+
+def _reorder_rotation(poses: FloatArray, order: Sequence[int]) -> FloatArray:
+    """Return poses (..., 4, 4) with the coordinates of their rotation vectors in another order."""
+    vectors = Rotation.from_matrix(poses[..., :3, :3]).as_rotvec()
+    read = poses.copy()
+    read[..., :3, :3] = Rotation.from_rotvec(vectors[..., order]).as_matrix()
+    return read
+
+
 def _read_as_angles(poses: FloatArray, order: str, turns: float) -> FloatArray:
     """Return poses (..., 4, 4) whose rotation vectors, longer by whole turns, are read as three angles."""
     vectors = Rotation.from_matrix(poses[..., :3, :3]).as_rotvec()
@@ -476,11 +525,14 @@ def _fit_both(reached: FloatArray, wanted: FloatArray) -> tuple[FloatArray, Floa
     if sizes[-2] < _DEFINITE * sizes[0]:
         return None
     solution = vectors[-1]
-    if np.linalg.det(solution[:9].reshape(3, 3)) < 0.0:
-        solution = -solution
+    turns = np.stack([solution[:9].reshape(3, 3), solution[9:].reshape(3, 3)])
+    determinants = np.linalg.det(turns)
+    if determinants.prod() <= 0.0:
+        return None  # one of them is a reflection: no two rotations solve the system
+    rotations = Rotation.from_matrix(np.sign(determinants[0]) * turns).as_matrix()
     world, flange = np.eye(4), np.eye(4)
-    flange[:3, :3] = Rotation.from_matrix(solution[:9].reshape(3, 3)).as_matrix().T
-    world[:3, :3] = Rotation.from_matrix(solution[9:].reshape(3, 3)).as_matrix()
+    flange[:3, :3] = rotations[0].T
+    world[:3, :3] = rotations[1]
     # t_r = W (R_w t_V + t_w) + t_W
     columns = np.concatenate(
         [world[:3, :3] @ wanted[:, :3, :3], np.tile(identity, (len(wanted), 1, 1))], axis=2

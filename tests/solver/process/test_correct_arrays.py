@@ -150,6 +150,32 @@ class TestWrongFrames:
         error = refusal(waypoints(joints, joints=factor * joints))
         assert error.proposal.cause == "joints"
 
+    @pytest.mark.parametrize("order", [[2, 1, 0], [1, 0, 2], [1, 2, 0]])
+    def test_exchanged_columns_of_a_rotation_vector_are_named(self, order):
+        joints = spread_joints(np.random.default_rng(11))
+        points = waypoints(joints, joints=joints)
+        wrong = points.poses.copy()
+        vectors = Rotation.from_matrix(wrong[:, :3, :3]).as_rotvec()
+        wrong[:, :3, :3] = Rotation.from_rotvec(vectors[:, order]).as_matrix()
+        check_columns(points, wrong, ["rx", "ry", "rz"], order)
+
+    @pytest.mark.parametrize("order", [[2, 1, 0], [1, 0, 2], [2, 0, 1]])
+    def test_exchanged_columns_of_a_position_are_named(self, order):
+        joints = spread_joints(np.random.default_rng(12))
+        points = waypoints(joints, joints=joints)
+        wrong = points.poses.copy()
+        wrong[:, :3, 3] = wrong[:, order, 3]
+        check_columns(points, wrong, ["x", "y", "z"], order)
+
+    def test_orientations_of_another_path_are_refused_without_a_proposal(self):
+        """Of some such orientations, the best linear fit is one rotation and one mirror image."""
+        generator = np.random.default_rng(13)
+        for _ in range(20):
+            joints = spread_joints(generator, 8)
+            points = waypoints(joints, joints=joints)
+            points.poses[:, :3, :3] = Rotation.random(8, random_state=generator).as_matrix()
+            assert refusal(points).proposal is None
+
     def test_one_direction_of_the_tool_is_refused_too(self):
         """Along one line with one orientation, world and flange are not determined together."""
         joints = path(20)
@@ -232,6 +258,16 @@ class TestWrongFrames:
         done = corrected(waypoints(joints, joints=rounded))
         assert statuses(done) == ["CORRECTED"] * 50
         np.testing.assert_allclose(done.joints, corrected(waypoints(joints, joints=joints)).joints, atol=1e-9)
+
+
+def check_columns(points, wrong, names, order):
+    """Exchange columns as the remedy of a refusal says, and check that the right poses come out."""
+    error = refusal(replace(points, poses=wrong))
+    assert error.proposal.cause == "columns"
+    moved = {names[order[k]]: names[k] for k in range(3) if order[k] != k}
+    assert dict(error.proposal.columns) == moved
+    for column, source in moved.items():
+        assert f"as `{column}` those of `{source}`" in error.remedy
 
 
 class TestRows:
