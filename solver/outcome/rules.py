@@ -117,6 +117,8 @@ PLAUSIBLE_STIFFNESS: Final = (1e3, 1e9)
 """Range of joint stiffness of industrial robots [N·m/rad, N/m], with a margin of three decades."""
 CONTRADICTED_PRIOR: Final = 5.0
 """Least difference of a prior from the readings, in its standard uncertainties, that is reported."""
+NARROW_PRIOR: Final = 1e-3
+"""Relative standard uncertainty below which a prior that contradicts the readings is taken for a mistake."""
 MISTAKEN_PRIOR: Final = 10.0
 """Least ratio of a contradicted prior and the readings that must not be used: a unit, or a digit too many."""
 LARGEST_SHIFT: Final = 0.5
@@ -1236,7 +1238,7 @@ def find_fit_problems(
     yield from _report_unidentified(fit.estimate)
     yield from _report_freedom(fit)
     yield from _report_few_postures(fit.measurements)
-    if not explained:
+    if not explained and not mistaken_priors:  # a mistaken prior leaves large residuals
         yield from _report_residuals(fit, cause_found=cause_found)
         yield from _report_unexplained_motion(fit, screening)
         yield from _report_unexplained(fit)
@@ -1655,7 +1657,12 @@ def _measure_deviation(prior: JointPrior, uncertainty: float) -> float:
     return abs(prior.by_readings - prior.mean) / uncertainty_of_difference
 
 
-def _is_mistaken(prior: JointPrior) -> bool:
+def _is_too_narrow(prior: JointPrior) -> bool:
+    """Return whether a prior states an uncertainty with which nobody knows the stiffness of a joint."""
+    return prior.standard_uncertainty < NARROW_PRIOR * prior.mean
+
+
+def _is_in_another_unit(prior: JointPrior) -> bool:
     """Return whether a prior that contradicts the readings differs from them by a factor of another unit."""
     return prior.by_readings > 0.0 and abs(np.log(prior.by_readings / prior.mean)) > np.log(MISTAKEN_PRIOR)
 
@@ -1669,16 +1676,23 @@ def _report_contradicted_prior(joint: JointCompliance, prior: JointPrior, deviat
         deviation: their difference in its standard uncertainties.
     """
     unit = JOINT_UNITS[joint.kind].stiffness.replace(".", "·")
+    stated = ""
+    remedy = f"check the prior, and that its numbers are in {unit}; or omit the prior"
+    if _is_too_narrow(prior) and not _is_in_another_unit(prior):
+        relative = prior.standard_uncertainty / prior.mean
+        stated = f" ± {figure(relative / prior.mean, '.3g')} {unit} ({figure(100.0 * relative, '.2g')} %)"
+        tenth = figure(0.1 / prior.mean, ".3g")
+        remedy = f"state the uncertainty in {unit}, such as {tenth} {unit} for 10 %; or omit the prior"
     by_prior = stiffness_text(1.0 / prior.mean, joint.kind)
     by_readings = "no stiffness above zero"
     if prior.by_readings > 0.0:
         by_readings = stiffness_text(1.0 / prior.by_readings, joint.kind)
     return Finding(
         code="prior_dominates",
-        weight="do_not_use" if _is_mistaken(prior) else "use_with_care",
-        message=f"the prior of {joint.name}, {by_prior}, contradicts the readings, which alone give "
+        weight="do_not_use" if _is_in_another_unit(prior) or _is_too_narrow(prior) else "use_with_care",
+        message=f"the prior of {joint.name}, {by_prior}{stated}, contradicts the readings, which alone give "
         f"{by_readings}: they differ by {figure(deviation, '.3g')} standard uncertainties of the difference",
-        remedy=f"check the prior, and that its numbers are in {unit}; or omit the prior",
+        remedy=remedy,
         where=joint.name,
     )
 

@@ -346,6 +346,19 @@ def test_a_prior_in_another_unit_is_no_result_to_use_without_a_word(stiffness, u
     assert finding.remedy == "check the prior, and that its numbers are in N·m/rad; or omit the prior"
 
 
+def test_a_prior_with_an_uncertainty_in_per_cent_is_named_and_ten_per_cent_are_offered():
+    """A data sheet says 3.5e6 N·m/rad to 10 %; the uncertainty is stated as 10 N·m/rad."""
+    robot, measurements = simulated(load="pull", configurations=6, force=1500.0, seed=3)
+    stated = {"stiffness": 3.5e6, "standard_uncertainty": 10.0}
+    found = estimate(robot, measurements, priors={"joint_2": stated})
+    (finding,) = [each for each in report_implausible_results(found) if each.where == "joint_2"]
+    assert (finding.code, finding.weight) == ("prior_dominates", "do_not_use")
+    assert "± 10 N·m/rad (0.00029 %)" in finding.message
+    assert "such as 350000 N·m/rad for 10 %" in finding.remedy
+    mended = estimate(robot, measurements, priors={"joint_2": stated | {"standard_uncertainty": 3.5e5}})
+    assert contradicted(mended) == set()
+
+
 def test_a_combination_that_the_prior_tells_apart():
     """Two joints on one axis: their sum is measured, the prior of one leaves the rest to the other."""
     campaign = simulated(load="pull", seed=3)
