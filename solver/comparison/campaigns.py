@@ -67,6 +67,9 @@ _NO_EFFECT: Final = 1e-9
 _QUARTER: Final = pi / 2
 _ALIKE: Final = 0.5
 """Greatest relative difference of the deflections at which forces that differ are taken for a wrong unit."""
+_CONTRADICTED_ORDER: Final = 1e-6
+"""p-value of equal stiffnesses below which a joint that is softer in the second campaign contradicts the
+order."""
 _SAME_LOAD: Final = "same_load"
 _SAME_CELL: Final = "same_cell"
 """Names of the options, as places of an error."""
@@ -203,8 +206,8 @@ def compare_sides(
         shared: errors that are the same in both campaigns.
 
     Raises:
-        RequestError: the robots' joints differ, the order contradicts the constraints, or the campaigns
-            cannot share an error.
+        RequestError: the robots' joints differ, the order contradicts the constraints or the readings, or the
+            campaigns cannot share an error.
         SolverError: optimality could not be certified.
     """
     _refuse_different_joints(first.robot, second.robot)
@@ -220,6 +223,8 @@ def compare_sides(
     for j in range(first.robot.n):
         ratios.append(_compare_joint(j, sides, covariance, confidence, positive=compliances_are_positive))
         differences.append(_subtract_joint(j, sides, covariance, confidence, shared))
+    if ordered:
+        _refuse_contradicted_order(sides, ratios)
     matches = match_observations(first.measurements, second.measurements)
     return Comparison(
         joints=ratios,
@@ -229,6 +234,31 @@ def compare_sides(
         avoided=compute_avoided_deflection(sides, matches, compliances),
         unlike=matches.unlike,
         unit_mistake=find_force_unit_mistake(first.measurements, second.measurements, matches),
+    )
+
+
+def _refuse_contradicted_order(sides: Sequence[Side], ratios: Sequence[JointRatio]) -> None:
+    """Refuse an order of two campaigns of which the second has softer joints, beyond any chance.
+
+    Raises:
+        RequestError: the readings contradict the order.
+    """
+    softer = list[str]()
+    for joint in ratios:
+        if joint.ratio is None or joint.p_value is None:
+            continue
+        if joint.ratio < 1.0 and joint.p_value < _CONTRADICTED_ORDER:
+            softer.append(f"{joint.name} ({figure(joint.ratio, '.3g')} times)")
+    if not softer:
+        return
+    first, second = ("secondary" if side.measurements.closed_on_links else "motor" for side in sides)
+    loops = f"; the first set has {first} encoders in the loop, the second {second} encoders"
+    raise RequestError(
+        "with `ordered` no joint may be softer in the second set, but in the readings these have less "
+        f"stiffness there than in the first set, p < {_CONTRADICTED_ORDER:.0e}: {', '.join(softer)}"
+        f"{loops if first != second else ''}",
+        where="ordered",
+        remedy="exchange the two campaigns, or omit `ordered`",
     )
 
 

@@ -793,6 +793,13 @@ def _describe_missed_area(
             where="work_area",
             remedy="check the unit and the digits of the work area's corners in R0, and move it within reach",
         )
+    flat = [axis for axis, side in zip("xyz", high - low, strict=True) if side == 0.0]
+    if flat:
+        return RequestError(
+            f"{reason}: its two corners have the same {' and '.join(flat)}, so that it has no volume",
+            where="work_area",
+            remedy="give two opposite corners of the box in R0; the second one is no size",
+        )
     return RequestError(
         f"{reason}, of {size}",
         where="work_area",

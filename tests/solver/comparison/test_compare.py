@@ -583,6 +583,18 @@ def test_each_campaigns_own_order_holds_in_the_one_problem(simulated):
         assert (found[:, 5] == found[:, 1]).tolist() == [which == 0, which == 1]
 
 
+def test_an_order_that_the_readings_contradict_is_refused_until_the_campaigns_are_exchanged():
+    motor, secondary = both()
+    with pytest.raises(RequestError, match=r"joint_2 \(0\.\d+ times\)") as error:
+        pair_of(secondary, motor, ordered=True)
+    assert (error.value.where, error.value.remedy) == (
+        "ordered",
+        "exchange the two campaigns, or omit `ordered`",
+    )
+    assert pair_of(motor, secondary, ordered=True).ordered is not None
+    assert pair_of(secondary, motor).ordered is None
+
+
 @pytest.mark.parametrize("freedoms", [(3.0, inf), (inf, 5.0)])
 def test_the_fewer_degrees_of_freedom_count(simulated, freedoms):
     free = [replace(one.side.free, degrees_of_freedom=f) for one, f in zip(simulated, freedoms, strict=True)]

@@ -91,6 +91,12 @@ FEWER = "request fewer readings, a smaller angle, or more candidates"
             "more candidates",
         ),
         (
+            {"work_area": [[1.0, -0.5, 0.6], [1.5, 0.5, 0.6]]},
+            "work_area | only 0 of 150 candidate postures have their load point in the work area: its two "
+            "corners have the same z, so that it has no volume | give two opposite corners of the box in "
+            "R0; the second one is no size",
+        ),
+        (
             {"readings": 9, "angle": 9.0},
             "distinct_angle | only 1 candidates are in postures that differ by 516°, but 9 readings are "
             f"requested | {FEWER}",
