@@ -431,3 +431,21 @@ def test_the_head_of_a_module_behind_stray_text_costs_its_own_line(stray, place)
     lines = [i for i, line in enumerate(text.splitlines(), 1) if line.startswith("MoveL")]
     assert [move.line for move in moves_of(program)] == lines
     assert [round(each.tool.pose[2, 3], 9) for each in targets_of(program)] == [0.009, 0.007]
+
+
+@pytest.mark.parametrize(
+    ("calls", "remark"),
+    [
+        (True, "1 move of 'b.src' is left as it is: to correct such moves, send that file as the first one"),
+        (
+            False,
+            "1 move of 'b.src' is left as it is: 'b.src' and 'a.src' do not call each other; to correct such moves, send 'b.src' without 'a.src'",
+        ),
+    ],
+)
+def test_moves_of_a_further_file_are_left_and_a_program_of_its_own_is_named(calls, remark):
+    frames = "$BASE={X 0,Y 0,Z 0,A 0,B 0,C 0}\n$TOOL={X 0,Y 0,Z 0,A 0,B 0,C 0}\n"
+    first = f"DEF a()\n{frames}LIN {PLACE}\n{'b()' if calls else ''}\nEND"
+    further = f"DEF b()\nLIN {PLACE}\nEND"
+    program = read_program([("a.src", first.encode()), ("b.src", further.encode())])
+    assert [each.text for each in program.left_alone if "b.src" in each.text] == [remark]

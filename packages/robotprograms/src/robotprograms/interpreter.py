@@ -84,7 +84,7 @@ def interpret(
     moves.trace_uses()
     moves.remark_conditions()
     moves.note_assumption()
-    _note_left_files(statements)
+    _note_left_files(statements, _find_linked_files(statements, flow, calls, routines.callers))
     return Interpretation(statements.columns, statements.uses.used, statements.changes.causes)
 
 
@@ -189,10 +189,41 @@ def _note_faults(statements: Statements, flow: ControlFlow) -> dict[int, Cause]:
     return faults
 
 
-def _note_left_files(statements: Statements) -> None:
-    """Add a remark on the moves of each further file, which are not corrected."""
+def _find_linked_files(
+    statements: Statements, flow: ControlFlow, calls: Calls, callers: Mapping[str, Set[str]]
+) -> set[int]:
+    """Return the indices of files that call another file, or that another file calls.
+
+    Args:
+        statements: statements of the program.
+        flow: control flow with the routines of the program.
+        calls: calls of the program, with the routines that are attached to events.
+        callers: routines that call each routine.
+    """
+    files = {routine: statements.places[body[0]].source for routine, body in flow.bodies.items() if body}
+    linked = {files[routine] for routine in calls.attached_routines if routine in files}
+    for routine, callers_of_routine in callers.items():
+        files_of_call = {files[name] for name in (routine, *callers_of_routine) if name in files}
+        if len(files_of_call) > 1:
+            linked |= files_of_call
+    return linked
+
+
+def _note_left_files(statements: Statements, linked: Set[int]) -> None:
+    """Add a remark on the moves of each further file, which are not corrected.
+
+    Args:
+        statements: statements of the program.
+        linked: indices of the files that call another file, or that another file calls.
+    """
+    first = quote_text(statements.sources[0].name)
     for source, count in sorted(statements.left_in_file.items()):
         file = quote_text(statements.sources[source].name)
-        moves = "1 move" if count == 1 else f"{count} moves"
-        text = f"{moves} of {file} are left as they are: to correct them, send that file as the first one"
+        left = f"{count} moves of {file} are left as they are"
+        if count == 1:
+            left = f"1 move of {file} is left as it is"
+        text = f"{left}: to correct such moves, send that file as the first one"
+        if source not in linked:
+            alone = f"send {file} without {first}"
+            text = f"{left}: {file} and {first} do not call each other; to correct such moves, {alone}"
         statements.columns.add_remark(At(1), text)
