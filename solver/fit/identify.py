@@ -53,7 +53,7 @@ from jointstiff.solver.fit.triangle import Triangle
 from jointstiff.solver.mechanics.block import Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.mechanics.springs import NEGLECTED_STIFFNESS
-from jointstiff.solver.mechanics.terms import FORCE_SCALE, TERMS, list_stated_terms
+from jointstiff.solver.mechanics.terms import FORCE_SCALE, LOAD_POINT, TERMS, list_stated_terms
 from jointstiff.solver.models import JOINTS, ElasticModel
 
 MAX_ITERATIONS: Final = 60
@@ -67,6 +67,9 @@ _MOST_UNCERTAINTIES: Final = 20.0
 """Greatest fitted error, in its standard uncertainties, that still is the error that was stated."""
 SHIFT_OBSERVATIONS: Final = 4096
 """Maximum number of observations from which the effect of neglecting K_c is estimated."""
+_WEAKENING: Final = 3.0
+"""Factor on the uncertainty of a fitted load point, where the point is free again beside the same readings.
+Its statement then has a tenth of their weight."""
 _LEAST_SIGMA: Final = 1e-15
 """Rounding of a position [m]: sigma is at least this, so that exact readings do not divide by zero."""
 
@@ -1105,14 +1108,34 @@ def _build_free_load(problem: _Problem, last_fit: _SingleFit, sigma: float) -> F
     None if no joint has a short lever, which means that it is near the line of the load.
     """
     measurements = problem.rows.measurements
+    terms, common = list_stated_terms(measurements), measurements.common_uncertainty
+    fitted_uncertainty = _find_uncertainty_of_fitted_load_point(measurements)
+    if fitted_uncertainty is not None:
+        terms = (*terms, LOAD_POINT)
+        common = replace(common, load_point=_WEAKENING * fitted_uncertainty)
     stated_errors = Statements(
-        terms=list_stated_terms(measurements),
-        common=measurements.common_uncertainty,
+        terms=terms,
+        common=common,
         compliance=np.maximum(last_fit.compliance, 0.0),
         sigma=sigma,
     )
     has_effect = ~problem.observability.null
     return FreeLoad.of(last_fit.rows, problem.settings, stated_errors, np.flatnonzero(has_effect))
+
+
+def _find_uncertainty_of_fitted_load_point(measurements: Measurements) -> float | None:
+    """Return the greatest standard uncertainty of a coordinate of a load point fitted as a cause [m].
+
+    None if the load point was not fitted.
+    """
+    errors = fitted_errors(measurements)
+    start = 0
+    for term, unknowns in zip(errors.terms, errors.unknowns, strict=True):
+        rows = slice(start, start + len(unknowns))
+        if term.name == LOAD_POINT.name:
+            return float(np.linalg.norm(errors.root[rows], axis=1).max())
+        start += len(unknowns)
+    return None
 
 
 def _compare_prior_to_data(
