@@ -579,6 +579,8 @@ class _StatedReadings:
         kept = {name: value for name, value in left.items() if name not in ("columns", "show_faults")}
         robot = self.robot or _read_arm(proposed.known.name)
         statements: Options = {name: self.options[name] for name in OPTIONS_OF_FILES if name in self.options}
+        if proposed.request.sheet is not None:
+            statements["sheet"] = proposed.request.sheet
         return _StatedReadings(
             proposed.files,
             kept,

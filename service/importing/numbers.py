@@ -18,6 +18,7 @@ from jointstiff.schemas.imports import DecimalMark, ImportOptions
 from jointstiff.service.importing.blocks import write_postures
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grammar import (
+    Kind,
     Meaning,
     Quantity,
     Vocabulary,
@@ -101,11 +102,26 @@ class NumberTable:
 
     def find_force_columns(self) -> dict[int, int]:
         """Return axis of R0 → column of the force along this axis, of the columns that headers name."""
-        return {
+        return self.find_columns_of("force")
+
+    def find_columns_of(self, kind: Kind) -> dict[int, int]:
+        """Return axis → column of a vector of a kind, such as `force`, in the order of the axes."""
+        found = {
             meaning.axis: column
             for column, meaning in enumerate(self.meanings)
-            if meaning is not None and meaning.kind == "force" and meaning.axis is not None
+            if meaning is not None and meaning.kind == kind and meaning.axis is not None
         }
+        return dict(sorted(found.items()))
+
+    def turn_vectors(self, kinds: Sequence[Kind], rotation: FloatArray) -> NumberTable:
+        """Return the table with the vectors of some kinds turned by a rotation (3, 3)."""
+        turned = self
+        for kind in kinds:
+            columns = list(self.find_columns_of(kind).values())
+            if len(columns) == len(rotation):
+                vectors = self.table.numbers[:, columns] @ rotation.T
+                turned = turned.replace_numbers(dict(zip(columns, vectors.T, strict=True)))
+        return turned
 
     @property
     def force_is_along_one_axis(self) -> bool:
