@@ -575,7 +575,9 @@ class _StatedReadings:
         """
         from jointstiff.service.resources.proposals import OPTIONS_OF_FILES  # imports numpy
 
-        left = proposed.request.model_dump(mode="json", include=set(self.options) | {"units"})
+        left = proposed.request.model_dump(
+            mode="json", include=set(self.options) | {"units", "allow_missing"}
+        )
         kept = {name: value for name, value in left.items() if name not in ("columns", "show_faults")}
         robot = self.robot or _read_arm(proposed.known.name)
         statements: Options = {name: self.options[name] for name in OPTIONS_OF_FILES if name in self.options}

@@ -263,7 +263,8 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     start = _find_start(grid, words, options)
     data = [index for index, row in enumerate(grid.rows) if index >= start and _is_data(row)]
     width = Counter(len(grid.rows[index].cells) for index in data).most_common(1)[0][0]
-    rows = tuple(grid.rows[index] for index in data if len(grid.rows[index].cells) == width)
+    cut = [_omit_remarks(grid.rows[index], width) for index in data]
+    rows = tuple(row for row in cut if len(row.cells) == width)
     headers = _find_headers(grid, words, options, data[0], width)
     words.add_names_of_table(headers)
     columns = [c for c in range(width) if any(looks_like_a_number(row.cells[c]) for row in rows)]
@@ -285,6 +286,16 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     points = _list_stated_points(meanings, stated)
     table = Table(name, numbers, known_joints, others, points)
     return NumberTable(grid, headers, meanings, rows, mark, table, stated, ignored)
+
+
+def _omit_remarks(row: Row, width: int) -> Row:
+    """Return a row of a table of some width without remarks behind its last column, which have no numbers."""
+    behind = row.cells[width:]
+    has_numbers = any(map(looks_like_a_number, behind))
+    if not behind or has_numbers:
+        return row
+    kinds = None if row.kinds is None else row.kinds[:width]
+    return replace(row, cells=row.cells[:width], kinds=kinds)
 
 
 def _shows_decimal_commas(rows: Sequence[Row], columns: Sequence[int], joints: Sequence[int]) -> bool:

@@ -30,7 +30,7 @@ from jointstiff.service.importing.naming import (
     name_readings,
 )
 from jointstiff.service.importing.numbers import NumberTable, read_number_tables
-from jointstiff.service.importing.reading import SourceFile, understand_files
+from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 from jointstiff.service.importing.rewriting import (
     has_column_of,
     list_masses,
@@ -114,6 +114,8 @@ _LARGEST_TURN: Final = 2.2 * np.pi
 _LEAST_WITHIN: Final = 0.5
 """Least fraction of the postures within the limits of joints that may be in radians."""
 _AXES: Final = 3
+_MOST_SKIPPED: Final = 6
+"""Missing readings that a sentence names."""
 _TURNS_OF_AXES: Final = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 """Orders of x, y and z that keep the hand of a frame. Where two axes are exchanged, the place of the
 instrument decides which order is proposed; a template keeps the order of its first files."""
@@ -161,8 +163,24 @@ class ProposedImport:
 
     def find_fault(self) -> ImportFileError | None:
         """Return the first fault of the table with the proposed meaning; None if a person can accept it."""
-        faults = understand_files(self.files, self.request, self.known.robot.joint_names).faults
+        faults = self._understand().faults
         return faults[0] if faults else None
+
+    def _understand(self) -> Understood:
+        """Read the table with the proposed meaning."""
+        return understand_files(self.files, self.request, self.known.robot.joint_names)
+
+    def skip_missing(self) -> ProposedImport | None:
+        """Return the proposal without readings that are missing or incomplete, which a note names.
+
+        None if something else is wrong with the table, or most readings are missing.
+        """
+        request = self.request.model_copy(update={"allow_missing": True})
+        skipping = replace(self, request=request)
+        understood = skipping._understand()
+        if understood.faults or len(understood.skipped) > understood.preview.reading_count:
+            return None
+        return replace(skipping, notes=(*self.notes, _describe_skipped(understood.skipped)))
 
     def accept(self, request: ImportRequest | None = None) -> ImportAnswer:
         """Import the table as the proposal says; `request` has other statements about the readings."""
@@ -176,6 +194,14 @@ class ProposedImport:
         )
         assumptions = [self.sentence, *answer.assumptions]
         return answer.model_copy(update={"assumptions": assumptions, "files": list(self.previews)})
+
+
+def _describe_skipped(sentences: Sequence[str]) -> str:
+    """Return a note on readings that are left out, which names the first of them."""
+    count = len(sentences)
+    counted = "1 reading is" if count == 1 else f"{count} readings are"
+    others = f" and {count - _MOST_SKIPPED} more" if count > _MOST_SKIPPED else ""
+    return f"{counted} missing or incomplete ({', '.join(sentences[:_MOST_SKIPPED])}{others})"
 
 
 @dataclass(frozen=True)
@@ -330,6 +356,11 @@ def _complete(found_meaning: _FoundMeaning, request: ImportRequest) -> ProposedI
         raise _NoProposalError(f"{found}, but {error.reason}", error.remedy, error) from error
     proposed = replace(proposed, likely_force=describe_likely_force(left))
     fault = proposed.find_fault()
+    if fault is not None and fault.option == "allow_missing" and _have_same_states(named):
+        _refuse_damaged_numbers(proposal, tables)
+        complete = proposed.skip_missing()
+        if complete is not None:
+            return complete
     if fault is not None:
         are_cells_missing = fault.option == "allow_missing" and _have_same_states(named)
         is_unit_missing = (fault.option or "").startswith("units.")
@@ -472,6 +503,28 @@ def _refuse_deflections_against_force(
             "the targets move against the force",
             "write displacements as loaded minus unloaded in axes of R0, or correct the sign of `force`",
         )
+
+
+def _refuse_damaged_numbers(proposal: Proposal, tables: Sequence[NumberTable]) -> None:
+    """Refuse a coordinate with digits that are no number: only an empty cell, or one with words, is missing.
+
+    Raises:
+        _NoProposalError: a cell of a position has such digits.
+    """
+    for table in tables:
+        columns = {
+            column
+            for reading in proposal.readings
+            if reading.points.table == table.name
+            for column in reading.points.columns
+        }
+        is_unread = np.isnan(table.table.numbers)
+        for number, row in enumerate(table.rows):
+            for column in sorted(columns):
+                text = row.cells[column]
+                if is_unread[number, column] and any(map(str.isdigit, text)):
+                    place = table.grid.place(row, column)
+                    raise _NoProposalError(f"{place}: {quote(text)} is no number", "correct the cell")
 
 
 def _have_same_states(named: Sequence[NamedReading]) -> bool:
