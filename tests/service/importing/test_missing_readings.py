@@ -1,4 +1,4 @@
-"""Readings that are missing: a proposal names them, and is accepted without them; damaged numbers are errors."""
+"""Readings that are missing: a proposal names and omits them; damaged numbers are errors."""
 
 import pytest
 from support.strange_files import JOINTS, digits, joint_rows, places, simulate, table
@@ -39,7 +39,9 @@ def test_a_reading_without_numbers_is_named_in_the_proposal_and_left_out(mark, t
     rows = list_rows()
     rows[7][-3:] = [mark] * 3
     proposed = read(tmp_path, rows)
-    assert "1 reading is missing or incomplete (P02: target B2 was read only unloaded; skipped)" in str(proposed)
+    assert "1 reading is missing or incomplete (P02: target B2 was read only unloaded; skipped)" in str(
+        proposed
+    )
     assert count_readings(proposed) == 23
 
 
