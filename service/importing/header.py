@@ -932,8 +932,7 @@ class ColumnReader:
         """
         header, others = self._headers[columns[0]], len(columns) - 1
         example = f"{header or meaning} [{_EXAMPLE_UNITS[dimension]}]"
-        remedy = f"write the unit in the header, such as `{example}`, or give `units`, such as "
-        remedy += f"{dimension}={_EXAMPLE_UNITS[dimension]}"
+        remedy = f"write the unit in the header, such as `{example}`, or give `units`"
         column_text = str(meaning)
         if (
             meaning.quantity.target is not None

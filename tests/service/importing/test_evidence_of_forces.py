@@ -95,7 +95,7 @@ def test_columns_without_headers_along_the_deflections_are_forces_whose_unit_is_
         written, seen = TURN.inv().apply(forces), in_tracker(positions)
     text = table([], write_rows(joints, seen, written))
     with pytest.raises(
-        js.CampaignError, match=r"columns 13–15 as the force, as the deflections show.*force=N"
+        js.CampaignError, match=r"columns 13–15 as the force, as the deflections show.*or give `units`"
     ):
         propose(text, tmp_path)
     proposed = propose(text, tmp_path, units={"force": "N"})
