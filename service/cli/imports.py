@@ -288,7 +288,7 @@ _OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
             typer.Option(
                 "--yes",
                 help="Accept the meaning of columns that the robot's kinematics proposes where names do not "
-                "explain them.",
+                "explain them, and leave out readings that are missing.",
             ),
         ],
         False,
@@ -576,10 +576,14 @@ class _StatedReadings:
         """
         from jointstiff.service.resources.proposals import OPTIONS_OF_FILES  # imports numpy
 
-        left = proposed.request.model_dump(mode="json", include=set(self.options) | {"units"})
+        left = proposed.request.model_dump(
+            mode="json", include=set(self.options) | {"units", "allow_missing"}
+        )
         kept = {name: value for name, value in left.items() if name not in ("columns", "show_faults")}
         robot = self.robot or _read_arm(proposed.known.name)
         statements: Options = {name: self.options[name] for name in OPTIONS_OF_FILES if name in self.options}
+        if proposed.request.sheet is not None:
+            statements["sheet"] = proposed.request.sheet
         return _StatedReadings(
             proposed.files,
             kept,
@@ -601,12 +605,20 @@ def _complete_readings(readings: _StatedReadings, *, may_ask: bool, yes: bool) -
     while True:
         if not readings.has_proposal:
             readings = _find_meaning(readings, _Dialogue(may_ask, yes, asked_before, reasons))
+        if yes and _lack_readings_alone(readings):
+            readings = readings.add_options({"allow_missing": True})
         if not may_ask:
             return readings
         new_options = ask_for_missing(_read_for_questions(readings), asked_before)
         if not new_options:
             return readings
         readings = readings.add_options(new_options)
+
+
+def _lack_readings_alone(readings: _StatedReadings) -> bool:
+    """Return whether nothing but missing readings keeps the import from reading the files."""
+    faults = _read_for_questions(readings).faults
+    return bool(faults) and all(fault.option == "allow_missing" for fault in faults)
 
 
 @dataclass(frozen=True)
@@ -1081,14 +1093,29 @@ def _find_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Ca
         yield from _find_state_questions(
             next(fault.words for fault in answer.faults if fault.option == option)
         )
-    elif option == "accept_unusual":
-        unusual = "; ".join(answer.unusual)
-        yield option, partial(typer.confirm, f"Is this value correct: {unusual}?", default=False, err=True)
+    elif option in {"allow_missing", "accept_unusual"}:
+        yield option, _build_confirmation(option, answer)
     elif option == "columns":
         columns = (column for file in answer.files for column in file.columns)
         for header in dict.fromkeys(column.header for column in columns if column.meaning == "unknown"):
             text = f"Meaning of column {header!r}, such as J1 [deg]"
             yield f"columns.{header}", partial(typer.prompt, text, default="ignore", err=True)
+
+
+def _build_confirmation(option: str, answer: ImportAnswer) -> Callable[[], object]:
+    """Return the question whether readings are left out that are missing, or unusual values are correct."""
+    if option == "allow_missing":
+        text = _describe_missing([fault for fault in answer.faults if fault.option == option])
+        return partial(typer.confirm, text, default=True, err=True)
+    text = f"Is this value correct: {'; '.join(answer.unusual)}?"
+    return partial(typer.confirm, text, default=False, err=True)
+
+
+def _describe_missing(faults: Sequence[ImportFault]) -> str:
+    """Return the question whether readings that are missing or incomplete are left out."""
+    named = [f"{fault.reason} in line {fault.line}" if fault.line else fault.reason for fault in faults]
+    others = f" and {len(named) - _MAX_LINES} more" if len(named) > _MAX_LINES else ""
+    return f"Leave out incomplete readings ({'; '.join(named[:_MAX_LINES])}{others})?"
 
 
 def _find_vector_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Callable[[], object]]]:
@@ -1153,8 +1180,20 @@ def _ask_force(likely: str) -> _TypedForce:
     if likely:
         typer.echo(f"{likely}.", err=True)
     text = "Force on the robot in R0, such as 0,0,-981 N, or a hung weight, such as 100 kg"
-    answer: _TypedForce = typer.prompt(text, value_proc=_parse_force, err=True)
+    answer: _TypedForce = typer.prompt(text, value_proc=_parse_force_with_unit, err=True)
     return answer
+
+
+def _parse_force_with_unit(text: str) -> _TypedForce:
+    """Parse a force with its unit, so that the unit needs no question of its own.
+
+    Raises:
+        typer.BadParameter: the text has no unit, or is no force.
+    """
+    force = _parse_force(text)
+    if force.unit is None:
+        raise typer.BadParameter("add the unit N, kN, kgf or lbf, such as 0,0,-981 N")
+    return force
 
 
 def _ask_load_point(targets: Sequence[str]) -> tuple[float, ...] | str:
@@ -1176,7 +1215,6 @@ _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
     # field of the request → function that asks for its value
     **{option: partial(_prompt_choice, *question) for option, question in _CHOICE_QUESTIONS.items()},
     "by_order": partial(typer.confirm, "Number the rows of files without names?", default=False, err=True),
-    "allow_missing": partial(typer.confirm, "Skip incomplete readings?", default=False, err=True),
     "mean_of_repeats": partial(typer.confirm, "Use the mean of repeated readings?", default=False, err=True),
     "joint_tolerance": partial(
         typer.prompt, "Greatest difference of a joint between files, deg or mm", type=float, err=True

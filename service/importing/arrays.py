@@ -14,7 +14,7 @@ from jointstiff.schemas.imports import FilePreview, TableFormat
 from jointstiff.service.importing import grammar, grid, limits
 from jointstiff.service.importing.child import ask_child
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.grid import ArrayFormat, CellKind, Grid, Row
+from jointstiff.service.importing.grid import ArrayFormat, CellKind, Grid, Remark, Row
 from jointstiff.service.importing.matrices import Matrix
 
 _WORDS: Final = MappingProxyType(
@@ -80,9 +80,16 @@ def read_arrays(
     wanted = [name for name in names if name is not None] if kind == "hdf5" else []
     answer = _ask_library(file, content, kind, wanted, every_length=every_length)
     tables = {name: _repeat_forces(arrays) for name, arrays in answer["arrays"].items()}
+    scalars = [
+        Remark(0, f"{each['name']}: {each['scalar']}")
+        for arrays in tables.values()
+        for each in arrays
+        if each.get("scalar") is not None
+    ]
     if every_length:
         tables = {name: each for arrays in tables.values() for name, each in _split_by_length(arrays)}
-    return [_build_grid(file, kind, name, arrays) for name, arrays in tables.items()]
+    grids = [_build_grid(file, kind, name, arrays) for name, arrays in tables.items()]
+    return [replace(each, comments=tuple(scalars)) for each in grids]
 
 
 def build_grids_of_matrices(file: str, encoding: str, matrices: Sequence[Matrix]) -> list[Grid]:

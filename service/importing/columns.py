@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
-from typing import Final, NamedTuple, TypedDict
+from typing import Final, NamedTuple, NotRequired, TypedDict
 
 import numpy as np
 
@@ -32,6 +32,7 @@ class Array(TypedDict):
     unit: str | None  # stated by an attribute of the array
     kind: str  # `CellKind` of the cells
     columns: list[list[str | None]] | None  # cells, None for empty ones; None for what is no column
+    scalar: NotRequired[str | None]  # the only element of an array; None of other arrays
 
 
 Tables = Mapping[str, Callable[[], list[Array]]]
@@ -86,6 +87,7 @@ def tabulate(arrays: Iterable[NamedArray], *, every_length: bool = False) -> lis
             unit=each.unit,
             kind="text" if each.values is None else find_cell_kind(each.values.dtype),
             columns=None if each.values is None else _list_columns(each.values, counts),
+            scalar=None if each.values is None else _read_scalar(each.values),
         )
         for each in found
     ]
@@ -139,6 +141,14 @@ def _list_columns(array: np.ndarray, counts: Collection[int]) -> list[list[str |
         columns = (array.astype(float) if array.dtype.kind == "f" else array).T.tolist()
         return [list(map(write_number, column)) for column in columns]
     return [[clean_text(each) for each in array[:, 0].tolist()]]
+
+
+def _read_scalar(array: np.ndarray) -> str | None:
+    """Return the text of the only element of an array; None of other arrays."""
+    if array.size != 1 or array.dtype.kind not in f"{_NUMBERS}SU":
+        return None
+    (element,) = array.reshape(1).tolist()
+    return clean_text(element) if array.dtype.kind in "SU" else write_number(element)
 
 
 def check_name(name: str) -> str:

@@ -191,7 +191,9 @@ _FORCE_IN_HEADER: Final = re.compile(
 )
 """A word for a force, or `Fx`, among other words of a header."""
 _PHRASES: Final = [word for word in _STATE_OF if " " in word]
-_STATE_PHRASE: Final = re.compile(rf"(?<![^\s_])(?:{_build_alternation(_PHRASES)})(?![^\s_])", re.IGNORECASE)
+_STATE_PHRASE: Final = re.compile(
+    rf"(?<![^\s_])(?:{_build_alternation(_PHRASES)})\.?(?![^\s_])", re.IGNORECASE
+)
 _PHRASE_IN_NAME: Final = re.compile(
     rf"(?<![^\W_])(?:{_build_alternation(word for word in _PHRASES if not word[-1].isdigit())})(?![^\W_])",
     re.IGNORECASE,
@@ -205,6 +207,7 @@ _WORD_PIECE: Final = re.compile(r"[A-Z]?[^\W\dA-Z_]{2,}|[A-Z]{3,}(?![^\W\dA-Z_])
 _BRACKET: Final = re.compile(r"[][(){}]")
 _COORDINATE: Final = re.compile(r"([dδΔ]?)([xyz])", re.IGNORECASE)
 _AXIS_AND_WORD: Final = re.compile(r"([xyz])(\w+)|(\w+)([xyz])", re.IGNORECASE)
+_WORDS_FOR_KG: Final = frozenset(("kg", "кг", "公斤", "千克", "킬로그램", "キログラム"))
 _MASS_IN_KG: Final = re.compile(r"(.*)[ _]kg", re.IGNORECASE)
 _TRANSLATIONS: Final = frozenset(("tx", "ty", "tz"))
 """Coordinates if they are in a unit of length; else they may be moments."""
@@ -277,7 +280,7 @@ def find_state(word: str, extra: Mapping[str, State]) -> State | None:
     for key, state in extra.items():
         if fold_word(key) == text:
             return state
-    return _STATE_OF.get(text)
+    return _STATE_OF.get(text) or _STATE_OF.get(text.rstrip("."))
 
 
 def read_states(words: Iterable[str], extra: Mapping[str, State]) -> dict[str, State]:
@@ -362,7 +365,10 @@ def is_repeat_header(header: str) -> bool:
 def _join_phrases(phrase: re.Pattern[str], text: str) -> str:
     """Return a text in which a state takes the place of its phrase as one word, such as of `no load`."""
     return phrase.sub(
-        lambda match: _STATE_OF[" ".join(re.split(r"[\s_-]+", match[0].casefold()))].replace("_", ""), text
+        lambda match: _STATE_OF[" ".join(re.split(r"[\s_-]+", match[0].casefold().rstrip(".")))].replace(
+            "_", ""
+        ),
+        text,
     )
 
 
@@ -495,7 +501,8 @@ def split_unit(header: str) -> tuple[str, str | None]:
     base, in_square_brackets, in_round_brackets, after_sign = match.groups()
     if after_sign is not None:
         after_sign = after_sign.strip("() ")
-        return (base, after_sign) if find_known_unit(after_sign) else (header, None)
+        is_unit = after_sign in _WORDS_FOR_KG or find_known_unit(after_sign) is not None
+        return (base, after_sign) if is_unit else (header, None)
     if in_round_brackets is not None and fold_word(header).rpartition(" ")[2] in _WORD_LISTS["expanded"]:
         return header, None
     return base, in_square_brackets if in_square_brackets is not None else in_round_brackets
@@ -516,6 +523,8 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
         return Meaning(Quantity(key))
     if unit is None and (mass := _MASS_IN_KG.fullmatch(base)) and fold_word(mass[1]) in _WORD_LISTS["hung"]:
         base, unit = mass[1], "kg"
+    if unit in _WORDS_FOR_KG:
+        unit = "kg"
     is_load_in_kg = unit == "kg" and fold_word(base) in _WORD_LISTS["hung in kg"]
     if is_load_in_kg or fold_word(base) in _WORD_LISTS["hung"]:
         if unit not in ("kg", "kgf"):

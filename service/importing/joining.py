@@ -25,6 +25,7 @@ from jointstiff.service.importing.row_names import (
     name_rows,
     omit_zeros,
 )
+from jointstiff.solver.arrays import BoolArray
 
 _MOST_REPEAT = 1e-4
 """Greatest distance [m] of a repeated coordinate from the mean of all repeats."""
@@ -74,12 +75,12 @@ def join_tables(tables: Sequence[NumberTable], options: ImportOptions) -> Joined
     named = [_name(table, options, () if table is first else labels) for table in tables]
     named = [_spell_as(each, labels) for each in named]
     joined = [each for each in named if labels and set(each.labels) & set(labels)]
-    kept = _choose_labels(joined, labels, options)
+    kept = _choose_labels(joined, labels)
     arranged = []
     for each in named:
         own_labels = kept if each in joined else each.labels
         arranged.append(_arrange(each, own_labels, options))
-    notes = _describe(joined, labels, kept)
+    notes = _describe(joined, kept)
     if any(each.was_averaged for each in named):
         notes.append("the mean of repeated readings")
     return JoinedTables(tuple(arranged), tuple(notes))
@@ -134,22 +135,18 @@ def _choose_first(tables: Sequence[NumberTable], options: ImportOptions) -> Numb
     return max(named, key=lambda table: table.table.size[1], default=None)
 
 
-def _choose_labels(
-    joined: Sequence[_NamedTable], labels: Sequence[str], options: ImportOptions
-) -> tuple[str, ...]:
+def _choose_labels(joined: Sequence[_NamedTable], labels: Sequence[str]) -> tuple[str, ...]:
     """Return the observations that all tables with common names have, in order.
 
     Raises:
-        ImportFileError: a table lacks an observation, unless `allow_missing` is set.
+        ImportFileError: most observations of a table are not in another table.
     """
     sets = [set(each.labels) for each in joined]
     kept = tuple(label for label in labels if all(label in own for own in sets))
-    if options.allow_missing:
-        return kept
     for each, own in zip(joined, sets, strict=True):
         for other in joined:
             lacking = [label for label in other.labels if label not in own]
-            if lacking:
+            if 2 * len(lacking) > len(other.labels):
                 raise _build_lacking_error(each.table, other.table, lacking)
     return kept
 
@@ -160,8 +157,7 @@ def _build_lacking_error(table: NumberTable, other: NumberTable, lacking: Sequen
     return ImportFileError(
         Place(table.grid.file),
         f"{listed} of {quote(other.name)} has no row here",
-        "add the rows, spell names alike in all files, or use `allow_missing` to leave these out",
-        "allow_missing",
+        "add the rows, or spell names alike in all files",
     )
 
 
@@ -172,13 +168,14 @@ def _list_names(names: Sequence[str]) -> str:
     return f"{listed} and {others} more" if others > 0 else listed
 
 
-def _describe(joined: Sequence[_NamedTable], labels: Sequence[str], kept: Sequence[str]) -> list[str]:
+def _describe(joined: Sequence[_NamedTable], kept: Sequence[str]) -> list[str]:
     """Return what a person should know of the order of rows."""
     notes = []
     if len(joined) > 1:
         notes.append("rows of the files joined by their names")
     kept_labels = set(kept)
-    left_out = [label for label in labels if label not in kept_labels]
+    of_all = dict.fromkeys(label for each in joined for label in each.labels)
+    left_out = [label for label in of_all if label not in kept_labels]
     if joined and left_out:
         notes.append(f"left out, as not all files have them: {_list_names(left_out)}")
     return notes
@@ -192,6 +189,8 @@ def _arrange(named: _NamedTable, labels: Sequence[str], options: ImportOptions) 
     """
     if labels and len(set(named.names)) < len(named.names):
         _refuse_unknown_states(named, options)
+    if labels:
+        named = _add_missing_rows(named, labels)
     order = _order_by_labels(named, labels) if labels else _order_by_keys(named)
     if order is None:
         return named.table
@@ -319,6 +318,65 @@ def _order_by_labels(named: _NamedTable, labels: Sequence[str]) -> list[int] | N
     if gaps:
         raise _build_gap_error(named, gaps, len(labels))
     return [row_of_name[name] for name in names]
+
+
+def _add_missing_rows(named: _NamedTable, labels: Sequence[str]) -> _NamedTable:
+    """Return a table with a row for each reading that less than half of the observations lack.
+
+    Such a row is that of another reading of the observation, without the numbers in which readings in one
+    state differ. Names that occur twice, or that most observations lack, are left to the errors about them.
+    """
+    known = set(named.names)
+    if len(known) < len(named.names):
+        return named
+    gaps = [key._replace(label=label) for label in labels for key in named.keys]
+    gaps = [gap for gap in gaps if gap not in known]
+    gaps_of_key = Counter(gap._replace(label=None) for gap in gaps)
+    is_possible = all(2 * count < len(labels) for count in gaps_of_key.values())
+    if not gaps or not is_possible:
+        return named
+    table = named.table
+    rows, numbers = list(table.rows), [table.table.numbers]
+    for gap in gaps:
+        of_label = [row for row, name in enumerate(named.names) if name.label == gap.label]
+        like = [row for row in of_label if named.names[row].state == gap.state] or of_label
+        own = table.table.numbers[like]
+        differs = _find_different_columns(named, gap)
+        cells = tuple("" if differs[column] else cell for column, cell in enumerate(rows[like[0]].cells))
+        rows.append(replace(rows[like[0]], cells=cells))
+        numbers.append(np.where(differs, np.nan, own[:1]))
+    solver_table = replace(table.table, numbers=np.vstack(numbers))
+    filled = replace(table, rows=tuple(rows), table=solver_table)
+    return replace(named, table=filled, names=(*named.names, *gaps))
+
+
+def _find_different_columns(named: _NamedTable, gap: RowName) -> BoolArray:
+    """Return for each column (m,) whether its numbers differ between a reading and others of its state.
+
+    The observations with all readings show the columns.
+    """
+    numbers = named.table.table.numbers
+    differs = np.zeros(numbers.shape[1], dtype=np.bool_)
+    rows_of_label: dict[str | None, list[int]] = {}
+    for row, name in enumerate(named.names):
+        if name.state == gap.state:
+            rows_of_label.setdefault(name.label, []).append(row)
+    groups = [rows for rows in rows_of_label.values() if len(rows) > 1]
+    for rows in groups:
+        differs |= np.ptp(np.nan_to_num(numbers[rows]), axis=0) > 0.0
+    if not groups:  # one reading in each state: all states of an observation show the columns
+        return _find_columns_of_states(named)
+    return differs
+
+
+def _find_columns_of_states(named: _NamedTable) -> BoolArray:
+    """Return for each column (m,) whether its numbers differ between the rows of an observation."""
+    numbers = named.table.table.numbers
+    differs = np.zeros(numbers.shape[1], dtype=np.bool_)
+    for label in named.labels:
+        rows = [row for row, name in enumerate(named.names) if name.label == label]
+        differs |= np.ptp(np.nan_to_num(numbers[rows]), axis=0) > 0.0
+    return differs
 
 
 def _order_repeated(named: _NamedTable, labels: Sequence[str]) -> list[int] | None:

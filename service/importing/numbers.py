@@ -18,6 +18,7 @@ from jointstiff.schemas.imports import DecimalMark, ImportOptions
 from jointstiff.service.importing.blocks import write_postures
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grammar import (
+    Kind,
     Meaning,
     Quantity,
     Vocabulary,
@@ -101,11 +102,26 @@ class NumberTable:
 
     def find_force_columns(self) -> dict[int, int]:
         """Return axis of R0 → column of the force along this axis, of the columns that headers name."""
-        return {
+        return self.find_columns_of("force")
+
+    def find_columns_of(self, kind: Kind) -> dict[int, int]:
+        """Return axis → column of a vector of a kind, such as `force`, in the order of the axes."""
+        found = {
             meaning.axis: column
             for column, meaning in enumerate(self.meanings)
-            if meaning is not None and meaning.kind == "force" and meaning.axis is not None
+            if meaning is not None and meaning.kind == kind and meaning.axis is not None
         }
+        return dict(sorted(found.items()))
+
+    def turn_vectors(self, kinds: Sequence[Kind], rotation: FloatArray) -> NumberTable:
+        """Return the table with the vectors of some kinds turned by a rotation (3, 3)."""
+        turned = self
+        for kind in kinds:
+            columns = list(self.find_columns_of(kind).values())
+            if len(columns) == len(rotation):
+                vectors = self.table.numbers[:, columns] @ rotation.T
+                turned = turned.replace_numbers(dict(zip(columns, vectors.T, strict=True)))
+        return turned
 
     @property
     def force_is_along_one_axis(self) -> bool:
@@ -247,7 +263,8 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     start = _find_start(grid, words, options)
     data = [index for index, row in enumerate(grid.rows) if index >= start and _is_data(row)]
     width = Counter(len(grid.rows[index].cells) for index in data).most_common(1)[0][0]
-    rows = tuple(grid.rows[index] for index in data if len(grid.rows[index].cells) == width)
+    cut = [_omit_remarks(grid.rows[index], width) for index in data]
+    rows = tuple(row for row in cut if len(row.cells) == width)
     headers = _find_headers(grid, words, options, data[0], width)
     words.add_names_of_table(headers)
     columns = [c for c in range(width) if any(looks_like_a_number(row.cells[c]) for row in rows)]
@@ -269,6 +286,16 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     points = _list_stated_points(meanings, stated)
     table = Table(name, numbers, known_joints, others, points)
     return NumberTable(grid, headers, meanings, rows, mark, table, stated, ignored)
+
+
+def _omit_remarks(row: Row, width: int) -> Row:
+    """Return a row of a table of some width without remarks behind its last column, which have no numbers."""
+    behind = row.cells[width:]
+    has_numbers = any(map(looks_like_a_number, behind))
+    if not behind or has_numbers:
+        return row
+    kinds = None if row.kinds is None else row.kinds[:width]
+    return replace(row, cells=row.cells[:width], kinds=kinds)
 
 
 def _shows_decimal_commas(rows: Sequence[Row], columns: Sequence[int], joints: Sequence[int]) -> bool:

@@ -135,6 +135,7 @@ class Understood:
     bodies: tuple[Body, ...] = ()  # from tables of masses; joints as they are named or numbered there
     unusual: tuple[str, ...] = ()  # values to be confirmed, such as those far from all others of their column
     weight_step: StepReadings | None = None  # readings of two encoders, in place of observations
+    skipped: tuple[str, ...] = ()  # sentences on incomplete readings that are left out
     are_columns_named: bool = False  # whether headers alone explain all tables: faults are those of cells
 
     @property
@@ -334,9 +335,9 @@ class _Reader:
 
         If there are faults, the result has only the faults and the previews of the files.
         """
+        skipped = list[str]()
         if self._options.allow_missing:
-            observations, notes_on_skipped = _skip_incomplete_observations(observations)
-            self._notes += notes_on_skipped
+            observations, skipped = _skip_incomplete_observations(observations)
         targets = _list_targets(observations)
         _check_same_quantities(observations, self._faults)
         states = _list_present_states(observations)
@@ -346,9 +347,10 @@ class _Reader:
             observations, notes_on_gaps = _drop_and_report_incomplete_readings(
                 observations, targets, self._faults, self._options
             )
-            self._notes += notes_on_gaps
+            skipped += notes_on_gaps
         else:
-            self._notes += _report_skipped_points(observations)
+            skipped += _report_skipped_points(observations)
+        self._notes += skipped
         counts = _check_sigmas(observations, self._faults)
         self._notes += _describe_uncertainties(counts)
         if self._faults.found:
@@ -360,7 +362,7 @@ class _Reader:
             "reading_count": sum(len(each.points) for each in observations) if has_readings else 0,
             "uncertainty": next(iter(counts), None),
         }
-        return self._assemble(observations, summary)
+        return replace(self._assemble(observations, summary), skipped=tuple(skipped))
 
     def _assemble(
         self, observations: Sequence[ObservationRecord], summary: Mapping[str, object]

@@ -7,10 +7,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import Final, NamedTuple
 
+from jointstiff.service.importing.arrays import read_arrays
 from jointstiff.service.importing.encoding import decode
 from jointstiff.service.importing.errors import ImportFileError, quote
 from jointstiff.service.importing.excel import read_workbook
-from jointstiff.service.importing.grid import JSON, WORKBOOK, file_type
+from jointstiff.service.importing.grid import ARRAYS, JSON, WORKBOOK, ArrayFormat, file_type
 from jointstiff.service.importing.reading import SourceFile
 
 _LOAD: Final = re.compile(
@@ -24,9 +25,11 @@ _LOAD_IN_NAME: Final = re.compile(
 """A mass or a force in the name of a file, such as `load100kg`."""
 _FIELD: Final = re.compile(
     r"[\s_(\[](?P<unit>kg|kgf|kN|N|lbf)[)\]]?[\"']? ?[:=\t;]\s?"
-    r"(?P<size>\d{1,5}(?:[.,]\d{1,3})?)\s{0,9},?$"
+    r"(?P<size>\d{1,5}(?:[.,]\d{1,3})?)\s{0,9}[,;]?$"
 )
 """A field at the end of a line, such as `payload_kg: 8.0`."""
+_FIELDS: Final = re.compile(r"[,{}]")
+"""What separates the fields of JSON."""
 _CELLS: Final = re.compile(r"[\t;|,\"]|[.!?:] ")
 """What ends a cell or a sentence."""
 _MARKS: Final = "#%!/*;'-> "
@@ -52,14 +55,14 @@ class StatedLoad(NamedTuple):
 
 def find_stated_loads(files: Sequence[SourceFile]) -> list[StatedLoad]:
     """Return the different loads that files state in words; none if there are many, as in a column."""
-    loads: dict[tuple[str, ...], StatedLoad] = {}
+    loads: dict[tuple[float, str], StatedLoad] = {}
     for file in files:
         for place, text in _yield_texts(file):
             pattern = _LOAD if place else _LOAD_IN_NAME
             found = pattern.search(text, 0, _MOST_CHARACTERS) or _FIELD.search(text, 0, _MOST_CHARACTERS)
             if found is not None and float(found["size"].replace(",", ".")) > 0.0:
                 load = _read_load(file.name, place, text, found)
-                loads.setdefault((found["size"], found["unit"]), load)
+                loads.setdefault((float(found["size"].replace(",", ".")), found["unit"]), load)
             if len(loads) > _MOST_LOADS:
                 return []
     return list(loads.values())
@@ -78,19 +81,34 @@ def describe_stated_loads(loads: Sequence[StatedLoad]) -> str:
 
 
 def _yield_texts(file: SourceFile) -> Iterator[tuple[str, str]]:
-    """Yield place and text of the name of a file, of its lines, and of the rows of all sheets."""
+    """Yield place and text of the name of a file, and of what the file says."""
     yield "", file.name.rpartition(".")[0]
     with suppress(ImportFileError):
         kind = file_type(file.content, file.name)
         if kind == WORKBOOK:
-            for sheet in read_workbook(file.name, file.content, None):
-                rows = [(row.line, "\t".join(filter(None, row.cells))) for row in sheet.rows]
-                rows += [(comment.line, comment.text) for comment in sheet.comments]
-                for number, text in rows:
-                    yield f"row {number} of the sheet {quote(sheet.preview.sheet or '')}", text
+            yield from _yield_rows(file)
+        elif kind is not None and kind in ARRAYS:
+            yield from _yield_scalars(file, ARRAYS[kind])
         elif kind in (None, JSON):
             for number, line in enumerate(decode(file.name, file.content)[0].splitlines(), 1):
-                yield f"line {number}", line
+                fields = _FIELDS.split(line) if kind == JSON else [line]
+                yield from ((f"line {number}", text) for text in fields)
+
+
+def _yield_rows(file: SourceFile) -> Iterator[tuple[str, str]]:
+    """Yield place and text of the rows and comments of all sheets of a workbook."""
+    for sheet in read_workbook(file.name, file.content, None):
+        rows = [(row.line, "\t".join(filter(None, row.cells))) for row in sheet.rows]
+        rows += [(comment.line, comment.text) for comment in sheet.comments]
+        for number, text in rows:
+            yield f"row {number} of the sheet {quote(sheet.preview.sheet or '')}", text
+
+
+def _yield_scalars(file: SourceFile, kind: ArrayFormat) -> Iterator[tuple[str, str]]:
+    """Yield place and text of the single numbers and texts of a file of arrays."""
+    for grid in read_arrays(file.name, file.content, kind, [None]):
+        for scalar in grid.comments:
+            yield "its arrays", scalar.text
 
 
 def _read_load(file: str, place: str, text: str, found: re.Match[str]) -> StatedLoad:

@@ -166,8 +166,8 @@ def may_be_force(table: NumberTable, column: int) -> bool:
     return has_numbers and table.meanings[column] is None and looks_like_a_force(table.headers[column])
 
 
-def find_constant_force(left: ColumnsLeft) -> tuple[int, int, int] | None:
-    """Return three columns without headers whose numbers are a force of constant size; None without them.
+def find_bare_vector(left: ColumnsLeft) -> tuple[int, int, int] | None:
+    """Return the three columns that are left, without headers and adjacent, if they are a vector; else None.
 
     A direction has the size 1, and is no force.
     """
@@ -177,11 +177,18 @@ def find_constant_force(left: ColumnsLeft) -> tuple[int, int, int] | None:
     first, second, third = left.columns
     numbers = table.table.numbers[:, list(left.columns)]
     sizes = np.linalg.norm(numbers, axis=1)
-    is_constant = bool(np.isfinite(sizes).all()) and np.ptp(sizes) <= _SAME_SIZE * sizes.mean()
-    is_moving = any(find_moving_columns(numbers))
-    if third - first != _COORDINATES - 1 or not is_constant or not is_moving:
+    is_force = bool(np.isfinite(sizes).all()) and sizes.mean() > _LEAST_FORCE
+    is_vector = third - first == _COORDINATES - 1 and any(find_moving_columns(numbers))
+    return (first, second, third) if is_force and is_vector else None
+
+
+def find_constant_force(left: ColumnsLeft) -> tuple[int, int, int] | None:
+    """Return three columns without headers whose numbers are a force of constant size; None without them."""
+    columns = find_bare_vector(left)
+    if columns is None:
         return None
-    return (first, second, third) if sizes.mean() > _LEAST_FORCE else None
+    sizes = np.linalg.norm(left.table.table.numbers[:, list(columns)], axis=1)
+    return columns if np.ptp(sizes) <= _SAME_SIZE * sizes.mean() else None
 
 
 def describe_likely_force(left: Sequence[ColumnsLeft]) -> str:
@@ -235,14 +242,15 @@ def refuse_single_rows(proposal: Proposal, tables: Sequence[NumberTable]) -> Non
 def _build_file_error(table: NumberTable, joints: NumberTable, postures: int) -> ImportFileError:
     """Return the error that nothing of a file is read."""
     place, name = Place(table.grid.file), quote(table.name)
+    leave_out = "name the sheets to be read in `sheet`" if table.grid.own_sheet else "leave the file out"
     if len(table.rows) % postures:
         reason = f"{name} is not read: it has {len(table.rows)} rows for {postures} postures"
-        remedy = "give each posture a row in every file, or leave the file out"
+        remedy = f"give each posture a row in every file, or {leave_out}"
         return ImportFileError(place, reason, remedy)
     reason = f"{name} is not read: its numbers are no positions in the postures of {quote(joints.name)}"
     remedy = (
-        "put the rows of all files in one order, or name them alike in a first column `label`; or leave the "
-        "file out"
+        "put the rows of all files in one order, or name them alike in a first column `label`; or "
+        f"{leave_out}"
     )
     return ImportFileError(place, reason, remedy)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, cast
 
 import numpy as np
 
@@ -12,11 +12,12 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import ConfusedForceUnit
 from jointstiff.service.conversion.units import FORCE
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.grammar import find_unit_of_force
+from jointstiff.service.importing.grammar import find_unit_of_force, find_unit_of_size
 from jointstiff.service.importing.naming import NamedReading
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.rewriting import has_column_of
 from jointstiff.service.resources.columns_left import ColumnsLeft, may_be_force
+from jointstiff.service.resources.force_evidence import ForceEvidence
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 
@@ -101,8 +102,37 @@ def compare_stated_force(
         others = [_ignore(table, sizes) for table in tables]
         return StatedForce(others, request, [note])
     note = f"{sizes.header} as the size of the force in each posture, in the direction of `force`"
-    with_forces = [_add_forces(table, sizes, proposal, request, unit) for table in tables]
+    direction = np.array(request.force) / np.linalg.norm(np.array(request.force))
+    with_forces = [_add_forces(table, sizes, proposal, direction, unit) for table in tables]
     return StatedForce(with_forces, request.model_copy(update={"force": None}), [note])
+
+
+def take_sizes_as_weights(
+    left: Sequence[ColumnsLeft],
+    proposal: Proposal,
+    named: Sequence[NamedReading],
+    tables: Sequence[NumberTable],
+    evidence: ForceEvidence,
+) -> tuple[Sequence[NumberTable], list[str]]:
+    """Return the tables with the sizes of the only column of a force along −z of R0, and a note.
+
+    The header has a word for a force, and the deflections show the direction; otherwise the tables stay.
+    """
+    sizes = _find_sizes(left, proposal, named, tables)
+    unit = None if sizes is None else find_unit_of_size(sizes.table.headers[sizes.column])
+    if sizes is None or unit is None:
+        return tables, []
+    of_loads = sizes.list_under_load(proposal)
+    forces = np.hstack(list(of_loads.values()))
+    is_force = np.isfinite(forces).all() and ((forces > 0.0).all() or (forces < 0.0).all())
+    spreads = [np.ptp(of_load, axis=1).max(initial=0.0) for of_load in of_loads.values()]
+    is_one_in_posture = max(spreads) <= _SAME_FORCE * float(np.abs(forces).max())
+    if not (is_force and is_one_in_posture and evidence.are_down(of_loads)):
+        return tables, []
+    down = np.array([0.0, 0.0, -1.0])
+    in_unit = cast("ConfusedForceUnit", unit)
+    note = f"{sizes.header} as the size of a force along −z of R0, as the deflections show"
+    return [_add_forces(table, sizes, proposal, down, in_unit) for table in tables], [note]
 
 
 def _find_sizes(
@@ -171,10 +201,10 @@ def _add_forces(
     table: NumberTable,
     sizes: _ForceSizes,
     proposal: Proposal,
-    request: ImportRequest,
+    direction: FloatArray,
     unit: ConfusedForceUnit,
 ) -> NumberTable:
-    """Return a table that has the force of each row, if its rows are those of the joints."""
+    """Return a table that has the force of each row along a unit vector, if the rows are those of joints."""
     if table.name != proposal.joints.table:
         return _ignore(table, sizes)
     groups = proposal.joints.groups
@@ -184,6 +214,5 @@ def _add_forces(
         of_postures = of_loads[0][:, 0]
         is_in_blocks = groups.order == "in blocks"
         numbers = np.tile(of_postures, groups.count) if is_in_blocks else np.repeat(of_postures, groups.count)
-    direction = np.array(request.force) / np.linalg.norm(np.array(request.force))
     forces = np.outer(np.abs(np.nan_to_num(numbers)) / FORCE[unit], direction)
     return _ignore(table, sizes).add_forces(forces, unit)

@@ -30,7 +30,7 @@ from jointstiff.service.importing.naming import (
     name_readings,
 )
 from jointstiff.service.importing.numbers import NumberTable, read_number_tables
-from jointstiff.service.importing.reading import SourceFile, understand_files
+from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 from jointstiff.service.importing.rewriting import (
     has_column_of,
     list_masses,
@@ -45,6 +45,7 @@ from jointstiff.service.importing.unread import (
 from jointstiff.service.resources.columns_left import (
     ColumnsLeft,
     describe_likely_force,
+    find_bare_vector,
     find_constant_force,
     find_contradiction,
     leave_positions,
@@ -57,9 +58,15 @@ from jointstiff.service.resources.columns_left import (
     refuse_single_rows,
     refuse_unknown_headers,
 )
-from jointstiff.service.resources.force_sizes import StatedForce, compare_stated_force
+from jointstiff.service.resources.force_evidence import ForceEvidence
+from jointstiff.service.resources.force_sizes import (
+    StatedForce,
+    compare_stated_force,
+    take_sizes_as_weights,
+)
 from jointstiff.service.resources.imports import ImportRefusedError, import_files, lack_meaning
 from jointstiff.service.resources.previews import preview_tables
+from jointstiff.service.resources.workbook_sheets import list_choices, may_have_readings
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.hypotheses import list_countings
 from jointstiff.solver.meaning.proposal import Proposal, propose
@@ -106,6 +113,9 @@ _LARGEST_TURN: Final = 2.2 * np.pi
 """Largest joint that is measured [rad]: larger numbers are degrees."""
 _LEAST_WITHIN: Final = 0.5
 """Least fraction of the postures within the limits of joints that may be in radians."""
+_AXES: Final = 3
+_MOST_SKIPPED: Final = 6
+"""Missing readings that a sentence names."""
 _TURNS_OF_AXES: Final = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 """Orders of x, y and z that keep the hand of a frame. Where two axes are exchanged, the place of the
 instrument decides which order is proposed; a template keeps the order of its first files."""
@@ -153,8 +163,24 @@ class ProposedImport:
 
     def find_fault(self) -> ImportFileError | None:
         """Return the first fault of the table with the proposed meaning; None if a person can accept it."""
-        faults = understand_files(self.files, self.request, self.known.robot.joint_names).faults
+        faults = self._understand().faults
         return faults[0] if faults else None
+
+    def _understand(self) -> Understood:
+        """Read the table with the proposed meaning."""
+        return understand_files(self.files, self.request, self.known.robot.joint_names)
+
+    def skip_missing(self) -> ProposedImport | None:
+        """Return the proposal without readings that are missing or incomplete, which a note names.
+
+        None if something else is wrong with the table, or most readings are missing.
+        """
+        request = self.request.model_copy(update={"allow_missing": True})
+        skipping = replace(self, request=request)
+        understood = skipping._understand()
+        if understood.faults or len(understood.skipped) > understood.preview.reading_count:
+            return None
+        return replace(skipping, notes=(*self.notes, _describe_skipped(understood.skipped)))
 
     def accept(self, request: ImportRequest | None = None) -> ImportAnswer:
         """Import the table as the proposal says; `request` has other statements about the readings."""
@@ -168,6 +194,14 @@ class ProposedImport:
         )
         assumptions = [self.sentence, *answer.assumptions]
         return answer.model_copy(update={"assumptions": assumptions, "files": list(self.previews)})
+
+
+def _describe_skipped(sentences: Sequence[str]) -> str:
+    """Return a note on readings that are left out, which names the first of them."""
+    count = len(sentences)
+    counted = "1 reading is" if count == 1 else f"{count} readings are"
+    others = f" and {count - _MOST_SKIPPED} more" if count > _MOST_SKIPPED else ""
+    return f"{counted} missing or incomplete ({', '.join(sentences[:_MOST_SKIPPED])}{others})"
 
 
 @dataclass(frozen=True)
@@ -194,14 +228,14 @@ def propose_import(
         template: meaning of earlier files of the same form, that these files must have; None for any meaning.
     """
     known = list(robots)
-    names = known[0].robot.joint_names if len(known) == 1 else ()
     try:
-        numbers = _read_numbers(files, request, names)
-        if template is None:
-            proposed = _propose_importable(numbers, request, known)
-        else:
-            proposed = _propose_as_template(numbers.tables, request, known, template)
-        return replace(proposed, masses=numbers.masses, originals=tuple(files))
+        try:
+            return _propose(files, request, known, template)
+        except _NoProposalError as error:
+            is_sheet_open = error.fault is not None and error.fault.option == "sheet"
+            if not is_sheet_open or request.sheet is not None:
+                raise
+            return _propose_by_sheets(files, request, known, error)
     except _NoProposalError as error:
         return NoProposal(error.reason, error.remedy, error.fault)
 
@@ -214,6 +248,58 @@ class _NoProposalError(Exception):
         self.reason = reason  # why there is no proposal, in words
         self.remedy = remedy  # what to do, if columns must be stated
         self.fault = fault if fault is not None and fault.option is not None else None
+
+
+class _UnfinishedError(_NoProposalError):
+    """Error that the robot explains columns of files, but that a person must state more."""
+
+
+def _propose(
+    files: Sequence[SourceFile],
+    request: ImportRequest,
+    robots: Sequence[KnownRobot],
+    template: TableMeaning | None = None,
+) -> ProposedImport:
+    """Return the proposal of the robots for files; arguments as of `propose_import`.
+
+    Raises:
+        _NoProposalError: no meaning fits, or a person cannot accept the meaning that fits.
+    """
+    names = robots[0].robot.joint_names if len(robots) == 1 else ()
+    numbers = _read_numbers(files, request, names)
+    if template is None:
+        proposed = _propose_importable(numbers, request, robots)
+    else:
+        proposed = _propose_as_template(numbers.tables, request, robots, template)
+    return replace(proposed, masses=numbers.masses, originals=tuple(files))
+
+
+def _propose_by_sheets(
+    files: Sequence[SourceFile],
+    request: ImportRequest,
+    robots: Sequence[KnownRobot],
+    question: _NoProposalError,
+) -> ProposedImport:
+    """Return the proposal for those sheets of a workbook whose numbers fit the robot.
+
+    A sheet that may have readings of the postures is never left out. `question` is the error that asks for
+    the sheets.
+
+    Raises:
+        _NoProposalError: no choice of sheets has a proposal.
+    """
+    unfinished: _UnfinishedError | None = None
+    names = () if question.fault is None else question.fault.words
+    for choice in list_choices(names, is_robot_stated=len(robots) == 1):
+        try:
+            proposed = _propose(files, choice.state_in(request), robots)
+            if proposed.named and not may_have_readings(choice, proposed.proposal, files, request):
+                return replace(proposed, notes=(choice.note, *proposed.notes))
+        except _UnfinishedError as error:
+            unfinished = unfinished or error
+        except (_NoProposalError, ImportFileError):
+            continue
+    raise unfinished or question
 
 
 def _propose_importable(
@@ -231,6 +317,18 @@ def _propose_importable(
         if alone is None:
             raise
         return alone
+    try:
+        return _complete(found_meaning, request)
+    except _NoProposalError as error:
+        raise _UnfinishedError(error.reason, error.remedy, error.fault) from error
+
+
+def _complete(found_meaning: _FoundMeaning, request: ImportRequest) -> ProposedImport:
+    """Return the proposal with names of targets and states, and with the load.
+
+    Raises:
+        _NoProposalError: a person must state more, or the import refuses the table with the proposed meaning.
+    """
     numbers, proposal = found_meaning.numbers, found_meaning.proposal
     tables = numbers.tables
     named = name_readings(proposal, tables, request)
@@ -240,9 +338,7 @@ def _propose_importable(
     _refuse_states_against_force(proposal, named, tables, request)
     tables, request, force_notes = _compare_stated_force(proposal, named, tables, request)
     if not force_notes:
-        tables, force_notes = _name_constant_force(proposal, tables, request)
-    if not force_notes:
-        tables, force_notes = _name_force_of_size(proposal, named, tables, request)
+        tables, force_notes = _name_forces(proposal, named, tables, request)
     _refuse_unknown_words(proposal, named, tables, request)
     words = Vocabulary(request, proposal.robots[0].robot.joint_names)
     named = add_uncertainties(named, tables, words, proposal.unit)
@@ -260,6 +356,11 @@ def _propose_importable(
         raise _NoProposalError(f"{found}, but {error.reason}", error.remedy, error) from error
     proposed = replace(proposed, likely_force=describe_likely_force(left))
     fault = proposed.find_fault()
+    if fault is not None and fault.option == "allow_missing" and _have_same_states(named):
+        _refuse_damaged_numbers(proposal, tables)
+        complete = proposed.skip_missing()
+        if complete is not None:
+            return complete
     if fault is not None:
         are_cells_missing = fault.option == "allow_missing" and _have_same_states(named)
         is_unit_missing = (fault.option or "").startswith("units.")
@@ -404,6 +505,28 @@ def _refuse_deflections_against_force(
         )
 
 
+def _refuse_damaged_numbers(proposal: Proposal, tables: Sequence[NumberTable]) -> None:
+    """Refuse a coordinate with digits that are no number: only an empty cell, or one with words, is missing.
+
+    Raises:
+        _NoProposalError: a cell of a position has such digits.
+    """
+    for table in tables:
+        columns = {
+            column
+            for reading in proposal.readings
+            if reading.points.table == table.name
+            for column in reading.points.columns
+        }
+        is_unread = np.isnan(table.table.numbers)
+        for number, row in enumerate(table.rows):
+            for column in sorted(columns):
+                text = row.cells[column]
+                if is_unread[number, column] and any(map(str.isdigit, text)):
+                    place = table.grid.place(row, column)
+                    raise _NoProposalError(f"{place}: {quote(text)} is no number", "correct the cell")
+
+
 def _have_same_states(named: Sequence[NamedReading]) -> bool:
     """Return whether all targets were read in the same states, so that only cells can be missing."""
     states_of_target: dict[str, set[str]] = {}
@@ -523,7 +646,8 @@ def _propose_as_template(
         if not reason:
             words = Vocabulary(request, turned.robots[0].robot.joint_names)
             named = add_uncertainties(named, tables, words, turned.unit)
-            return _build_import(turned, named, tables, request)
+            tables, notes = _name_forces(turned, named, tables, request)
+            return _build_import(turned, named, tables, request, notes)
         reasons.append(reason)
     raise _NoProposalError(reasons[0])
 
@@ -842,6 +966,65 @@ def _order_by_forces(proposal: Proposal, tables: Sequence[NumberTable]) -> Propo
     groups = proposal.joints.groups
     forces = groups.split(stated)[:, 0]
     return order_states(proposal, [table.table for table in tables], np.nan_to_num(forces))
+
+
+def _name_forces(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
+) -> tuple[Sequence[NumberTable], list[str]]:
+    """Return the tables with the forces whose columns, directions or axes the deflections show; and notes.
+
+    Raises:
+        _NoProposalError: there are several forces, whose direction the targets do not show.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    evidence = ForceEvidence(proposal, named, joints, request)
+    if len(joints.find_force_columns()) == _AXES:
+        return _turn_forces(proposal, tables, evidence)
+    found, notes = _name_constant_force(proposal, tables, request)
+    if not notes:
+        found, notes = _name_bare_forces(proposal, tables, request, evidence)
+    if notes:
+        found, further = _turn_forces(proposal, found, evidence)
+        return found, [*notes, *further]
+    found, notes = _name_force_of_size(proposal, named, tables, request)
+    if notes or request.force is not None:
+        return found, notes
+    left = list_columns_left(proposal, tables, named)
+    return take_sizes_as_weights(left, proposal, named, tables, evidence)
+
+
+def _turn_forces(
+    proposal: Proposal, tables: Sequence[NumberTable], evidence: ForceEvidence
+) -> tuple[Sequence[NumberTable], list[str]]:
+    """Return the tables with forces and moments turned into R0, if they are in the axes of the positions."""
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    columns = list(joints.find_columns_of("force").values())
+    if not evidence.are_in_axes_of_positions(joints.table.numbers[:, columns]):
+        return tables, []
+    turned = joints.turn_vectors(("force", "moment"), proposal.frame.rotation)
+    note = "the forces turned into R0 with the positions, as the deflections show"
+    return [turned if table is joints else table for table in tables], [note]
+
+
+def _name_bare_forces(
+    proposal: Proposal, tables: Sequence[NumberTable], request: ImportRequest, evidence: ForceEvidence
+) -> tuple[Sequence[NumberTable], list[str]]:
+    """Return the tables, with three columns without headers as the force if they explain the deflections.
+
+    Raises:
+        _NoProposalError: the request states another force.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    left = next(each for each in list_columns_left(proposal, tables) if each.table is joints)
+    columns = find_bare_vector(left)
+    if columns is None or not evidence.are_forces(joints.table.numbers[:, list(columns)]):
+        return tables, []
+    listed = f"columns {columns[0] + 1}–{columns[2] + 1}"
+    if request.force is not None:
+        raise _NoProposalError(f"`force` is stated, but {listed} are the force of each row", "omit `force`")
+    named = joints.name_forces(columns)
+    note = f"{listed} as the force, as the deflections show"
+    return [named if table is joints else table for table in tables], [note]
 
 
 def _name_constant_force(

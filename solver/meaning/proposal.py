@@ -32,7 +32,7 @@ from jointstiff.solver.meaning.search import (
     find_interpretations,
 )
 from jointstiff.solver.meaning.table import JointColumns, LengthUnit, PointColumns, Table
-from jointstiff.solver.mechanics.robot import KnownRobot
+from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 
 USUAL_RESIDUAL: Final = 2e-3
 """Median distance [m] up to which arms usually fit their nominal models."""
@@ -243,12 +243,17 @@ class FlangePlacement(NamedTuple):
 
 def place_flange(table: Table, interpretation: Interpretation) -> FlangePlacement:
     """Return the flange in all postures of a table of joints."""
-    joints, robot = interpretation.joints, interpretation.known.robot
+    robot = interpretation.known.robot
+    q = read_positions(table, interpretation.joints, robot)
+    return FlangePlacement(*FlangeModel.of(robot).place_flange(q))
+
+
+def read_positions(table: Table, joints: JointColumns, robot: Robot) -> FloatArray:
+    """Return the positions (N, n) [rad or m] of the model's joints in all postures of a table of joints."""
     row_count, _ = table.size
     all_postures = np.arange(row_count // joints.groups.count)
     by_unit = build_joints(table, joints.columns, joints.groups, all_postures, robot, [joints.counting])
-    chosen = next(hypothesis for hypothesis in by_unit if hypothesis.columns.unit == joints.unit)
-    return FlangePlacement(*FlangeModel.of(robot).place_flange(chosen.q))
+    return next(hypothesis.q for hypothesis in by_unit if hypothesis.columns.unit == joints.unit)
 
 
 def _list_equal_robots(interpretation: Interpretation, equals: Sequence[Interpretation]) -> list[KnownRobot]:

@@ -90,31 +90,38 @@ def write_named(name, change):
 
 
 @pytest.mark.parametrize("yes", ["", " --yes"])
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (
-            lambda n, row: [*row[:7], "n/a", *row[8:]] if n == 5 else row,
-            "named.csv:6:8: 'n/a' is no number remedy: fill in the cell, or use `--allow-missing` to leave "
-            "this reading out",
-        ),
-        (
-            lambda n, row: ["c03", *row[1:]] if n == 4 else row,
-            "named.csv:5: the label 'c03' occurs twice, first at 'named.csv', line 4 "
-            "remedy: rename or remove one of the two rows",
-        ),
-    ],
-    ids=["a missing number", "a label twice"],
-)
-def test_where_headers_explain_all_columns_only_the_faulty_cell_is_named(change, said, yes):
-    write_named("named.csv", change)
-    assert refused(f"import named.csv --robot '{ARM}' {STATED} -o c.json{yes}") == said
+def test_where_headers_explain_all_columns_only_the_faulty_cell_is_named(yes):
+    write_named("named.csv", lambda n, row: ["c03", *row[1:]] if n == 4 else row)
+    assert refused(f"import named.csv --robot '{ARM}' {STATED} -o c.json{yes}") == (
+        "named.csv:5: the label 'c03' occurs twice, first at 'named.csv', line 4 "
+        "remedy: rename or remove one of the two rows"
+    )
 
 
-def test_a_reading_with_a_mark_for_a_missing_number_is_left_out():
-    write_named("named.csv", lambda n, row: [*row[:7], "n/a", *row[8:]] if n == 5 else row)
-    shown = typed(f"import named.csv --robot '{ARM}' {STATED} --allow-missing -o c.json")
+def lack_number(n, row):
+    return [*row[:7], "n/a", *row[8:]] if n == 5 else row
+
+
+def test_a_script_that_states_nothing_refuses_a_missing_number():
+    write_named("named.csv", lack_number)
+    assert refused(f"import named.csv --robot '{ARM}' {STATED} -o c.json") == (
+        "named.csv:6:8: 'n/a' is no number remedy: fill in the cell, or use `--allow-missing` to leave "
+        "this reading out"
+    )
+
+
+@pytest.mark.parametrize("option", ["--allow-missing", "--yes"])
+def test_a_reading_with_a_mark_for_a_missing_number_is_left_out(option):
+    write_named("named.csv", lack_number)
+    shown = typed(f"import named.csv --robot '{ARM}' {STATED} {option} -o c.json")
     assert_said(shown, "c05: a coordinate of target P1 unloaded has no number; skipped", "wrote c.json")
+
+
+def test_enter_leaves_out_a_missing_reading_that_the_question_names(monkeypatch):
+    monkeypatch.setattr(imports, "is_terminal_input", lambda: True)
+    write_named("named.csv", lack_number)
+    shown = typed(f"import named.csv --robot '{ARM}' {STATED} -o c.json", input="\n\n\n\n")
+    assert_said(shown, "Leave out incomplete readings ('n/a' is no number in line 6)? [Y/n]", "wrote c.json")
 
 
 def test_equal_faults_of_many_rows_are_one_with_their_places():

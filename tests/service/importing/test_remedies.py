@@ -1131,8 +1131,8 @@ def strangers() -> dict[str, Proposed]:
         ),
         "posture without a row": Proposed(
             "has no row here",
-            {**three, "b.csv": table(["Pose", *"XYZ"], strange.points(MEASURED, 1)[1:])},
-            stated={"allow_missing": True},
+            {**three, "b.csv": table(["Pose", *"XYZ"], strange.points(MEASURED, 1)[:3])},
+            three,
         ),
         "targets in a column of numbers": Proposed(
             "has several rows of unloaded in different places",
@@ -1163,7 +1163,11 @@ def strangers() -> dict[str, Proposed]:
             {"a.csv": table(named, misspelt)},
             {"a.csv": table(named, of_targets)},
         ),
-        "row too few": Proposed("has no row", {"a.csv": table(IN_TURN, TURNS[1:])}, {"a.csv": turns}),
+        "rows too few": Proposed(
+            "has no row",
+            {"a.csv": table(IN_TURN, [*TURNS[: len(TURNS) // 2 : 2], *TURNS[len(TURNS) // 2 :]])},
+            {"a.csv": turns},
+        ),
         "unknown words": Proposed(
             "may be words for states",
             {

@@ -197,7 +197,7 @@ def test_targets_with_cyrillic_letters_are_no_states(tmp_path):
     assert {each.target for each in document.observations[0].readings} == {"А", "В", "С"}
 
 
-@pytest.mark.parametrize("header", ["추 무게(kg)", "Вес [кг]"])
+@pytest.mark.parametrize("header", ["디스크 (kg)", "Вес [кг]"])
 def test_the_question_for_the_force_quotes_a_column_of_one_mass(header, tmp_path):
     files = write_wide(["12"] * len(SIZES), header)
     (missing, *_) = propose(files, tmp_path).accept().missing

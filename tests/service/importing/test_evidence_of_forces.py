@@ -1,0 +1,143 @@
+"""Deflections show which columns are forces, in whose axes, and whether a size acts along −z."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from support.measured_arms import PLACES
+from support.strange_files import JOINTS, digits, table
+
+import jointstiff as js
+from jointstiff.service.resources.known_robots import catalogue_robots
+from jointstiff.solver.mechanics.postures import Postures
+
+ARM = "ABB IRB 4600-60/2.05"
+POINT = np.array([0.0, 0.0, 0.12])
+STATED = {"encoders": "motor", "load_point": [0, 0, 120], "length_unit": "mm"}
+TURN = Rotation.from_euler("zyx", [122.0, 3.0, -2.0], degrees=True)
+PLACED = np.array([2.4, -1.1, 0.3])
+
+
+def measure(forces, seed=5):
+    """Return joints [deg], and positions (N, 2) of one target [m] of an arm whose joints are springs."""
+    robot = next(each for each in catalogue_robots() if each.name == ARM).robot
+    generator = np.random.default_rng(seed)
+    q = generator.uniform(-1.1, 1.1, (len(forces), robot.n))
+    postures = Postures(robot, q + np.radians(0.03) * generator.standard_normal(robot.n))
+    place = postures.to_base(np.tile(PLACES[0], (len(forces), 1, 1)))
+    load = postures.jacobian_at(postures.to_base(np.tile(POINT, (len(forces), 1, 1))))[:, 0]
+    compliances = np.array([5.0, 4.0, 5.0, 20.0, 25.0, 40.0]) * 1e-7
+    twist = compliances * np.einsum("nij,ni->nj", load, forces)
+    shift = np.einsum("nij,nj->ni", postures.jacobian_at(place)[:, 0], twist)
+    positions = np.stack([place[:, 0], place[:, 0] + shift], axis=1)
+    noise = 1e-5 * generator.standard_normal(positions.shape)
+    return np.degrees(robot.joint_map.controller_angles(q)), positions + noise
+
+
+def in_tracker(positions):
+    return TURN.inv().apply((positions - PLACED).reshape(-1, 3)).reshape(positions.shape)
+
+
+def pull(seed=2, count=14):
+    return 900.0 * np.random.default_rng(seed).uniform(-1.0, 1.0, (count, 3))
+
+
+def write_rows(joints, positions, *others):
+    columns = [*(1e3 * positions).reshape(len(joints), 6).T, *np.column_stack(others).T]
+    return [
+        [*digits(angles), *digits(row)] for angles, row in zip(joints, np.column_stack(columns), strict=True)
+    ]
+
+
+HEADERS = [
+    *(f"{joint} [deg]" for joint in JOINTS),
+    *(f"{axis}{n} [mm]" for n, axis in product((1, 2), "xyz")),
+]
+
+
+def propose(text, folder, **stated):
+    (folder / "a.csv").write_text(text)
+    return js.read(folder / "a.csv", robot=ARM, **(STATED | stated))
+
+
+def read_forces(proposed, newtons=1.0):
+    readings = proposed.accept()
+    return newtons * np.array([each.force for each in readings.measurement_set.observations])
+
+
+def test_forces_along_the_axes_of_the_tracker_are_turned_with_the_positions(tmp_path):
+    forces = pull()
+    joints, positions = measure(forces)
+    rows = write_rows(joints, in_tracker(positions), TURN.inv().apply(forces))
+    proposed = propose(table([*HEADERS, "Fx [N]", "Fy [N]", "Fz [N]"], rows), tmp_path)
+    assert "the forces turned into R0 with the positions, as the deflections show" in str(proposed)
+    assert read_forces(proposed) == pytest.approx(forces, abs=5.0)
+
+
+def test_forces_in_axes_of_r0_stay_where_positions_are_turned(tmp_path):
+    forces = pull()
+    joints, positions = measure(forces)
+    rows = write_rows(joints, in_tracker(positions), forces)
+    proposed = propose(table([*HEADERS, "Fx [N]", "Fy [N]", "Fz [N]"], rows), tmp_path)
+    assert "turned into R0 with" not in str(proposed)
+    assert read_forces(proposed) == pytest.approx(forces, abs=1e-3)
+
+
+@pytest.mark.parametrize("axes", ["R0", "tracker"])
+def test_columns_without_headers_along_the_deflections_are_forces_whose_unit_is_the_only_question(
+    axes, tmp_path
+):
+    forces = pull()
+    joints, positions = measure(forces)
+    written, seen = (forces, positions)
+    if axes == "tracker":
+        written, seen = TURN.inv().apply(forces), in_tracker(positions)
+    text = table([], write_rows(joints, seen, written))
+    with pytest.raises(
+        js.CampaignError, match=r"columns 13–15 as the force, as the deflections show.*or give `units`"
+    ):
+        propose(text, tmp_path)
+    proposed = propose(text, tmp_path, units={"force": "N"})
+    assert read_forces(proposed) == pytest.approx(forces, abs=5.0)
+
+
+def test_numbers_that_do_not_explain_the_deflections_are_no_force(tmp_path):
+    joints, positions = measure(pull())
+    proposed = propose(table([], write_rows(joints, positions, pull(seed=9))), tmp_path)
+    assert "not read: column 13, column 14, column 15" in str(proposed)
+
+
+def test_one_force_is_refused_where_columns_are_the_force_of_each_row(tmp_path):
+    forces = pull()
+    joints, positions = measure(forces)
+    along = np.sum(positions[:, 1] - positions[:, 0], axis=0)
+    stated = {"force": (900.0 * along / np.linalg.norm(along)).tolist(), "units": {"force": "N"}}
+    with pytest.raises(js.CampaignError, match="columns 13–15 are the force of each row"):
+        propose(table([], write_rows(joints, positions, forces)), tmp_path, **stated)
+
+
+def sizes(direction, count=14):
+    size = np.random.default_rng(4).uniform(700.0, 1200.0, count)
+    return size, size[:, None] * np.array(direction)
+
+
+def test_sizes_of_a_force_are_weights_where_only_a_pull_down_explains_the_deflections(tmp_path):
+    size, forces = sizes((0.0, 0.0, -1.0))
+    joints, positions = measure(forces)
+    proposed = propose(
+        table([*HEADERS, "Load cell force [N]"], write_rows(joints, positions, size)), tmp_path
+    )
+    unknown = propose(table([*HEADERS, "Cell 3 [N]"], write_rows(joints, positions, size)), tmp_path)
+    assert "as the size of a force along −z of R0, as the deflections show" not in str(unknown)
+    proposed = propose(table([*HEADERS, "Kraft [N]"], write_rows(joints, positions, size)), tmp_path)
+    assert "'Kraft [N]' as the size of a force along −z of R0" in str(proposed)
+    assert read_forces(proposed) == pytest.approx(forces, abs=1e-3)
+
+
+@pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, -0.8, -0.6)])
+def test_sizes_of_a_force_along_another_direction_are_asked(direction, tmp_path):
+    size, forces = sizes(direction)
+    joints, positions = measure(forces)
+    proposed = propose(table([*HEADERS, "Kraft [N]"], write_rows(joints, positions, size)), tmp_path)
+    assert proposed.accept().missing_fields == ["force"]
