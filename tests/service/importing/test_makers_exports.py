@@ -20,13 +20,13 @@ STATED = {"encoders": "motor", "load_point": [0, 0, 100], "force": [0, 0, -100],
 NUMBERS = np.column_stack([DEGREES, UNLOADED, LOADED])
 
 
-def propose(folder, **files):
+def propose(folder, *, allow_missing=False, **files):
     paths = []
     for name, content in files.items():
         path = folder / name.replace("__", ".")
         path.write_bytes(content if isinstance(content, bytes) else content.encode())
         paths.append(path)
-    return js.read(*paths, robot=ARM, **STATED)
+    return js.read(*paths, robot=ARM, allow_missing=allow_missing, **STATED)
 
 
 def assert_read(proposal, count=COUNT):
@@ -115,3 +115,60 @@ def test_a_sheet_of_columns_with_groups_in_merged_cells_is_read(tmp_path):
     ]
     joints = [["", *row] for row in JOINT_ROWS]
     assert_read(propose(tmp_path, t__xlsx=sheet(["Test"], ["", *POSES], *joints, *groups)))
+
+
+# ---- joints above the table of a posture
+
+
+def comma(values):
+    return ";".join(f"{value:.3f}".replace(".", ",") for value in values)
+
+
+def targets(k):
+    states = (("bez obciążenia", UNLOADED), ("z obciążeniem", LOADED))
+    rows = [f"{name};{state};{comma(p[k] + shift)}" for state, p in states for name, shift in SHIFTS.items()]
+    return "\n".join(["punkt;stan;X [mm];Y [mm];Z [mm]", *rows]) + "\n"
+
+
+SHIFTS = {"A": 0.0}
+ABOVE = {
+    "a list in a comment": lambda k: f"# pomiar\n# pozycja;{k + 1}\n# J1-J6 [st];{comma(DEGREES[k])}\n",
+    "names in comments": lambda k: "".join(f"# J{n} = {comma([q])}\n" for n, q in enumerate(DEGREES[k], 1)),
+    "lines of names": lambda k: (
+        f"pose: {k + 1}\n" + "".join(f"J{n} = {comma([q])}\n" for n, q in enumerate(DEGREES[k], 1))
+    ),
+}
+
+
+@pytest.mark.parametrize("form", ABOVE)
+def test_files_of_a_posture_each_with_joints_above_the_table_are_read(form, tmp_path):
+    texts = {f"poz_{k + 1:02}__csv": ABOVE[form](k) + targets(k) for k in range(COUNT)}
+    assert_read(propose(tmp_path, **texts))
+
+
+def test_blocks_with_joints_in_their_comments_are_read(tmp_path):
+    blocks = [ABOVE["a list in a comment"](k) + targets(k) for k in range(COUNT)]
+    assert_read(propose(tmp_path, all__csv="\n".join(blocks)))
+
+
+def test_comments_of_equal_numbers_above_tables_are_no_joints(tmp_path):
+    head = "# probe 1.5 2.5 3.5 4.5 5.5 6.5\n"
+    header = ";".join([f"J{n} [deg]" for n in range(1, 7)] + list("XYZ")) + "\n"
+    tables = [
+        head + f"# {state}\n" + header + "\n".join(map(comma, np.column_stack([DEGREES, p]))) + "\n"
+        for state, p in (("unloaded", UNLOADED), ("loaded", LOADED))
+    ]
+    assert_read(propose(tmp_path, all__csv="\n".join(tables)))
+
+
+@pytest.mark.parametrize("line", ["", "B;z obciążeniem;-;-;-\n"])
+def test_a_file_of_a_posture_without_a_target_is_read_without_that_target(line, tmp_path):
+    texts = {}
+    for k in range(COUNT):
+        text = ABOVE["a list in a comment"](k) + targets(k)
+        second = [row.replace("A;", "B;") for row in text.splitlines() if row.startswith("A;")]
+        text += "\n".join(second) + "\n"
+        texts[f"poz_{k + 1:02}__csv"] = text if k != 3 else text.replace(second[1] + "\n", line)
+    proposal = propose(tmp_path, allow_missing=True, **texts)
+    counts = [len(each.readings) for each in proposal.accept().measurement_set.observations]
+    assert counts == [1 if k == 3 else 2 for k in range(COUNT)]
