@@ -6,6 +6,7 @@ import numpy as np
 import openpyxl
 import pytest
 from support.catalogue_arms import build_nominal_robots, readings_on
+from support.importing_samples import refusals
 
 import jointstiff as js
 
@@ -172,3 +173,36 @@ def test_a_file_of_a_posture_without_a_target_is_read_without_that_target(line, 
     proposal = propose(tmp_path, allow_missing=True, **texts)
     counts = [len(each.readings) for each in proposal.accept().measurement_set.observations]
     assert counts == [1 if k == 3 else 2 for k in range(COUNT)]
+
+
+# ---- lists of points
+
+
+def points(head, name):
+    rows = [
+        f"{name(k, state)} {x:.5f} {y:.5f} {z:.5f}"
+        for state, p in (("NOLOAD", UNLOADED), ("LOADED", LOADED))
+        for k, (x, y, z) in enumerate(p / 25.4)
+    ]
+    return "\n".join([*head, *rows]) + "\n"
+
+
+def joints(header=("Pos", "J1", "J2", "J3", "J4", "J5", "J6")):
+    rows = [f"P{k + 1:02};" + ";".join(f"{q:.4f}" for q in row) for k, row in enumerate(DEGREES.tolist())]
+    return "\n".join([";".join(header), *rows]) + "\n"
+
+
+HEAD = ["// SpatialAnalyzer 2021.1", "// Working Frame: A::WORLD", "// Units: Inches"]
+
+
+@pytest.mark.parametrize("kind", ["Cartesian (X, Y, Z)", "Rectangular"])
+@pytest.mark.parametrize("collection", ["A ", ""])
+def test_the_kind_of_a_coordinate_system_is_no_second_frame(kind, collection, tmp_path):
+    head = [*HEAD, f"// Coordinate System: {kind}"]
+    text = points(head, lambda k, state: f"{collection}P{k + 1:02}_{state} T1")
+    assert_read(propose(tmp_path, points__txt=text, joints__csv=joints()))
+
+
+def test_coordinates_that_are_not_cartesian_are_refused_whatever_the_remark_is():
+    text = points([*HEAD, "// Coordinate System: Cylindrical (R, Theta, Z)"], lambda k, s: f"{k}_{s} T1")
+    assert "the file has 'cylindrical' coordinates" in refusals(("points.txt", text))[0]
