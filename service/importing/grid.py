@@ -167,6 +167,8 @@ _SIGNATURES: Final = (
 )
 JSON: Final = "a JSON document"
 CERTIFICATE: Final = "a digital calibration certificate (DCC)"
+VAL3: Final = "data of a VAL3 program (.dtx)"
+_VAL3_NAMESPACE: Final = b"robotics/VAL3/Data"
 _CERTIFICATE_NAMESPACE: Final = b"https://ptb.de/dcc"
 _FIRST_BYTES: Final = 4096
 """Bytes of a file of XML among which its root names the schema."""
@@ -210,6 +212,10 @@ def file_type(content: bytes, name: str = "") -> str | None:
     start = content[:256].lstrip(b"\xef\xbb\xbf \t\r\n")
     if start.startswith(b"<") and _CERTIFICATE_NAMESPACE in content[:_FIRST_BYTES]:
         return CERTIFICATE
+    if start.startswith(b"<") and (
+        _VAL3_NAMESPACE in content[:_FIRST_BYTES] or name.lower().endswith(".dtx")
+    ):
+        return VAL3
     ends_with_bracket = content.rstrip()[-1:] in (b"}", b"]")
     if start.lstrip(b"\xff\xfe\0")[:1] in (b"{", b"[") and (
         ends_with_bracket or name.lower().endswith(".json")

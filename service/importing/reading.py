@@ -60,6 +60,7 @@ from jointstiff.service.importing.rows import (
     Value,
 )
 from jointstiff.service.importing.sheets import choose_sheets, list_tables, note_others
+from jointstiff.service.importing.val3 import read_joint_data
 from jointstiff.service.importing.weight_steps import is_step_table, read_step_table
 from jointstiff.service.importing.yaml_rows import read_yaml_rows
 
@@ -497,6 +498,8 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
         return _mark_sheets(arrays)
     if kind == grid.CERTIFICATE:
         return read_certificate(file.name, file.content)
+    if kind == grid.VAL3:
+        return _mark_sheets(read_joint_data(file.name, file.content))
     if kind == grid.WORKBOOK:
         grids = _read_sheets(file, options, every_length=every_length)
     else:

@@ -206,3 +206,53 @@ def test_the_kind_of_a_coordinate_system_is_no_second_frame(kind, collection, tm
 def test_coordinates_that_are_not_cartesian_are_refused_whatever_the_remark_is():
     text = points([*HEAD, "// Coordinate System: Cylindrical (R, Theta, Z)"], lambda k, s: f"{k}_{s} T1")
     assert "the file has 'cylindrical' coordinates" in refusals(("points.txt", text))[0]
+
+
+# ---- data of VAL3
+
+
+def val3(*arrays, head=""):
+    data = []
+    for name, type_, values in arrays:
+        cells = [
+            f'<Value key="{k}" ' + " ".join(f'j{n}="{q:.4f}"' for n, q in enumerate(row, 1)) + "/>"
+            for k, row in enumerate(values)
+        ]
+        data.append(f'<Data name="{name}" type="{type_}" size="{len(cells)}">{"".join(cells)}</Data>')
+    namespace = "http://www.staubli.com/robotics/VAL3/Data/2"
+    return (
+        f'<?xml version="1.0"?>{head}<Database xmlns="{namespace}"><Datas>{"".join(data)}</Datas></Database>'
+    )
+
+
+def reports(order):
+    rows = [
+        f"{state}_{k};{x:.4f};{y:.4f};{z:.4f}"
+        for state, p in (("VIDE", UNLOADED), ("CHARGE", LOADED))
+        for k, (x, y, z) in zip(order, p[order].tolist(), strict=True)
+    ]
+    return "\n".join(["Nom;X;Y;Z", *rows]) + "\n"
+
+
+def test_joints_of_val3_data_are_joined_to_points_by_their_keys(tmp_path):
+    text = val3(("jHome", "jointRx", DEGREES[:1]), ("jMesure", "jointRx", DEGREES))
+    proposal = propose(tmp_path, mesure__dtx=text, rapport__txt=reports([3, 1, 2, 0, 9, 8, 4, 5, 6, 7]))
+    assert_read(proposal)
+    assert "joint positions of fewer postures were not read: 'jHome'" in str(proposal.accept().files)
+
+
+ENTITIES = '<!DOCTYPE a [<!ENTITY b "bbbbbbbbbb"><!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;">]>'
+HOSTILE = {
+    "declares a document type": val3(("j", "jointRx", DEGREES), head=ENTITIES),
+    "elements or 64 levels": "<Database>" + "<Data>" * 100_000,
+    "more than 400000 elements": "<Database>" + "<Data/>" * 400_001,
+    "not well-formed": val3(("j", "jointRx", DEGREES))[:-20],
+    "no array of 3 joint positions": val3(("j", "jointRx", DEGREES[:1])),
+    "lacks an axis": val3(("j", "jointRx", DEGREES[:, :5])),
+    "too long a text": val3(("j", "jointRx", DEGREES)).replace('key="3"', f'key="{3 * "9" * 300}"'),
+}
+
+
+@pytest.mark.parametrize("said", HOSTILE)
+def test_hostile_data_of_val3_are_refused_in_a_sentence(said):
+    assert said in refusals(("a.dtx", HOSTILE[said]))[0]
