@@ -49,7 +49,7 @@ _UNIT_BEHIND: Final = re.compile(
 """A name, its sign and number, and a unit."""
 _SEPARATOR: Final = re.compile(r"[;|]|,(?=\s)")
 _VALUE_SEPARATOR: Final = re.compile(r"[;|=\s]+|(?<!\d):|,(?=\s)|(?<=[^\W\d]),|,(?=[^,\s]*\.[^,\s]*(?:,|$))")
-"""What stands between names and numbers in a title; a comma between digits is one if points are decimal."""
+"""Separators of names and numbers in a title, such as a comma between digits if points are decimal."""
 _RANGE: Final = re.compile(
     r"(?P<name>[^\W\d]{1,8})(?P<first>[01])\s?(?:-|–|…|\.{2,3}|to|bis)\s?(?P=name)?(?P<last>\d)(?P<rest>.{0,20})"
 )

@@ -13,25 +13,24 @@ _MAX_ELEMENTS: Final = 400_000
 _MAX_DEPTH: Final = 64
 
 
-@dataclass
+@dataclass(slots=True)
 class Element:
     """Element of a document."""
 
     tag: str  # namespace, a blank, name
     line: int
     attributes: Mapping[str, str] = field(default_factory=dict)
-    children: list[Element] = field(default_factory=list)
-    texts: list[str] = field(default_factory=list)
+    parts: list[Element | str] = field(default_factory=list)  # elements and pieces of text, in their order
 
     @property
-    def local_name(self) -> str:
-        """Name without the namespace."""
-        return self.tag.rpartition(" ")[2]
+    def children(self) -> list[Element]:
+        """Elements in the element."""
+        return [part for part in self.parts if not isinstance(part, str)]
 
     @property
     def text(self) -> str:
-        """Text of the element without blanks at its ends."""
-        return "".join(self.texts).strip()
+        """Text of the element, without that of its children and without blanks at its ends."""
+        return "".join(part for part in self.parts if isinstance(part, str)).strip()
 
     def find(self, tag: str) -> Element | None:
         """Return the first child with a tag; None without one."""
@@ -69,7 +68,7 @@ class _TreeBuilder:
         self.parser = expat.ParserCreate("utf-8", " ")  # whatever encoding the document claims to have
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = lambda _tag: self._open.pop()
-        self.parser.CharacterDataHandler = lambda text: self._open[-1].texts.append(text)
+        self.parser.CharacterDataHandler = lambda text: self._open[-1].parts.append(text)
         self.parser.StartDoctypeDeclHandler = self._refuse_document_type
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
@@ -84,7 +83,7 @@ class _TreeBuilder:
                 f"the XML has more than {_MAX_ELEMENTS} elements or {_MAX_DEPTH} levels", "split the file"
             )
         element = Element(tag, self.parser.CurrentLineNumber, attributes)
-        self._open[-1].children.append(element)
+        self._open[-1].parts.append(element)
         self._open.append(element)
 
     def _refuse_document_type(self, *_declaration: object) -> None:

@@ -172,14 +172,15 @@ _VAL3_NAMESPACE: Final = b"robotics/VAL3/Data"
 _CERTIFICATE_NAMESPACE: Final = b"https://ptb.de/dcc"
 _FIRST_BYTES: Final = 4096
 """Bytes of a file of XML among which its root names the schema."""
-OPEN_DOCUMENT: Final = "an OpenDocument file (such as .ods)"
 WORKBOOK: Final = "an Excel workbook (.xlsx)"
+SPREADSHEET: Final = "an OpenDocument spreadsheet (.ods)"
+WORKBOOKS: Final = (WORKBOOK, SPREADSHEET)
 _ZIP: Final = b"PK\x03\x04"
 _TYPES_BY_PART: Final = (
     ("xl/workbook.bin", "a binary Excel workbook (.xlsb)"),
     ("word/document.xml", "a Word document"),
     ("ppt/presentation.xml", "a PowerPoint presentation"),
-    ("content.xml", OPEN_DOCUMENT),
+    ("content.xml", SPREADSHEET),
 )
 
 
