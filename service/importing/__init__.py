@@ -13,6 +13,7 @@ reading      files to readings: the way through; rows of all files put together 
     ├── cell_units   without units in cells
     ├── blocks, transposed   of several blocks, or of columns of postures, for the robot's proposal
     ├── excel    of workbooks
+    ├── certificates, val3 > elements   of certificates and of data of VAL3, in XML
     └── arrays > libraries   of MATLAB, HDF5 and Parquet, in a process of its own (child)
 
 For the robot's proposal, `posture_files` joins files of one posture, `numbers` reads tables of numbers,

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Final
 
 from jointstiff.schemas.imports import Delimiter, FilePreview
 from jointstiff.service.importing.encoding import decode
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
+from jointstiff.service.importing.grammar import lacks_number
 from jointstiff.service.importing.grid import (
     COMMENT_MARKS,
     Grid,
@@ -32,6 +34,12 @@ _LEAST_ROWS: Final = 3
 """Rows of a table in a block."""
 _MOST_NOT_ALIKE: Final = 0.34
 """Largest fraction of the blocks that may differ from the others, as incomplete postures do."""
+_LEAST_VALUES: Final = 4
+"""Numbers that titles of a block name, at least: an arm has four joints or more."""
+_MOST_CHARACTERS: Final = 2000
+"""Characters of a line in which names and numbers are sought."""
+_MISSING: Final = "NaN"
+"""Mark of a number of a row that is missing."""
 _COORDINATES: Final = 3
 _SIGN: Final = re.compile(r"(?<![\w.])([^\W\d]\w{0,15})[=:](?=[ \t]{0,3}[-+]?\d)")
 """A name with its sign before a number."""
@@ -40,6 +48,12 @@ _UNIT_BEHIND: Final = re.compile(
 )
 """A name, its sign and number, and a unit."""
 _SEPARATOR: Final = re.compile(r"[;|]|,(?=\s)")
+_VALUE_SEPARATOR: Final = re.compile(r"[;|=\s]+|(?<!\d):|,(?=\s)|(?<=[^\W\d]),|,(?=[^,\s]*\.[^,\s]*(?:,|$))")
+"""Separators of names and numbers in a title, such as a comma between digits if points are decimal."""
+_RANGE: Final = re.compile(
+    r"(?P<name>[^\W\d]{1,8})(?P<first>[01])\s?(?:-|–|…|\.{2,3}|to|bis)\s?(?P=name)?(?P<last>\d)(?P<rest>.{0,20})"
+)
+"""Names of joints, such as `J1-J6 [deg]` or `A1…6`."""
 _ADORNMENT: Final = " \t-=*~_<>+"
 """Signs around a title."""
 _NUMBER: Final = re.compile(r"[-+]?\d+(?:[.,]\d+)?")
@@ -51,11 +65,12 @@ class _Block:
 
     titles: tuple[Row, ...]  # rows above the data, with fewer than three numbers, and comments
     rows: tuple[tuple[Row, Row | None], ...]  # rows of data, each with the row of texts above it
+    values: Row | None = None  # numbers that titles name, each behind its name
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Number of cells with numbers in each row of data."""
-        return tuple(count_numbers(row) for row, _ in self.rows)
+        return tuple(len(_pick_numbers(row)) for row, _ in self.rows)
 
     @property
     def widths(self) -> set[int]:
@@ -112,7 +127,11 @@ def _read_split_blocks(
             return []
         preview = FilePreview(file=file, format="text", encoding=encoding, delimiter=delimiter)
         with_data = [block for block in blocks if block.rows]
-        grids = _join_postures(preview, with_data) or _list_tables(preview, _add_lone_titles(blocks))
+        grids = (
+            _join_postures(preview, with_data)
+            or _join_postures(preview, _add_values(with_data))
+            or _list_tables(preview, _add_lone_titles(blocks))
+        )
         if grids:
             return grids
     return []
@@ -167,7 +186,10 @@ def _order_rows(file: str, blocks: Sequence[_Block]) -> list[_Block]:
 
 def _list_words(block: _Block) -> list[tuple[str, ...]]:
     """Return the texts of each row of data that are no numbers."""
-    return [tuple(cell for cell in row.cells if not looks_like_a_number(cell)) for row, _ in block.rows]
+    return [
+        tuple(cell for cell in row.cells if not looks_like_a_number(cell) and cell != _MISSING)
+        for row, _ in block.rows
+    ]
 
 
 def _split_at(lines: Sequence[NumberedLine], starts: Collection[int]) -> list[list[NumberedLine]]:
@@ -219,13 +241,22 @@ def write_postures(files: Sequence[tuple[str, bytes]]) -> tuple[str, bytes] | No
         except ImportFileError:
             return None
         lines = [line for line in re.split(r"\r\n|\n|\r", text) if line.strip()]
-        kept = [line for line in lines if not line.lstrip().startswith(COMMENT_MARKS)]
-        texts.append("\n".join([name.rpartition(".")[0] or name, *kept]))
+        texts.append("\n".join([f"# {name.rpartition('.')[0] or name}", *_drop_comments_within(lines)]))
     name = next(iter(forms)).replace("0", "…", 1)
     joined = "\n\n".join(texts).encode()
     grids = read_blocks(name, joined, None)
     are_postures = len(grids) == 1 and len(grids[0].rows) == len(files) + 1
     return (name, joined) if are_postures else None
+
+
+def _drop_comments_within(lines: Sequence[str]) -> Iterator[str]:
+    """Yield lines without the comments below the first line that is no comment."""
+    is_above = True
+    for line in lines:
+        is_comment = line.lstrip().startswith(COMMENT_MARKS)
+        is_above = is_above and is_comment
+        if is_above or not is_comment:
+            yield line
 
 
 def _split_blocks(lines: Sequence[NumberedLine]) -> Iterator[list[NumberedLine]]:
@@ -276,10 +307,53 @@ def _read_block(file: str, lines: Sequence[NumberedLine], delimiter: Delimiter) 
             rows.append((row, above))
             above = None
             continue
+        if any(cell and lacks_number(cell) for cell in row.cells[1:]):
+            continue
         above = row
         if not rows:
             titles.append(row)
-    return _Block(tuple(titles), tuple(rows))
+    return _Block(tuple(titles), tuple(rows), _name_values_above(lines))
+
+
+def _name_values_above(lines: Sequence[NumberedLine]) -> Row | None:
+    """Return a row of the numbers that comments, and lines such as `J1 = 12.3`, name above the rows of data.
+
+    Each number has its name before it. None without enough numbers with different names.
+    """
+    values = dict[str, str]()
+    for _, line in lines:
+        is_comment = line.lstrip().startswith(COMMENT_MARKS)
+        named = _name_values(strip_comment_mark(line.strip()) if is_comment else line)
+        if not is_comment and len(named) >= _LEAST_NUMBERS:
+            break
+        if any(name in values for name, _ in named):
+            return None
+        values.update(named)
+    has_enough = len(values) >= _LEAST_VALUES
+    return Row(lines[0][0], tuple(chain.from_iterable(values.items()))) if has_enough else None
+
+
+def _name_values(text: str) -> list[tuple[str, str]]:
+    """Return name and text of each number of a line; `J1-J3 [deg]; 1,5; 2,5; 3,5` names each joint."""
+    words, numbers, named = list[str](), list[str](), list[tuple[str, str]]()
+    for part in [*filter(None, _VALUE_SEPARATOR.split(text[:_MOST_CHARACTERS])), ""]:
+        bare = part.strip("[](){}°,;")
+        if looks_like_a_number(bare):
+            numbers.append(bare)
+            continue
+        if numbers:
+            named += zip(_count_names(" ".join(words), len(numbers)), numbers, strict=True)
+            words, numbers = [], []
+        words.append(part)
+    return named
+
+
+def _count_names(words: str, count: int) -> list[str]:
+    """Return a name for each number behind some words: `J1-J6 [deg]` gives `J1 [deg]`, `J2 [deg]`, …."""
+    found = _RANGE.fullmatch(words)
+    if found is not None and int(found["last"]) - int(found["first"]) + 1 == count:
+        return [f"{found['name']}{int(found['first']) + n}{found['rest']}" for n in range(count)]
+    return [words] if count == 1 else [f"{words} {number}".strip() for number in range(1, count + 1)]
 
 
 def _write_blanks(line: str) -> str:
@@ -297,6 +371,24 @@ def _add_lone_titles(blocks: Sequence[_Block]) -> list[_Block]:
         else:
             titles = block.titles
     return joined
+
+
+def _add_values(blocks: Sequence[_Block]) -> list[_Block]:
+    """Return the blocks with the numbers of their titles as the first row; none unless all have such numbers.
+
+    The numbers are joints only if enough of them vary.
+    """
+    values = [block.values.cells[1::2] for block in blocks if block.values is not None]
+    if len(values) < len(blocks) or len({len(own) for own in values}) != 1:
+        return []
+    varying = sum(len(set(column)) > 1 for column in zip(*values, strict=True))
+    if varying < _LEAST_NUMBERS:
+        return []
+    return [
+        _Block(block.titles, ((block.values, None), *block.rows))
+        for block in blocks
+        if block.values is not None
+    ]
 
 
 # ---- a table in each block
@@ -339,6 +431,8 @@ def _join_postures(preview: FilePreview, blocks: Sequence[_Block]) -> list[Grid]
     is_each_posture = len(shape) > 1 and len(set(shape)) > 1 and count >= _LEAST_BLOCKS
     if not is_each_posture or count < (1.0 - _MOST_NOT_ALIKE) * len(blocks):
         return []
+    usual = next(block for block in blocks if block.shape == shape)
+    blocks = [block if block.shape == shape else _fill_up(block, usual) for block in blocks]
     other = next((block for block in blocks if block.shape != shape), None)
     if other is not None:
         place = Place(preview.file, other.rows[0][0].line)
@@ -360,9 +454,34 @@ def _join_postures(preview: FilePreview, blocks: Sequence[_Block]) -> list[Grid]
     return [Grid(preview.model_copy(update={"assumptions": [note]}), (header, *rows))]
 
 
+def _fill_up(block: _Block, usual: _Block) -> _Block:
+    """Return a block with an empty row for each target that the block lacks, by the words of its rows.
+
+    Any other block is returned unchanged, as is one that lacks its only row of a number of cells: joints.
+    """
+    words, usual_words = _list_words(block), _list_words(usual)
+    row_of_words = dict(zip(words, block.rows, strict=True))
+    present = [each for each in usual_words if each in row_of_words]
+    are_named = len(set(usual_words)) == len(usual_words) and words == present
+    lacking = {len(_pick_numbers(row)) for row, _ in usual.rows} - set(block.shape)
+    if not are_named or lacking:
+        return block
+    line = block.rows[0][0].line
+    rows = [
+        row_of_words.get(own_words, (Row(line, tuple(map(_clear_number, row.cells))), above))
+        for own_words, (row, above) in zip(usual_words, usual.rows, strict=True)
+    ]
+    return replace(block, rows=tuple(rows))
+
+
+def _clear_number(cell: str) -> str:
+    """Return a mark for a missing number in place of a number; other texts unchanged."""
+    return _MISSING if looks_like_a_number(cell) else cell
+
+
 def _pick_numbers(row: Row) -> list[str]:
-    """Return the cells of a row that are numbers."""
-    return [cell for cell in row.cells if looks_like_a_number(cell)]
+    """Return the cells of a row that are numbers, or marked as missing in place of another row's."""
+    return [cell for cell in row.cells if looks_like_a_number(cell) or cell == _MISSING]
 
 
 def _name_columns(rows: Sequence[tuple[Row, Row | None]]) -> list[str]:

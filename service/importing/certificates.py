@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final, NoReturn
-from xml.parsers import expat
+from typing import Final
 
 from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import grid, limits
+from jointstiff.service.importing.elements import Element, read_elements
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grid import Grid, Row, write_ascii_minus
 
@@ -25,8 +25,6 @@ _ROOT: Final = f"{_DCC}digitalCalibrationCertificate"
 _QUANTITY: Final = f"{_DCC}quantity"
 _LIST: Final = f"{_DCC}list"
 _RESULT: Final = f"{_DCC}result"
-_MAX_ELEMENTS: Final = 400_000
-_MAX_DEPTH: Final = 64
 _LEAST_ROWS: Final = 3
 _UNITS: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -42,39 +40,6 @@ _UNITS: Final[Mapping[str, str]] = MappingProxyType(
     }
 )
 """Units of the D-SI data model as headers have them."""
-
-
-@dataclass
-class _Element:
-    """Element of the certificate."""
-
-    tag: str  # namespace, a blank, name
-    line: int
-    children: list[_Element] = field(default_factory=list)
-    texts: list[str] = field(default_factory=list)
-
-    @property
-    def text(self) -> str:
-        """Text of the element without blanks at its ends."""
-        return "".join(self.texts).strip()
-
-    def find(self, tag: str) -> _Element | None:
-        """Return the first child with a tag; None without one."""
-        return next((child for child in self.children if child.tag == tag), None)
-
-    def walk(self, tag: str) -> Iterator[_Element]:
-        """Yield all elements below this one that have a tag, in their order."""
-        for child in self.children:
-            if child.tag == tag:
-                yield child
-            yield from child.walk(tag)
-
-    @property
-    def name(self) -> str:
-        """Name of a quantity, list or result, the first of its languages; empty without one."""
-        names = self.find(f"{_DCC}name")
-        content = None if names is None else names.find(f"{_DCC}content")
-        return "" if content is None else " ".join(content.text.split())
 
 
 @dataclass(frozen=True)
@@ -94,7 +59,7 @@ def read_certificate(file: str, content: bytes) -> list[Grid]:
         ImportFileError: the XML is damaged or beyond a limit, lists differ in length or unit, or there is no
             table.
     """
-    root = _parse(file, content)
+    root = read_elements(file, content)
     if root.tag != _ROOT:
         remedy = "export the readings as CSV, text or .xlsx"
         raise ImportFileError(Place(file, root.line), "the file is no calibration certificate", remedy)
@@ -105,7 +70,7 @@ def read_certificate(file: str, content: bytes) -> list[Grid]:
     return [_build_grid(file, table, is_only=len(tables) == 1) for table in tables]
 
 
-def _read_columns(file: str, root: _Element) -> Iterator[list[tuple[str, ...]]]:
+def _read_columns(file: str, root: Element) -> Iterator[list[tuple[str, ...]]]:
     """Yield the tables of lists: for each length a header and rows."""
     columns = [column for result in root.walk(_RESULT) for column in _read_lists(file, result)]
     counts = {len(column.values) for column in columns if len(column.values) >= _LEAST_ROWS}
@@ -121,7 +86,7 @@ def _read_columns(file: str, root: _Element) -> Iterator[list[tuple[str, ...]]]:
         yield [tuple(header), *zip(*(column.values for column in alike), strict=True)]
 
 
-def _read_lists(file: str, result: _Element) -> Iterator[_Column]:
+def _read_lists(file: str, result: Element) -> Iterator[_Column]:
     """Yield the quantities of a result that are lists of values.
 
     Raises:
@@ -130,7 +95,7 @@ def _read_lists(file: str, result: _Element) -> Iterator[_Column]:
     for parent in result.walk(_LIST):
         lengths = set()
         for quantity in (child for child in parent.children if child.tag == _QUANTITY):
-            column = _read_list(file, quantity, result.name)
+            column = _read_list(file, quantity, _name_of(result))
             if column is not None and len(column.values) > 1:
                 lengths.add(len(column.values))
                 yield column
@@ -140,7 +105,7 @@ def _read_lists(file: str, result: _Element) -> Iterator[_Column]:
             raise ImportFileError(Place(file, parent.line), reason, "export the certificate again")
 
 
-def _read_list(file: str, quantity: _Element, result: str) -> _Column | None:
+def _read_list(file: str, quantity: Element, result: str) -> _Column | None:
     """Return the values of a quantity; None if it has no list."""
     texts = quantity.find(f"{_DCC}charsXMLList")
     if texts is not None:
@@ -151,10 +116,10 @@ def _read_list(file: str, quantity: _Element, result: str) -> _Column | None:
             return None
         values = tuple(_text_of(numbers, f"{_SI}valueXMLList").split())
         unit = _read_unit(file, numbers, _text_of(numbers, f"{_SI}unitXMLList").split())
-    return _Column(quantity.name, result, unit, values)
+    return _Column(_name_of(quantity), result, unit, values)
 
 
-def _read_rows(file: str, root: _Element) -> Iterator[list[tuple[str, ...]]]:
+def _read_rows(file: str, root: Element) -> Iterator[list[tuple[str, ...]]]:
     """Yield the tables of single values: a row for each list with the same names.
 
     Raises:
@@ -162,13 +127,13 @@ def _read_rows(file: str, root: _Element) -> Iterator[list[tuple[str, ...]]]:
     """
     tables: dict[tuple[str, ...], dict[tuple[str, ...], list[tuple[str, ...]]]] = {}
     for parent in root.walk(_LIST):
-        names, header, values = ["name"], ["name"], [parent.name]
+        names, header, values = ["name"], ["name"], [_name_of(parent)]
         for quantity in (child for child in parent.children if child.tag == _QUANTITY):
             single = _find_value(quantity, f"{_SI}real")
             if single is not None:
                 unit = _read_unit(file, single, [_text_of(single, f"{_SI}unit")])
-                names.append(quantity.name)
-                header.append(f"{quantity.name}{unit}")
+                names.append(_name_of(quantity))
+                header.append(f"{_name_of(quantity)}{unit}")
                 values.append(_text_of(single, f"{_SI}value"))
         if len(names) > 1:
             tables.setdefault(tuple(names), {}).setdefault(tuple(header), []).append(tuple(values))
@@ -182,19 +147,26 @@ def _read_rows(file: str, root: _Element) -> Iterator[list[tuple[str, ...]]]:
             yield [header_of_all, *rows]
 
 
-def _find_value(quantity: _Element, tag: str) -> _Element | None:
+def _find_value(quantity: Element, tag: str) -> Element | None:
     """Return the element with the values of a quantity; the first of a hybrid one."""
     hybrid = quantity.find(f"{_SI}hybrid")
     return (quantity if hybrid is None else hybrid).find(tag)
 
 
-def _text_of(parent: _Element, tag: str) -> str:
+def _name_of(element: Element) -> str:
+    """Return the name of a quantity, list or result, the first of its languages; empty without one."""
+    names = element.find(f"{_DCC}name")
+    content = None if names is None else names.find(f"{_DCC}content")
+    return "" if content is None else " ".join(content.text.split())
+
+
+def _text_of(parent: Element, tag: str) -> str:
     """Return the text of a child; empty without such a child."""
     child = parent.find(tag)
     return "" if child is None else child.text
 
 
-def _read_unit(file: str, values: _Element, units: Sequence[str]) -> str:
+def _read_unit(file: str, values: Element, units: Sequence[str]) -> str:
     """Return a unit in brackets, as in a header; a unit that headers do not have is kept as it is written.
 
     Raises:
@@ -240,56 +212,3 @@ def _build_grid(file: str, table: Sequence[tuple[str, ...]], *, is_only: bool) -
     preview = FilePreview(file=file, format="text", encoding="utf-8", sheet=sheet, assumptions=[note])
     rows = (Row(number, tuple(map(write_ascii_minus, cells))) for number, cells in enumerate(table, 1))
     return Grid(preview, tuple(rows))
-
-
-def _parse(file: str, content: bytes) -> _Element:
-    """Return the root of the XML, without document types and within limits.
-
-    Raises:
-        ImportFileError: the XML is not well-formed in UTF-8, declares a document type, or exceeds a limit.
-    """
-    builder = _TreeBuilder(file)
-    try:
-        builder.parser.Parse(content, True)
-    except expat.ExpatError as error:
-        reason = f"the XML is not well-formed: {expat.ErrorString(error.code)}"
-        raise ImportFileError(Place(file, error.lineno), reason, "export the file again, in UTF-8") from None
-    return builder.document.children[0]
-
-
-class _TreeBuilder:
-    """Builder of the tree of elements from expat's events; an exception in a handler stops expat."""
-
-    def __init__(self, file: str) -> None:
-        self.document = _Element("", 0)
-        self._file, self._open, self._count = file, [self.document], 0
-        self.parser = expat.ParserCreate("utf-8", " ")  # whatever encoding the document claims to have
-        self.parser.StartElementHandler = self._start
-        self.parser.EndElementHandler = lambda _tag: self._open.pop()
-        self.parser.CharacterDataHandler = lambda text: self._open[-1].texts.append(text)
-        self.parser.StartDoctypeDeclHandler = self._refuse_document_type
-
-    def _start(self, tag: str, _attributes: dict[str, str]) -> None:
-        """Add an element.
-
-        Raises:
-            ImportFileError: there are too many elements or levels.
-        """
-        self._count += 1
-        if self._count > _MAX_ELEMENTS or len(self._open) > _MAX_DEPTH:
-            self._refuse(
-                f"the XML has more than {_MAX_ELEMENTS} elements or {_MAX_DEPTH} levels", "split the file"
-            )
-        element = _Element(tag, self.parser.CurrentLineNumber)
-        self._open[-1].children.append(element)
-        self._open.append(element)
-
-    def _refuse_document_type(self, *_declaration: object) -> None:
-        """Refuse a document type, which can define entities."""
-        self._refuse(
-            "the XML declares a document type (DTD), which can define entities", "remove <!DOCTYPE …>"
-        )
-
-    def _refuse(self, reason: str, remedy: str) -> NoReturn:
-        """Raise the error at the present line."""
-        raise ImportFileError(Place(self._file, self.parser.CurrentLineNumber), reason, remedy)

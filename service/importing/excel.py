@@ -17,13 +17,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import reduce
 from itertools import product
 from types import MappingProxyType
-from typing import IO, Final
+from typing import IO, Final, Protocol
 from xml.etree.ElementTree import Element, ParseError, XMLParser, iterparse
 
 from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import grid, limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.grid import CellKind, Grid, Remark, Row, write_ascii_minus
+from jointstiff.service.importing.grid import EMPTY_CELL_KIND, CellKind, Grid, Remark, Row, write_ascii_minus
 from jointstiff.service.importing.sheets import build_sheet_error
 
 MAX_SHEET_CELLS: Final = 500_000
@@ -67,7 +67,6 @@ _ALLOWED_CHILDREN: Final = MappingProxyType(
 _KIND_OF_TYPE: Final[Mapping[str, CellKind]] = MappingProxyType(
     {"s": "text", "str": "text", "inlineStr": "text", "b": "truth value", "e": "error", "d": "date"}
 )
-_EMPTY_CELL_KIND: Final[tuple[CellKind, ...]] = ("text",)
 """Kind of one empty cell."""
 _ZIP_FAULTS: Final = (
     zipfile.BadZipFile, zlib.error, struct.error, OSError, EOFError, ValueError, RuntimeError, LookupError,
@@ -95,13 +94,33 @@ def read_workbook(file: str, content: bytes, stated: str | None) -> list[Grid]:
     Raises:
         ImportFileError: the workbook cannot be read, or has no sheet of a name.
     """
-    archive = Archive(file, content)
+    archive = Archive(file, content, "an Excel file (.xlsx)")
     sheet_parts, text_part, style_part = _find_parts(archive)
     elements = () if text_part is None else archive.elements(text_part, "si")
     max_length = limits.MAX_CELL_LENGTH + 1  # one character more than allowed is enough to refuse a text
     texts = [_join_text(archive, text)[:max_length] for text in elements]
     kinds = _find_number_kinds(archive, style_part)
     sheets = {name: _Sheet(archive, part, texts, kinds) for name, part in sheet_parts.items()}
+    return build_grids(file, sheets, stated)
+
+
+class Sheet(Protocol):
+    """Sheet of a workbook, which is read row by row."""
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes for the user on the rows that were read last."""
+
+    def rows(self) -> Iterator[Row]:
+        """Yield the rows that are not empty, each up to its last cell with a text."""
+
+
+def build_grids(file: str, sheets: Mapping[str, Sheet], stated: str | None) -> list[Grid]:
+    """Return sheets as grids; arguments as of `read_workbook`.
+
+    Raises:
+        ImportFileError: a sheet cannot be read, or there is no sheet of a name.
+    """
     names = [name for name in split_sheets(stated) if name is not None]
     for name in names:
         if name not in sheets:
@@ -117,7 +136,7 @@ def read_workbook(file: str, content: bytes, stated: str | None) -> list[Grid]:
         raise (build_sheet_error(file, names) if is_choice_open else fault) from fault
 
 
-def _build_grid(file: str, name: str, sheet: _Sheet) -> Grid:
+def _build_grid(file: str, name: str, sheet: Sheet) -> Grid:
     """Return a sheet with the name `name` as a grid of rows of equal length, with comments set aside.
 
     Raises:
@@ -142,18 +161,12 @@ def _build_grid(file: str, name: str, sheet: _Sheet) -> Grid:
         count = f"{len(comments)} row{'s' * (len(comments) > 1)}"
         notes.append(f"comments were skipped ({count}), the first in row {comments[0].line}")
     preview = FilePreview(file=file, format="xlsx", sheet=name, assumptions=notes)
-    return Grid(preview, tuple(_pad_row(row, width) for row in rows), tuple(comments))
+    return Grid(preview, tuple(row.resize(width) for row in rows), tuple(comments))
 
 
 def split_sheets(sheets: str | None) -> list[str | None]:
     """Return the names of sheets that an option states, with semicolons between; [None] without it."""
     return [name.strip() for name in sheets.split(";")] if sheets else [None]
-
-
-def _pad_row(row: Row, width: int) -> Row:
-    """Return a row with empty cells added at the end, until the row has `width` cells."""
-    missing = width - len(row.cells)
-    return Row(row.line, row.cells + ("",) * missing, (row.kinds or ()) + _EMPTY_CELL_KIND * missing)
 
 
 def _find_parts(archive: Archive) -> tuple[dict[str, str], str | None, str | None]:
@@ -318,7 +331,7 @@ class _Sheet:
                 if text:
                     gap = self._column - 1 - len(cells)
                     cells += [*[""] * gap, write_ascii_minus(text)]
-                    kinds += [*_EMPTY_CELL_KIND * gap, kind]
+                    kinds += [*EMPTY_CELL_KIND * gap, kind]
         return Row(self._line, tuple(cells), tuple(kinds)) if cells else None
 
     def _advance_to(self, address: str | None) -> None:
@@ -387,19 +400,25 @@ class _Sheet:
 
 
 class Archive:
-    """Archive of an Excel file: named parts, read within limits that hold for all parts together.
+    """Archive of a workbook: named parts, read within limits that hold for all parts together.
 
     Attributes:
         cells: number of cells that were read in all sheets.
     """
 
-    def __init__(self, file: str, content: bytes) -> None:
+    def __init__(self, file: str, content: bytes, form: str, program: str = "Excel") -> None:
         """Open an archive; refuse a file that is damaged, encrypted or too large when it is unpacked.
+
+        Args:
+            file: name of the file, for messages.
+            content: bytes of the file.
+            form: what the file should be, in words.
+            program: program that can save the file again.
 
         Raises:
             ImportFileError: the archive is refused.
         """
-        self._file = file
+        self._file, self._form, self._program = file, form, program
         self._tags = self.cells = 0
         try:
             self._zip = zipfile.ZipFile(io.BytesIO(content))
@@ -424,14 +443,37 @@ class Archive:
 
     def build_error(self, reason: str, line: int | None = None, column: int | None = None) -> ImportFileError:
         """Return the error that this file cannot be read, for a reason and at a cell."""
-        remedy = "open the file in Excel and save it again as .xlsx, or save the sheet as CSV"
+        remedy = f"open the file in {self._program} and save it again as .xlsx, or save the sheet as CSV"
         return ImportFileError(Place(self._file, line, column), reason, remedy)
 
     def _damaged_error(self, error: BaseException) -> ImportFileError:
         """Return the error that the file is no archive, or is damaged; `error` is what `zipfile` raised."""
-        return self.build_error(
-            f"the file is not an Excel file (.xlsx), or is damaged ({type(error).__name__})"
-        )
+        return self.build_error(f"the file is not {self._form}, or is damaged ({type(error).__name__})")
+
+    def read(self, name: str) -> bytes:
+        """Return the bytes of a part.
+
+        Raises:
+            ImportFileError: the part is missing, damaged or beyond a limit.
+        """
+        try:
+            with self._open(name) as stream:
+                return stream.read()
+        except _ZIP_FAULTS as error:
+            raise self._damaged_error(error) from None
+
+    def _open(self, name: str) -> IO[bytes]:
+        """Return the stream of a part, which `zipfile` ends at the size that was checked.
+
+        Raises:
+            ImportFileError: the part is missing, or is compressed in another way.
+        """
+        part = self._parts.get(name)
+        if part is None:
+            raise self.build_error(f"the file is not {self._form}: it has no part {quote(name)}")
+        if part.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise self.build_error(f"part {quote(name)} uses an unsupported compression")
+        return self._zip.open(part)
 
     def elements(self, name: str, *wanted: str) -> Iterator[Element]:
         """Yield the wanted elements of a part in their order, each with its children.
@@ -443,13 +485,8 @@ class Archive:
         Raises:
             ImportFileError: the part is missing, damaged or beyond a limit.
         """
-        part = self._parts.get(name)
-        if part is None:
-            raise self.build_error(f"the file is not an Excel workbook: it has no part {quote(name)}")
-        if part.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise self.build_error(f"part {quote(name)} uses an unsupported compression")
         try:
-            with self._zip.open(part) as stream:  # zipfile ends the stream at the size that was checked
+            with self._open(name) as stream:
                 yield from self._parse_elements(_LimitedStream(self, name, stream), name, wanted)
         except ParseError as error:
             raise self.build_error(f"part {quote(name)} is not well-formed ({error})") from None

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.grammar import Vocabulary, split_unit
+from jointstiff.service.importing.grammar import POINTS, Vocabulary, lacks_number, split_unit
 from jointstiff.service.importing.grid import CellKind, Grid, Row, count_numbers, looks_like_a_number
 
 _LEAST_FORMS: Final = 3
@@ -57,8 +57,7 @@ def join_forms(sheets: Sequence[Grid], words: Vocabulary) -> Grid | None:
     if count < _LEAST_FORMS or 2 * count <= len(forms) or not _are_of_one_posture(headers, words):
         return None
     file = sheets[0].file
-    for form in forms:
-        _refuse_other_numbers(form, headers, file)
+    forms = [_complete(form, headers, words, file) for form in forms]
     notes = [note for sheet in sheets for note in sheet.preview.assumptions]
     notes = [f"{len(forms)} forms were read as postures", *dict.fromkeys(notes)]
     name = sheets[0].preview.sheet if len(sheets) == 1 else None
@@ -76,23 +75,40 @@ def _write_row(line: int, label: str, values: Sequence[_Value]) -> Row:
 
 
 def _are_of_one_posture(headers: Sequence[str], words: Vocabulary) -> bool:
-    """Return whether words name each joint of a robot once, coordinates, and no number twice."""
+    """Return whether words name coordinates and joints, each number once.
+
+    Joints may have names that are not known, such as those of another language: the robot finds them.
+    """
     if len(set(headers)) < len(headers) or len(headers) >= limits.MAX_COLUMNS:
         return False
     words.add_names_of_table(headers)
     meanings = [words.find(header) for header in headers]
     joints = [each.axis for each in meanings if each is not None and each.kind == "joint"]
+    if not joints:
+        coordinate_count = sum(each is not None and each.kind == "position" for each in meanings)
+        return coordinate_count >= _LEAST_COORDINATES and meanings.count(None) >= _JOINTS.start
     other_count = len(headers) - len(joints)
     is_each_once = sorted(axis or 0 for axis in joints) == list(range(len(joints)))
     return len(joints) in _JOINTS and is_each_once and other_count >= _LEAST_COORDINATES
 
 
-def _refuse_other_numbers(form: _Form, headers: Sequence[str], file: str) -> None:
-    """Raise an `ImportFileError` if a form has other numbers than those of some headers."""
-    if list(form.headers) == list(headers):
-        return
-    lacking = [header for header in headers if header not in form.headers]
+def _complete(form: _Form, headers: Sequence[str], words: Vocabulary, file: str) -> _Form:
+    """Return a form with an empty cell for each number that the form lacks, such as those of a hidden target.
+
+    Raises:
+        ImportFileError: the form lacks a joint, or has other numbers than those of the headers.
+    """
+    if form.headers == tuple(headers):
+        return form
+    value_of_header = {value.header: value for value in form.values}
+    lacking = [header for header in headers if header not in value_of_header]
     more = [header for header in form.headers if header not in headers]
+    present = tuple(header for header in headers if header in value_of_header)
+    meanings = [words.find(header) for header in lacking]
+    are_coordinates = all(meaning is not None and meaning.kind in POINTS for meaning in meanings)
+    if not more and are_coordinates and form.headers == present:
+        empty = (_Value(header, "", _TEXT) for header in headers)
+        return form._replace(values=[value_of_header.get(value.header, value) for value in empty])
     reason = f"the form {quote(form.label)} has the numbers of other forms in another order"
     if lacking or more:
         verb = "lacks" if lacking else "has, unlike other forms,"
@@ -140,6 +156,9 @@ def _list_values(rows: Sequence[Row]) -> Iterator[_Value]:
     is_below_texts = False
     for row in rows:
         columns = [k for k, cell in enumerate(row.cells) if looks_like_a_number(cell)]
+        is_missing = any(cell and lacks_number(cell) for cell in row.cells[1:])
+        if not columns and is_missing:
+            continue
         if not columns:
             above = _join_groups(above, row.cells) if is_below_texts else row.cells
             is_below_texts = True

@@ -43,6 +43,8 @@ CellKind = Literal[
     "half-precision number",
 ]  # fmt: skip
 
+EMPTY_CELL_KIND: Final[tuple[CellKind, ...]] = ("text",)
+
 
 @dataclass(frozen=True, slots=True)
 class Row:
@@ -52,6 +54,12 @@ class Row:
     cells: tuple[str, ...]  # without blanks at the ends
     # what each cell of a sheet or of an array is; None in a text file, where all is text
     kinds: tuple[CellKind, ...] | None = None
+
+    def resize(self, width: int) -> Row:
+        """Return the row with so many cells: further cells are cut off, and empty cells are added."""
+        missing = width - len(self.cells)
+        kinds = None if self.kinds is None else (*self.kinds[:width], *missing * EMPTY_CELL_KIND)
+        return Row(self.line, (*self.cells[:width], *missing * ("",)), kinds)
 
 
 class Remark(NamedTuple):
@@ -167,17 +175,20 @@ _SIGNATURES: Final = (
 )
 JSON: Final = "a JSON document"
 CERTIFICATE: Final = "a digital calibration certificate (DCC)"
+VAL3: Final = "data of a VAL3 program (.dtx)"
+_VAL3_NAMESPACE: Final = b"robotics/VAL3/Data"
 _CERTIFICATE_NAMESPACE: Final = b"https://ptb.de/dcc"
 _FIRST_BYTES: Final = 4096
 """Bytes of a file of XML among which its root names the schema."""
-OPEN_DOCUMENT: Final = "an OpenDocument file (such as .ods)"
 WORKBOOK: Final = "an Excel workbook (.xlsx)"
+SPREADSHEET: Final = "an OpenDocument spreadsheet (.ods)"
+WORKBOOKS: Final = (WORKBOOK, SPREADSHEET)
 _ZIP: Final = b"PK\x03\x04"
 _TYPES_BY_PART: Final = (
     ("xl/workbook.bin", "a binary Excel workbook (.xlsb)"),
     ("word/document.xml", "a Word document"),
     ("ppt/presentation.xml", "a PowerPoint presentation"),
-    ("content.xml", OPEN_DOCUMENT),
+    ("content.xml", SPREADSHEET),
 )
 
 
@@ -210,6 +221,10 @@ def file_type(content: bytes, name: str = "") -> str | None:
     start = content[:256].lstrip(b"\xef\xbb\xbf \t\r\n")
     if start.startswith(b"<") and _CERTIFICATE_NAMESPACE in content[:_FIRST_BYTES]:
         return CERTIFICATE
+    if start.startswith(b"<") and (
+        _VAL3_NAMESPACE in content[:_FIRST_BYTES] or name.lower().endswith(".dtx")
+    ):
+        return VAL3
     ends_with_bracket = content.rstrip()[-1:] in (b"}", b"]")
     if start.lstrip(b"\xff\xfe\0")[:1] in (b"{", b"[") and (
         ends_with_bracket or name.lower().endswith(".json")

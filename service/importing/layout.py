@@ -193,7 +193,12 @@ def _check_template(options: ImportOptions, headers: Sequence[str], place: Place
 
 # ---- unit and frame that titles and comments state
 
-_AXES: Final = re.compile(r"AXES\s*=\s*(\w+)", re.IGNORECASE)
+_AXES: Final = re.compile(
+    r"(?:AXES\s*=\s*|\bCOORDINATES?\s+(?:SYSTEM|TYPE)\s*[=:]\s*"
+    r"(?=(?:CARTESIAN|RECTANGULAR|CYLINDRICAL|SPHERICAL|POLAR)\b))(\w+)",
+    re.IGNORECASE,
+)
+"""Kind of the coordinates; a coordinate system with another name is a frame."""
 _AXES_UNIT: Final = re.compile(
     r"\bX\W+Y\W+Z\s*(?:\(\s*([^\W\d]+)\s*\)|in\s+([^\W\d]+))"
     r"|\bX\s*\(\s*([^\W\d]+)\s*\)\W+Y\s*\(\s*\3\s*\)\W+Z\s*\(\s*\3\s*\)",
@@ -259,7 +264,7 @@ def _read_axes_unit(text: str, place: Place) -> str | None:
         ImportFileError: coordinates are not Cartesian, or the unit is unknown.
     """
     axes, match = _AXES.search(text), _AXES_UNIT.search(text)
-    if axes and axes[1].upper() not in ("CARTESIAN", "X"):
+    if axes and axes[1].upper() not in ("CARTESIAN", "RECTANGULAR", "X"):
         reason = f"the file has {quote(axes[1].lower())} coordinates"
         raise ImportFileError(place, reason, "export Cartesian coordinates x, y, z")
     word = match[int(match.lastindex or 0)] if match else ""
@@ -276,7 +281,7 @@ def _read_axes_unit(text: str, place: Place) -> str | None:
 
 def _read_frame(text: str) -> str | None:
     """Return the name of the frame in a remark such as `Frame: 'A'`; None if it names no frame."""
-    match = _FRAME.search(text)
+    match = None if _AXES.search(text) else _FRAME.search(text)
     return None if match is None else collapse_blanks(match[1].rstrip(", \t")).strip("'\"")
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from jointstiff.schemas.imports import DecimalMark, ImportOptions
 from jointstiff.service.importing.blocks import write_postures
-from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.importing.errors import ImportFileError, quote
 from jointstiff.service.importing.grammar import (
     Kind,
     Meaning,
@@ -47,6 +47,8 @@ from jointstiff.solver.meaning.table import Table
 
 _LEAST_NUMBERS: Final = 3
 """Numbers of a row of data, at least."""
+_MOST_LISTED: Final = 4
+"""Rows that a note lists."""
 _IMPOSSIBLE_ANGLE: Final = re.compile(r"[-+]?[1-9]\d{1,2},\d{3}")
 """A number that, without its comma, is above 10 000: no joint turns so far in degrees."""
 _DIRECTION: Final = re.compile(r"[-+−–][XYZ]", re.IGNORECASE)
@@ -219,6 +221,7 @@ class NumberFiles:
     tables: tuple[NumberTable, ...]
     masses: tuple[SourceFile, ...]  # files with the masses of the robot's bodies
     without: tuple[str, ...]  # names of files without a row of numbers
+    notes: tuple[str, ...] = ()  # rows of numbers that are not read
 
 
 def read_number_tables(
@@ -231,7 +234,7 @@ def read_number_tables(
     Raises:
         ImportFileError: a file is no table, or its numbers are ambiguous.
     """
-    tables, masses, without = list[NumberTable](), list[SourceFile](), list[str]()
+    tables, masses, without, notes = list[NumberTable](), list[SourceFile](), list[str](), list[str]()
     for file in _join_postures(files, options):
         words = Vocabulary(options, joints)
         grids = [turn_table(grid, words) for grid in read_grids(file, options, every_length=True)]
@@ -240,11 +243,12 @@ def read_number_tables(
             sheet = grid.preview.sheet if len(grids) > 1 else None
             name = f"{grid.file}, {sheet}" if sheet else grid.file
             tables.append(_read_table(grid, name, options, joints))
+            notes += _note_rows_left(tables[-1])
         if any(map(is_mass_table, grids)):
             masses.append(file)
         elif not with_numbers:
             without.append(file.name)
-    return NumberFiles(tuple(tables), tuple(masses), tuple(without))
+    return NumberFiles(tuple(tables), tuple(masses), tuple(without), tuple(notes))
 
 
 def _join_postures(files: Sequence[SourceFile], options: ImportOptions) -> Sequence[SourceFile]:
@@ -257,14 +261,13 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     """Read the rows of data of a table, at least one, and the header above these rows.
 
     Raises:
-        ImportFileError: the decimal mark of the table is ambiguous.
+        ImportFileError: the decimal mark of the table is ambiguous, or a row lacks cells.
     """
     words = Vocabulary(options, joints)
     start = _find_start(grid, words, options)
     data = [index for index, row in enumerate(grid.rows) if index >= start and _is_data(row)]
-    width = Counter(len(grid.rows[index].cells) for index in data).most_common(1)[0][0]
-    cut = [_omit_remarks(grid.rows[index], width) for index in data]
-    rows = tuple(row for row in cut if len(row.cells) == width)
+    rows = _fit_rows(grid, data)
+    width = len(rows[0].cells)
     headers = _find_headers(grid, words, options, data[0], width)
     words.add_names_of_table(headers)
     columns = [c for c in range(width) if any(looks_like_a_number(row.cells[c]) for row in rows)]
@@ -286,16 +289,6 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     points = _list_stated_points(meanings, stated)
     table = Table(name, numbers, known_joints, others, points)
     return NumberTable(grid, headers, meanings, rows, mark, table, stated, ignored)
-
-
-def _omit_remarks(row: Row, width: int) -> Row:
-    """Return a row of a table of some width without remarks behind its last column, which have no numbers."""
-    behind = row.cells[width:]
-    has_numbers = any(map(looks_like_a_number, behind))
-    if not behind or has_numbers:
-        return row
-    kinds = None if row.kinds is None else row.kinds[:width]
-    return replace(row, cells=row.cells[:width], kinds=kinds)
 
 
 def _shows_decimal_commas(rows: Sequence[Row], columns: Sequence[int], joints: Sequence[int]) -> bool:
@@ -346,10 +339,58 @@ def _is_data(row: Row) -> bool:
     return count_numbers(row) >= _LEAST_NUMBERS and not is_statistic(first_filled)
 
 
-def _find_start(grid: Grid, words: Vocabulary, options: ImportOptions) -> int:
-    """Return the index of the row below a header that is known as a whole; 0 without such a header.
+def _fit_rows(grid: Grid, data: Sequence[int]) -> tuple[Row, ...]:
+    """Return the rows of data with as many cells as most of them have; `data` are their indices.
 
-    The last row of a header may have numbers, such as those of joints.
+    Texts behind the last column, such as remarks, are cut off; a row without such texts is filled up. Rows
+    above the table, and rows that are apart below the table, are no rows of the table.
+
+    Raises:
+        ImportFileError: a row of the table has more or fewer numbers than the others.
+    """
+    width = Counter(len(grid.rows[index].cells) for index in data).most_common(1)[0][0]
+    full = [index for index in data if len(grid.rows[index].cells) == width]
+    columns = {
+        c for index in full for c, cell in enumerate(grid.rows[index].cells) if looks_like_a_number(cell)
+    }
+    rows, end = list[Row](), full[0]
+    for index in data:
+        row = grid.rows[index]
+        lacking = columns.intersection(range(len(row.cells), width))
+        is_other = bool(lacking) or any(map(looks_like_a_number, row.cells[width:]))
+        is_outside = index < full[0] or (index > full[-1] and _is_apart(grid, end, index))
+        if is_other and is_outside:
+            continue
+        if is_other:
+            reason = f"the row has {len(row.cells)} cells, but the other rows of the table have {width}"
+            remedy = "give all rows the same number of cells, or remove this row"
+            raise ImportFileError(grid.place(row), reason, remedy)
+        rows.append(row.resize(width))
+        end = index
+    return tuple(rows)
+
+
+def _is_apart(grid: Grid, end: int, index: int) -> bool:
+    """Return whether a row is not next to the row at the index `end` of a table above."""
+    return index > end + 1 or grid.rows[index].line > grid.rows[end].line + 1
+
+
+def _note_rows_left(table: NumberTable) -> list[str]:
+    """Return a note on the rows of numbers that are not rows of the table."""
+    lines = {row.line for row in table.rows}
+    left = [row for row in table.grid.rows if row.line not in lines and _is_data(row)]
+    if not left:
+        return []
+    quoted = ", ".join(f"{row.line} ({quote(row.cells[0])})" for row in left[:_MOST_LISTED])
+    more = f" and {len(left) - _MOST_LISTED} more" if len(left) > _MOST_LISTED else ""
+    return [f"{table.name}: rows of numbers outside the table were not read: {quoted}{more}"]
+
+
+def _find_start(grid: Grid, words: Vocabulary, options: ImportOptions) -> int:
+    """Return the index of the row below the header; 0 without a known header.
+
+    A header is known as a whole, or names joints or coordinates. The last row of a header may have numbers,
+    such as those of joints.
     """
     with suppress(ImportFileError):
         heading = find_heading(grid, words, options)
@@ -358,7 +399,18 @@ def _find_start(grid: Grid, words: Vocabulary, options: ImportOptions) -> int:
         has_data = any(map(_is_data, grid.rows[heading.start :]))
         if heading.lines and is_known and has_data:
             return heading.start
-    return 0
+    last = max(index for index, row in enumerate(grid.rows) if _is_data(row))
+    named = (index for index, row in enumerate(grid.rows[:last]) if _names_columns(row, words))
+    return next(named, -1) + 1
+
+
+def _names_columns(row: Row, words: Vocabulary) -> bool:
+    """Return whether a row of texts names three or more joints or coordinates."""
+    if count_numbers(row) > 0 or sum(map(bool, row.cells)) < _LEAST_NUMBERS:
+        return False
+    meanings = [words.find(cell) for cell in row.cells if cell]
+    named = {(each.quantity, each.axis) for each in meanings if each is not None and each.axis is not None}
+    return len(named) >= _LEAST_NUMBERS
 
 
 def _find_headers(

@@ -54,6 +54,7 @@ from jointstiff.service.importing.json_rows import read_json_rows
 from jointstiff.service.importing.layout import Layout, understand_table
 from jointstiff.service.importing.masses import is_mass_table, read_mass_table
 from jointstiff.service.importing.matrices import find_matrices
+from jointstiff.service.importing.opendocument import read_spreadsheet
 from jointstiff.service.importing.rows import (
     NameReader,
     ObservationRecord,
@@ -62,6 +63,7 @@ from jointstiff.service.importing.rows import (
     Value,
 )
 from jointstiff.service.importing.sheets import choose_sheets, list_tables, note_others
+from jointstiff.service.importing.val3 import read_joint_data
 from jointstiff.service.importing.weight_steps import is_step_table, read_step_table
 from jointstiff.service.importing.yaml_rows import read_yaml_rows
 
@@ -518,7 +520,9 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
         return _mark_sheets(arrays)
     if kind == grid.CERTIFICATE:
         return read_certificate(file.name, file.content)
-    if kind == grid.WORKBOOK:
+    if kind == grid.VAL3:
+        return _mark_sheets(read_joint_data(file.name, file.content))
+    if kind in grid.WORKBOOKS:
         grids = _read_sheets(file, options, every_length=every_length)
     else:
         grids = list(map(_note_encoding, _read_text_grids(file, kind, options, every_length=every_length)))
@@ -534,7 +538,8 @@ def _read_sheets(file: SourceFile, options: ImportOptions, *, every_length: bool
     Raises:
         ImportFileError: the workbook cannot be read, or the choice of the sheets is not clear.
     """
-    sheets = read_workbook(file.name, file.content, options.sheet)
+    read = read_workbook if file_type(file.content) == grid.WORKBOOK else read_spreadsheet
+    sheets = read(file.name, file.content, options.sheet)
     tables = list_tables(sheets) if options.sheet is None else sheets
     forms = join_forms(tables, Vocabulary(options)) if every_length else None
     if forms is not None:
@@ -618,8 +623,6 @@ def _build_type_error(file: SourceFile, kind: str) -> ImportFileError:
             remedy = "correct the JSON at this place; the file must be UTF-8"
             return ImportFileError(Place(file.name), reason, remedy)
         remedy = "a campaign needs no import: use `jointstiff identify FILE`"
-    if kind == grid.OPEN_DOCUMENT:
-        remedy = "in the spreadsheet, choose File > Save As and the type Excel (.xlsx), then import that file"
     return ImportFileError(Place(file.name), f"the file is {kind}, not a table", remedy)
 
 

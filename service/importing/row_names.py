@@ -169,20 +169,30 @@ def _find_label_column(table: NumberTable) -> int | None:
     """Return the column of names of observations or points; None without one.
 
     Without a header that says so, the first column has names if its cells are texts, or if they are whole
-    numbers below a header that is not known.
+    numbers below a header that is not known. A column with one text, such as a collection, may be before it.
     """
     named = table.find_column("name")
     if named is not None and len(set(_list_texts(table, named))) >= _LEAST_LABELS:
         return named
-    if table.meanings[0] is not None or 0 in table.ignored:
+    first = 0
+    while first + 1 < len(table.headers) and _has_one_text(table, first):
+        first += 1
+    if table.meanings[first] is not None or first in table.ignored:
         return None
-    texts = _list_texts(table, 0)
-    are_counted = bool(table.headers[0]) and all(_COUNTED.fullmatch(text) for text in texts)
+    texts = _list_texts(table, first)
+    are_counted = bool(table.headers[first]) and all(_COUNTED.fullmatch(text) for text in texts)
     is_label = (_are_texts(texts) or are_counted) and len(set(texts)) >= _LEAST_LABELS
     cycles = _find_cycle_column(table, len(set(texts))) if _are_texts(texts) else None
     if cycles is not None:
         return cycles
-    return 0 if is_label else None
+    return first if is_label else None
+
+
+def _has_one_text(table: NumberTable, column: int) -> bool:
+    """Return whether all cells of a column are one text, and its header is not known otherwise."""
+    meaning, texts = table.meanings[column], _list_texts(table, column)
+    is_free = meaning is None or meaning.kind in ("collection", "ignored")
+    return is_free and len(set(texts)) == 1 and _are_texts(texts)
 
 
 def _find_cycle_column(table: NumberTable, target_count: int) -> int | None:

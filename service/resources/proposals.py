@@ -758,7 +758,7 @@ def _read_numbers(files: Sequence[SourceFile], request: ImportRequest, joints: S
         tables, notes = add_deflections(joined.tables, words)
     except ImportFileError as fault:
         raise _describe_fault(fault) from fault
-    return _Numbers(tables, [*joined.notes, *notes], found.masses)
+    return _Numbers(tables, [*found.notes, *joined.notes, *notes], found.masses)
 
 
 def _describe_fault(fault: ImportFileError) -> _NoProposalError:

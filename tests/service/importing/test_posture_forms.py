@@ -106,7 +106,7 @@ def test_a_sheet_that_is_no_form_is_named(tmp_path):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (lambda rows: rows[:-1], "the form 'Pose 05' lacks 'T3 ohne Last X [mm]'"),
+        (lambda rows: [*rows[:6], *rows[7:]], "the form 'Pose 05' lacks 'A4 [°]'"),
         (
             lambda rows: [*rows, ["T9", *[1.5] * 6]],
             "the form 'Pose 05' has, unlike other forms, 'T9 ohne Last X [mm]'",
@@ -129,3 +129,20 @@ def test_states_follow_the_words_of_the_forms_wherever_their_columns_are(tmp_pat
 
     answer = propose(write_sheets(exchange), tmp_path).accept()
     assert judge(CAMPAIGN, answer.measurement_set.model_dump(mode="json")) == []
+
+
+@pytest.mark.parametrize("hidden", [1, 3])
+@pytest.mark.parametrize("marks", [None, ["-"] * 6 + ["hidden"], ["NaN"] * 6])
+def test_a_form_that_lacks_a_target_is_read_without_that_target(hidden, marks, tmp_path):
+    def hide(k, rows):
+        if k != 4:
+            return rows
+        return [
+            row if row[:1] != [f"T{hidden}"] else [*row[:1], *marks]
+            for row in rows
+            if marks or row[:1] != [f"T{hidden}"]
+        ]
+
+    answer = propose(write_sheets(hide), tmp_path, allow_missing=True).accept()
+    readings = [len(each.readings) for each in answer.measurement_set.observations]
+    assert readings == [2 if k == 4 else 3 for k in range(10)]

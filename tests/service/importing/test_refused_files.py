@@ -1,8 +1,6 @@
 """Files that are refused: the place, the reason and the remedy that a person reads."""
 
-import io
 import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -232,13 +230,3 @@ def test_a_header_of_the_caller_fits_the_rows():
     again = refusals(("a.csv", CAMPAIGN), header=ROWS[0].split(";"))
     reason = "the header that is stated is not needed: every file has a known header of its own"
     assert again == [f"{reason}; omit `header`, or remove the header of the file [header]"]
-
-
-def test_an_opendocument_table_is_refused_with_the_way_to_save_it_as_a_workbook():
-    output = io.BytesIO()
-    with zipfile.ZipFile(output, "w") as archive:
-        archive.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
-        archive.writestr("content.xml", "<office:document-content/>")
-    (said,) = refusals(("table.ods", output.getvalue()))
-    assert "the file is an OpenDocument file (such as .ods), not a table" in said
-    assert "choose File > Save As and the type Excel (.xlsx)" in said

@@ -212,7 +212,10 @@ def lying():
         (lambda: bomb(MAX_UNPACKED_BYTES + 1), "the file has more than 64 MiB when it is unpacked"),
         (lambda: bomb(MAX_UNPACKED_BYTES // 8, parts=9), "the file has more than 64 MiB when it is unpacked"),
         (lambda: bomb(1, parts=1001), "the file has more than 1000 parts, or two parts with the same name"),
-        (lambda: bomb(10), "the file is not an Excel workbook: it has no part 'xl/_rels/workbook.xml.rels'"),
+        (
+            lambda: bomb(10),
+            "the file is not an Excel file (.xlsx): it has no part 'xl/_rels/workbook.xml.rels'",
+        ),
         (
             lambda: related(b"worksheet"),
             "the workbook has no sheet, or more than one part with shared texts or with styles",
@@ -239,7 +242,9 @@ def test_no_part_may_define_entities(part):
 
 
 def test_the_tags_of_all_parts_are_counted_together():
-    archive = Archive("a.xlsx", repacked(workbook(), SHEET, lambda _: b"<a>" + b"<b/>" * 98 + b"</a>"))
+    archive = Archive(
+        "a.xlsx", repacked(workbook(), SHEET, lambda _: b"<a>" + b"<b/>" * 98 + b"</a>"), "a file"
+    )
     archive.count_tags("xl/styles.xml", MAX_XML_TAGS - 100)
     assert list(archive.elements(SHEET, "row")) == []
     with pytest.raises(ImportFileError) as caught:
