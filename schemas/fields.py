@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 from hashlib import sha256
-from typing import Annotated, Any, Final, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Final, Generic, Literal, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -40,6 +40,23 @@ class Message(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, json_schema_serialization_defaults_required=True
     )
+
+    if not TYPE_CHECKING:  # for a type checker, a message has its fields alone
+
+        def __getattr__(self, name: str) -> object:
+            """Return a private attribute of pydantic; for another name, list the fields of the message.
+
+            Raises:
+                AttributeError: the message has no such attribute.
+            """
+            try:
+                return super().__getattr__(name)
+            except AttributeError:
+                if name.startswith("_"):
+                    raise
+                reason = f"a {type(self).__name__} has no `{name}`"
+                fields = ", ".join(type(self).model_fields)
+                raise AttributeError(f"{reason}; its fields are {fields}", name=name, obj=self) from None
 
 
 def require_exactly_one(first: str, second: str) -> Any:  # noqa: ANN401 - what pydantic makes of a validator

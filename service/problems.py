@@ -422,8 +422,9 @@ class CursorError(StoreError):
 
     def __init__(self, cursor: str) -> None:
         super().__init__(
-            f"{_quote(cursor)} is not a valid pagination cursor",
-            "use `next` of the previous page unchanged, with the same `sort`, or omit `cursor`",
+            f"{_quote(cursor)} is no cursor of this list",
+            "use `next` of the previous page unchanged, with the same address, filters and `sort`, or omit "
+            "`cursor`",
         )
 
 
@@ -486,16 +487,16 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
         "union_tag_invalid": "use one of these formats",
         "too_long": "send fewer items, or split the items into several resources",
         "literal_error": "use one of these words exactly as written",
-        "bool_type": "give true or false, without quotes",
+        "bool_type": "give true or false",
         "bool_parsing": "give true or false",
         "float_parsing": "give a number",
-        "float_type": "give a number, without quotes",
+        "float_type": "give one number",
         "timezone_aware": "add the time zone, such as 2026-11-20T14:30:00+01:00",
         "greater_than": _WITHIN_LIMIT,
         "greater_than_equal": _WITHIN_LIMIT,
         "less_than": _WITHIN_LIMIT,
         "less_than_equal": _WITHIN_LIMIT,
-        "int_type": "give a whole number, without quotes",
+        "int_type": "give one whole number",
         "int_parsing": "give a whole number",
         "int_from_float": "give a whole number",
         "string_type": "give a text, in quotes",
@@ -514,6 +515,14 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
     }
 )
 """Type of a fault that pydantic found → remedy."""
+_REMEDIES_OF_TEXTS: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "bool_type": "give true or false, without quotes",
+        "float_type": "give a number, without quotes",
+        "int_type": "give a whole number, without quotes",
+    }
+)
+"""Type of a fault of a text that should be another value → remedy."""
 _UNITS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {"length": get_args(LengthUnit), "angle": get_args(AngleUnit), "force": get_args(ForceUnit)}
 )
@@ -521,6 +530,10 @@ _UNITS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 _MOST_FILES: Final = 3
 """Files of a folder that an error names."""
 _LONGEST_NAME: Final = 60
+_FEWEST_UNCLEAR: Final = 2
+"""Number of places of a field from which it is not clear which one is meant."""
+_MOST_NAMES: Final = 4
+"""Greatest number of fields that a sentence names one by one."""
 _MOST_FIELDS: Final = 40
 """Greatest number of known fields that a remedy lists."""
 MISSING: Final = "required field is missing"
@@ -632,6 +645,7 @@ def problem_from_faults(errors: Sequence[Mapping[str, Any]], parameters: Sequenc
         errors: faults, as pydantic lists them (`ValidationError.errors()`).
         parameters: names of the query parameters of the route, to suggest a name for an unknown parameter.
     """
+    errors = _order_faults(errors, parameters)
     items = [
         ProblemItem(
             where=_shorten(_path_text(error["loc"])) or "body",
@@ -655,6 +669,30 @@ def problem_from_faults(errors: Sequence[Mapping[str, Any]], parameters: Sequenc
     )
 
 
+def _order_faults(
+    errors: Sequence[Mapping[str, Any]], parameters: Sequence[str]
+) -> Sequence[Mapping[str, Any]]:
+    """Return the faults with misnamed and misplaced fields first, without the faults that follow from these.
+
+    A field that is missing, because it has another name or is in an unknown field, is one mistake, not two.
+    """
+    causes = list[Mapping[str, Any]]()
+    misnamed = list[Mapping[str, Any]]()
+    others = list[Mapping[str, Any]]()
+    found = set[tuple[int | str, ...]]()
+    for error in errors:
+        meant = _find_meant_name(error, parameters)
+        homes = error.get("homes", ())
+        names = error.get("inside") or (homes if meant is None else (meant,))
+        if names and len(homes) < _FEWEST_UNCLEAR:
+            (causes if error.get("inside") else misnamed).append(error)
+            found.update((*error["loc"][:-1], name) for name in names)
+        else:
+            others.append(error)
+    rest = [error for error in others if error["type"] != "missing" or tuple(error["loc"]) not in found]
+    return causes + misnamed + rest
+
+
 def describe_first_fault(count: int, place: str, reason: str) -> str:
     """Return the number of faults of a request, and place and reason of the first fault, in words."""
     faults = "1 fault" if count == 1 else f"{count} faults"
@@ -674,7 +712,9 @@ def _find_remedy(error: Mapping[str, Any], parameters: Sequence[str]) -> str | N
     For an unknown field with a name like that of a known field, the remedy names the known field.
     """
     meant = _find_meant_name(error, parameters)
-    if meant is not None:
+    if meant is not None and not error.get("inside"):
+        if meant in _LISTINGS:
+            return f"give `{meant}` in its place, with an id: {_LISTINGS[meant]} lists the ids with the names"
         return f"give `{meant}` in its place, or remove this field"
     if error["type"] == "extra_forbidden" and error["loc"][:1] == ("query",):
         known = f", or use one of {', '.join(parameters)}" if parameters else ""
@@ -683,14 +723,46 @@ def _find_remedy(error: Mapping[str, Any], parameters: Sequence[str]) -> str | N
         return remedy
     return (
         _find_remedy_of_ids(error)
+        or _find_remedy_of_places(error)
         or _find_remedy_of_fields_of_sets(error)
         or _find_remedy_of_unread(error)
         or _find_remedy_of_limits(error)
         or _find_remedy_of_numbers(error)
         or _find_remedy_of_objects(error)
         or _list_known_fields(error)
+        or _find_remedy_of_words(error)
+        or (_REMEDIES_OF_TEXTS.get(str(error["type"])) if error.get("is_text", True) else None)
         or _REMEDIES.get(str(error["type"]))
     )
+
+
+def _find_remedy_of_words(error: Mapping[str, Any]) -> str | None:
+    """Return the remedy for a missing word, and for a list in place of a number; None for other faults."""
+    if 0 < len(error.get("words", ())) <= _MOST_NAMES:
+        return f"add this field: {' or '.join(map(repr, error['words']))}"
+    if error["type"] in {"float_type", "int_type"} and error.get("is_list"):
+        return f"{_REMEDIES[error['type']]} in place of this list"
+    return None
+
+
+def _find_remedy_of_places(error: Mapping[str, Any]) -> str | None:
+    """Return the remedy for an unknown field whose content is known at another place; None for others."""
+    if error["type"] != "extra_forbidden" or not error["loc"]:
+        return None
+    name = _shorten(str(error["loc"][-1]), _LONGEST_NAME)
+    if error.get("inside"):
+        return f"write {_list_names(error['inside'])} one level higher, in place of `{name}`"
+    homes = error.get("homes", ())
+    if len(homes) == 1:
+        return f'write this field in `{homes[0]}`: "{homes[0]}": {{"{name}": …}}'
+    return None
+
+
+def _list_names(names: Sequence[str]) -> str:
+    """Return the names of fields in words; of many fields, that all are meant."""
+    if len(names) > _MOST_NAMES:
+        return "all its fields"
+    return ", ".join(f"`{name}`" for name in names)
 
 
 def _find_remedy_of_numbers(error: Mapping[str, Any]) -> str | None:
@@ -703,7 +775,8 @@ def _find_remedy_of_numbers(error: Mapping[str, Any]) -> str | None:
         return "give two corners of the box, such as [[1.2, -0.6, 0.4], [2.0, 0.6, 0.8]]"
     if error["type"] in {"too_long", "too_short"} and message.startswith("Tuple"):
         # A vector with decimal commas, such as 1,5,2,5,3,5, has too many numbers.
-        return "give one number per component, with decimal points, not commas"
+        moment = "; give a moment as `moment`" if "force" in error["loc"] else ""
+        return f"give one number for each of x, y and z, with decimal points, not commas{moment}"
     if error["type"] == "string_type" and "leave_out" in error["loc"]:
         return "give labels of observations as texts, in quotes, not their numbers"
     if error["type"] == "list_type" and "leave_out" in error["loc"]:
@@ -764,12 +837,17 @@ def _list_known_fields(error: Mapping[str, Any]) -> str | None:
     known = error.get("fields", ())
     if error["type"] != "extra_forbidden" or not 0 < len(known) <= _MOST_FIELDS:
         return None
-    options = [name for name in known if name not in _LISTINGS]
+    is_id = str(error["loc"][-1]).endswith(("_id", "_ids"))
+    options = [name for name in known if is_id or name not in _LISTINGS]
+    options.sort(key=lambda name: name not in _LISTINGS)
     return f"remove this field, or use one of {', '.join(options)}"
 
 
 def _find_remedy_of_objects(error: Mapping[str, Any]) -> str | None:
     """Return the remedy for a value that is no object, with the fields of the object; None without them."""
+    if error["type"] == "list_type" and error.get("fields"):
+        fields = ", ".join(f'"{name}": …' for name in error["fields"])
+        return f"give a list of objects, such as [{{{fields}}}]"
     if error["type"] == "union_tag_not_found" and error.get("forms"):
         return f"add this field, such as {' or '.join(error['forms'][:2])}"
     if error.get("forms"):
@@ -793,7 +871,8 @@ def _find_remedy_of_unread(error: Mapping[str, Any]) -> str | None:
         return "give a list of one number for each joint, in the order of the robot's joints"
     if "observations" not in place or error["type"] not in {"finite_number", "float_type"}:
         return None
-    remedy = _REMEDIES[error["type"]]
+    of_texts = _REMEDIES_OF_TEXTS if error.get("is_text", True) else _REMEDIES
+    remedy = _find_remedy_of_words(error) or of_texts.get(error["type"]) or _REMEDIES[error["type"]]
     if "readings" in place:
         return f"{remedy}; leave out the reading of a target that was not read"
     if any(name in place for name in ("joints", "force", "moment")):
@@ -867,6 +946,8 @@ def reword_fault(error: Mapping[str, Any], parameters: Sequence[str] = ()) -> st
     if _is_missing_entry(error):
         message = f"entry {error['loc'][-1] + 1} of the list is missing"
     message = _reword_limit_of_goal(error, message)
+    if error.get("inside"):
+        return f"{message}; what it contains belongs one level higher"
     meant = _find_meant_name(error, parameters)
     return message if meant is None else f"{message}; did you mean `{meant}`?"
 
@@ -876,20 +957,24 @@ def _find_meant_name(error: Mapping[str, Any], parameters: Sequence[str]) -> str
     unknown_name = str(error["loc"][-1]) if error["type"] == "extra_forbidden" and error["loc"] else ""
     is_parameter = error["loc"][:1] == ("query",)
     known_names = parameters if is_parameter else error.get("fields", ())
+    if len(error.get("alike", ())) == 1:
+        return str(error["alike"][0])
     return find_similar_name(unknown_name, known_names)
 
 
 _WORDS_OF_NAMES: Final = MappingProxyType(
     {
         "cancelled": "abort cancel stop",
-        "cursor": "offset page page_token start_after",
+        "database": "database_url db db_url dsn",
+        "cursor": "next next_cursor offset page page_token start_after",
         "confidence": "alpha ci confidence_interval confidence_level level significance",
         "delimiter": "sep separator",
         "details": "debug verbose verbosity",
         "kind": "type",
         "leave_out": "drop exclude excluded omit skip",
         "limit": "count page_size per_page pagesize size",
-        "load_point": "attachment_point force_point point_of_application",
+        "load": "force mass payload weight",
+        "load_point": "at attachment_point force_point point_of_application",
         "loss": "robust",
         "options": "config config_file options_file params settings",
         "output": "out outfile output_file output_path save_as",
@@ -900,6 +985,7 @@ _WORDS_OF_NAMES: Final = MappingProxyType(
         "robot": "arm model robot_model urdf",
         "seed": "random_seed random_state rng",
         "state": "status",
+        "server": "address base_url endpoint host service url",
         "sigma": "noise std uncertainty",
         "sort": "order order_by orderby sort_by sortby",
         "stiffness_bounds": "bounds",
@@ -999,7 +1085,7 @@ def _find_remedy_of_ids(error: Mapping[str, Any]) -> str | None:
     listing = _find_listing(error)
     if error["type"] == "missing" and listing is not None:
         return f"add this field, with an id, not a name: {listing} lists the ids with the names"
-    if _is_no_id(error):
+    if _is_no_id(error) or (error["type"] == "string_type" and listing is not None):
         return f"give the id: {listing} lists the ids with the names"
     return None
 
@@ -1009,7 +1095,7 @@ def _find_remedy_of_fields_of_sets(error: Mapping[str, Any]) -> str | None:
     if error["type"] != "extra_forbidden" or not error["loc"]:
         return None
     name = str(error["loc"][-1])
-    if name == "robot" and "robot_id" not in error.get("fields", ()):
+    if name == "robot" and "robot_id" not in error.get("fields", ("robot_id",)):
         return "remove this field: a campaign names its robot, and a measurement set belongs to one robot"
     if name in _BELONGS_TO_SET:
         place = "in `noise` of the measurement set" if name == "sigma" else "in the measurement set"

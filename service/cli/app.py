@@ -86,6 +86,7 @@ class _Commands(typer.core.TyperGroup):
             name_meant_command(error, args, list(self.commands))
             raise
         if command is not None:
+            _refuse_single_dashes(command, rest)
             _refuse_repeated_options(command, rest)
             _refuse_split_names(rest)
         return name, command, rest
@@ -139,6 +140,19 @@ def _refuse_repeated_options(command: Any, words: list[str]) -> None:  # noqa: A
         if has_one_value and sum(flags.count(flag) for flag in parameter.opts) > 1:
             reason = "is given several times, but has one value: give the option once"
             raise typer.BadParameter(reason, param_hint=parameter.opts[0])
+
+
+def _refuse_single_dashes(command: Any, words: list[str]) -> None:  # noqa: ANN401 - Typer's Click is private
+    """Refuse the name of a long option after one dash, which the parser takes as several short options.
+
+    Raises:
+        typer.BadParameter: there is such a word before `--`.
+    """
+    flags = {flag for parameter in getattr(command, "params", ()) for flag in parameter.opts}
+    for word in words[: words.index("--") if "--" in words else None]:
+        name = word.partition("=")[0]
+        if not name.startswith("--") and f"-{name}" in flags and name not in flags:
+            raise typer.BadParameter("is written with two dashes", param_hint=f"-{name}")
 
 
 def _refuse_split_names(words: list[str]) -> None:

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 
 _ARGUMENT_IN_TEXT: Final = re.compile(r"`(\w+)`")
-_EXTRA_ARGUMENTS: Final = re.compile(r"Got unexpected extra arguments?\b")
-"""Message of Typer about more arguments than the command has."""
+_EXTRA_ARGUMENTS: Final = re.compile(r"Got unexpected extra arguments?(?:\(s\))? \((.*)\)", re.DOTALL)
+"""Message of Typer about more arguments than the command has, with these arguments."""
 _MORE_FILES: Final[Mapping[str, str]] = MappingProxyType(
     {
         "identify": "Give one campaign: `jointstiff compare` takes two, `jointstiff fleet` takes many",
@@ -29,6 +29,22 @@ _MORE_FILES: Final[Mapping[str, str]] = MappingProxyType(
     }
 )
 """Command → what to do with more files than the command has."""
+_OPTIONS_OF_VALUES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "archive": "--database",
+        "compensate": "--output",
+        "correct": "--output",
+        "identify": "--leave-out",
+        "map": "--options",
+        "plan": "--readings",
+        "predict": "--output",
+        "post": "--server",
+        "serve": "--port",
+        "status": "--database",
+        "worker": "--database",
+    }
+)
+"""Command → option whose value is given without its name."""
 _SHORT_OPTIONS: Final[Mapping[str, str]] = MappingProxyType({"-h": "--help", "-v": "--version"})
 """Short options of other programs → ours."""
 _FOLDER: Final = re.compile(r"file ('.*'|\".*\") is a directory\.", re.DOTALL)
@@ -85,8 +101,40 @@ def reword_usage_error(
             )
         elif not _name_meant_field(error, command):
             _name_meant_option(error, command, list_flags())
-    elif command in _MORE_FILES and _EXTRA_ARGUMENTS.match(str(getattr(error, "message", ""))):
-        error.message += f". {_MORE_FILES[command or '']}"
+    elif command is not None and (extra := _EXTRA_ARGUMENTS.match(str(getattr(error, "message", "")))):
+        error.message += f". {_advise_extra_argument(error.ctx.params, command, extra[1].split())}"
+
+
+_TABLES: Final = frozenset((".csv", ".tsv", ".txt", ".xlsx", ".mat", ".npz", ".h5", ".parquet"))
+"""Endings of files that `jointstiff import` reads."""
+
+
+def _advise_extra_argument(given: Mapping[str, object], command: str, extra: Sequence[str]) -> str:
+    """Return what to do with arguments that a command does not have.
+
+    Args:
+        given: arguments and options of the command, by name.
+        command: name of the command.
+        extra: further words of the command line.
+    """
+    word = extra[0]
+    files = [str(value) for value in given.values() if isinstance(value, Path)] + [*extra]
+    table = next((file for file in files if Path(file).suffix.lower() in _TABLES), None)
+    if command == "identify" and table is not None:
+        return (
+            f"{table} is a table: `jointstiff import {table} --robot ROBOT --output CAMPAIGN.json` reads it"
+        )
+    if command == "identify" and given.get("as_json") and not Path(word).exists():
+        return f"--json prints the result; --save {word} writes it"
+    if Path(word).exists() and command in _MORE_FILES:
+        return _MORE_FILES[command]
+    if command in _OPTIONS_OF_VALUES:
+        listed = ",".join(extra)
+        return (
+            f"Give a value after the name of its option, and a list with commas, such as "
+            f"{_OPTIONS_OF_VALUES[command]} {listed}"
+        )
+    return _MORE_FILES.get(command, f"`jointstiff {command} --help` lists arguments and options")
 
 
 def _name_wrong_value(error: typer.BadParameter) -> None:
@@ -118,14 +166,25 @@ def _name_meant_option(
     Without either, name the list of the command's options. What is stated for an import is in the campaign
     afterwards, so that no later command has an option for it.
     """
-    from jointstiff.service.problems import find_similar_name
+    from jointstiff.service.kinds.rooms import ROOMS
+    from jointstiff.service.problems import NAMES_ELSEWHERE, find_similar_name
 
     flag = error.option_name
+    stated = flag.lstrip("-")
+    if command == "predict" and stated in {"force", "forces"}:
+        error.message += ". State forces in the columns Fx [N], Fy [N] and Fz [N] of the table POSTURES"
+        return
+    if stated in _REPORTS:
+        error.message += f". `{_REPORTS[stated]}` writes such a file"
+        return
     own = flags.get(command, {})
     if flag in own:  # an abbreviation, or a value that is refused elsewhere
         return
     words = {name.lstrip("-").replace("-", "_"): name for name in own}
-    similar = find_similar_name(flag.lstrip("-"), words)
+    similar = find_similar_name(stated, words)
+    meant = "--" + NAMES_ELSEWHERE.get(stated, stated)
+    has_campaign = command in {room.command for room in ROOMS.values()}
+    flag = meant if has_campaign and meant in _STATED_IN_CAMPAIGN else flag
     having = [name for name, known in flags.items() if flag in known]
     if similar is not None:
         error.possibilities = [words[similar]]
@@ -145,6 +204,15 @@ def _name_meant_option(
     error.message += f". {flag} is an option of {shown}{more}"
 
 
+_REPORTS: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "html": "jointstiff report FILE -o report.html",
+        "pdf": "jointstiff report FILE -o report.pdf",
+        "csv": "jointstiff export FILE -o model.csv",
+        "xlsx": "jointstiff export FILE -o model.xlsx",
+    }
+)
+"""Name of an option that no command has → command that writes such a file."""
 _STATED_IN_CAMPAIGN: Final[Mapping[str, str]] = MappingProxyType(
     {
         "--robot": "robot",
@@ -157,6 +225,15 @@ _STATED_IN_CAMPAIGN: Final[Mapping[str, str]] = MappingProxyType(
     }
 )
 """Option of `import` → where the campaign states its value."""
+
+
+_EXAMPLES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "area": '{"area": [[1.2, -0.6, 0.4], [2.0, 0.6, 0.8]]} in m',
+        "grid": '{"grid": [3, 3, 1]}',
+    }
+)
+"""Field that has no option → its form in a file."""
 
 
 def _name_meant_field(error: Any, command: str | None) -> bool:  # noqa: ANN401 - Typer's Click is private
@@ -181,7 +258,8 @@ def _name_meant_field(error: Any, command: str | None) -> bool:  # noqa: ANN401 
         error.possibilities = [option_flag(message_class, name)]
     else:
         error.possibilities = None
-        error.message += f". State `{name}` in a JSON file, and give the file by --options"
+        example = f", such as {_EXAMPLES[name]}" if name in _EXAMPLES else ""
+        error.message += f". State `{name}` in a JSON file{example}, and give the file by --options"
     return True
 
 

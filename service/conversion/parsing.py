@@ -215,21 +215,41 @@ def _find_offset(text: bytes, line: int, column: int) -> int:
     return line_start + max(0, column - 1)
 
 
+_MOST_EXPLAINED: Final = 20
+"""Number of faults, at most, whose unknown fields are looked for at other places."""
+
+
 def _list_faults(message: type[BaseModel], error: ValidationError) -> list[dict[str, Any]]:
     """Return the faults of a message.
 
-    That of an unknown field also has the `fields` that exist at its place; that of a value that is no object
-    has the `fields` that the object needs, and that of an object without its kind its `forms`.
+    That of an unknown field also has the `fields` that exist at its place, those of them that the field's own
+    value has (`inside`), the neighbours of the field that have a field of its name (`homes`), and those with
+    all fields of its value (`alike`). That of a value that is no object, or no list of objects, has the
+    `fields` that the object needs, and that of an object without its kind its `forms`. That of a missing
+    field has the `words` that the field may be. Of the value itself, a fault has only whether the value is a
+    text (`is_text`) or a list (`is_list`).
     """
-    faults = []
-    for stated in error.errors(include_url=False, include_context=False, include_input=False):
+    faults = list[dict[str, Any]]()
+    for stated in error.errors(include_url=False, include_context=False):
         fault: dict[str, Any] = dict(stated)
+        value = fault.pop("input")
+        fault["is_text"], fault["is_list"] = isinstance(value, str), isinstance(value, list | tuple)
         if fault["type"] == "extra_forbidden":
-            fault["fields"] = list_fields_at(message, fault["loc"][:-1])
-        elif fault["type"] == "model_type":
+            *place, name = fault["loc"]
+            fields = list_fields_at(message, place)
+            fault["fields"] = fields
+            fault["inside"] = [each for each in fields if isinstance(value, Mapping) and each in value]
+            if len(faults) < _MOST_EXPLAINED:
+                inner = {each: list_fields_at(message, (*place, each)) for each in fields}
+                fault["homes"] = [each for each, names in inner.items() if name in names]
+                if isinstance(value, Mapping) and value:
+                    fault["alike"] = [each for each, names in inner.items() if value.keys() <= {*names}]
+        elif fault["type"] == "missing":
+            fault["words"] = _list_words_at(message, fault["loc"])
+        elif fault["type"] in {"model_type", "list_type"}:
             fault["fields"] = _list_required_fields_at(message, fault["loc"])
         elif fault["type"] in {"model_attributes_type", "union_tag_not_found"}:
-            fault["forms"] = _list_forms_at(message, fault["loc"])
+            fault["forms"] = _list_forms_at(message, fault["loc"], value)
         faults.append(fault)
     return faults
 
@@ -243,6 +263,16 @@ def list_fields_at(message: type[BaseModel], place: Sequence[int | str]) -> list
     return sorted({name for model in models for name in model.model_fields})
 
 
+def _list_words_at(message: type[BaseModel], place: Sequence[int | str]) -> list[str]:
+    """Return the words that the field at a place may be; none if it may be anything else."""
+    *outer, name = place
+    fields = [
+        model.model_fields[name] for model in _list_models_at(message, outer) if name in model.model_fields
+    ]
+    is_word = len(fields) == 1 and get_origin(fields[0].annotation) is Literal
+    return [str(word) for word in get_args(fields[0].annotation)] if is_word else []
+
+
 def _list_required_fields_at(message: type[BaseModel], place: Sequence[int | str]) -> list[str]:
     """Return the names of the fields that an object needs at a place; none if it has several forms."""
     models = _list_models_at(message, place)
@@ -251,9 +281,13 @@ def _list_required_fields_at(message: type[BaseModel], place: Sequence[int | str
     return [name for model in models for name, field in model.model_fields.items() if field.is_required()]
 
 
-def _list_forms_at(message: type[BaseModel], place: Sequence[int | str]) -> list[str]:
-    """Return the forms that an object may have at a place, in JSON with … for a value, the shortest first."""
-    forms = []
+def _list_forms_at(message: type[BaseModel], place: Sequence[int | str], value: object) -> list[str]:
+    """Return the forms that an object may have at a place, in JSON with … for a value.
+
+    Those with most of the fields of the given value come first, and of these the shortest.
+    """
+    given = set(value) if isinstance(value, Mapping) else {"urdf"} if _is_xml(value) else set[str]()
+    forms = list[tuple[int, str]]()
     for model in _list_models_at(message, place):
         parts = []
         for name, field in model.model_fields.items():
@@ -262,8 +296,14 @@ def _list_forms_at(message: type[BaseModel], place: Sequence[int | str]) -> list
                 parts.append(f'"{name}": "{words[0]}"')
             elif field.is_required():
                 parts.append(f'"{name}": …')
-        forms.append(f"{{{', '.join(parts)}}}")
-    return sorted(forms, key=len)
+        shared = len(given.intersection(model.model_fields))
+        forms.append((shared, f"{{{', '.join(parts)}}}"))
+    return [form for _, form in sorted(forms, key=lambda each: (-each[0], len(each[1])))]
+
+
+def _is_xml(value: object) -> bool:
+    """Return whether a value is a text in XML, such as a URDF."""
+    return isinstance(value, str) and value.lstrip()[:1] == "<"
 
 
 def _list_models_at(message: type[BaseModel], place: Sequence[int | str]) -> set[type[BaseModel]]:

@@ -528,8 +528,27 @@ def check_set(
             frame=frame,
             length_unit=document.units.length,
         )
+    findings += _find_unread_places(document, readings.targets.tolist())
     content = compute_content_hash(document, readings, resolved)
     return PreparedSet(robot, robot_id, robot_hash, readings, measurements, findings, content)
+
+
+def _find_unread_places(document: MeasurementSetDocument, targets: Sequence[str]) -> list[Finding]:
+    """Return a finding if `flange_targets` names targets that were not read: names may be misspelt."""
+    unread = [name for name in document.flange_targets if name not in targets]
+    if not unread:
+        return []
+    listed = ", ".join(f"'{name}'" for name in unread)
+    return [
+        Finding(
+            code="target_name_suspect",
+            weight="use_with_care",
+            where="flange_targets",
+            message=f"`flange_targets` states the places of {listed}, but no observation reads these; "
+            f"the targets that were read are {', '.join(targets)}",
+            remedy="correct the names in `flange_targets`, or remove these targets from the field",
+        )
+    ]
 
 
 def convert_readings(

@@ -617,12 +617,15 @@ def _build_type_error(file: SourceFile, kind: str) -> ImportFileError:
     remedy = "export the readings as CSV, text or .xlsx"
     if kind == grid.JSON:
         try:
-            from_json(file.content.removeprefix(b"\xef\xbb\xbf"))
+            document = from_json(file.content.removeprefix(b"\xef\xbb\xbf"))
         except ValueError as error:
             reason = f"Invalid JSON: {error}"
             remedy = "correct the JSON at this place; the file must be UTF-8"
             return ImportFileError(Place(file.name), reason, remedy)
         remedy = "a campaign needs no import: use `jointstiff identify FILE`"
+        if isinstance(document, dict) and "model" in document:
+            kind = "a robot"
+            remedy = "give this file as the robot of readings: `jointstiff import READINGS --robot FILE`"
     return ImportFileError(Place(file.name), f"the file is {kind}, not a table", remedy)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 import threading
 import time
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Mapping
@@ -139,6 +140,11 @@ class Client(Verbs):
         Raises:
             RefusedError: the address or the key is not valid.
         """
+        if re.search(r"/v\d+/?$", url):
+            remedy = "write the address without the version, such as http://127.0.0.1:8000"
+            raise RefusedError(
+                http_problem(422, f"'{url}' is an address of the API, not of a service", remedy)
+            )
         if not url.startswith(("http://", "https://")):
             remedy = "write the address with http:// before it, such as http://127.0.0.1:8000"
             raise RefusedError(http_problem(422, f"'{url}' is not the address of a service", remedy))
@@ -733,11 +739,10 @@ class _KindOfJob(Message, extra="ignore"):
 
 def _no_answer_problem(address: object, error: Exception) -> Problem:
     """Return the problem (status 503) for an address at which no service answers."""
-    return http_problem(
-        503,
-        f"no answer from {address}: {error}",
-        "start the service with `jointstiff serve`, or give the address of a running service with --server",
-    )
+    remedy = "start the service with `jointstiff serve`, or give the address of a running service"
+    if "WRONG_VERSION_NUMBER" in str(error):
+        remedy = "the service has no encryption of its own: write the address with http://, not https://"
+    return http_problem(503, f"no answer from {address}: {error}", remedy)
 
 
 if TYPE_CHECKING:

@@ -130,9 +130,9 @@ def robot(
     """Return the document of a robot, from any form of description.
 
     Args:
-        source: a robot document or a file of one; the name of an arm of the catalogue, such as "KUKA KR 210
-            R2700 extra"; a URDF, its text or file; a table of Denavit and Hartenberg, as a data frame,
-            mappings or rows; or a model of Pinocchio.
+        source: a robot document or a file of one; a run, whose robot is meant; the name of an arm of the
+            catalogue, such as "KUKA KR 210 R2700 extra"; a URDF, its text or file; a table of Denavit and
+            Hartenberg, as a data frame, mappings or rows; or a model of Pinocchio.
         name: name of the robot.
         base: link of a URDF whose frame is R0; default: its root.
         flange: link of a URDF, or frame of a model, that is the flange; default: the only tip.
@@ -150,6 +150,7 @@ def robot(
         OSError: a file cannot be read.
     """
     _refuse_scalar(source)
+    source = getattr(source, "campaign", source)  # of a run, the robot that was measured
     described = _StatedDescription(source, base, flange, convention, columns, units)
     document = {"name": "robot", **described.read_fields()}
     if joint_map is not None:
@@ -164,12 +165,12 @@ def robot(
 
 
 def _refuse_scalar(source: object) -> None:
-    """Refuse a source that has no content, such as None or a number.
+    """Refuse a source that has no content, such as None, a number or a function.
 
     Raises:
         CampaignError: the source describes no robot.
     """
-    if source is None or isinstance(source, bool | int | float):
+    if source is None or callable(source) or isinstance(source, bool | int | float):
         with as_campaign_error("robot"):
             raise RobotError(
                 f"{source!r} describes no robot",

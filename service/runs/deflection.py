@@ -24,6 +24,7 @@ from jointstiff.service.conversion.robots import (
 )
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.runs.verdicts import (
+    PAST_NO_VERDICT,
     RunModel,
     assess_with_run,
     find_beyond_campaign,
@@ -162,7 +163,7 @@ def _find_reasons(
     if without_number:
         first = ": ".join([without_number[0].label, *without_number[0].remarks[:1]])
     return [
-        *find_implausible_deflection(max(lengths, default=None), run),
+        *find_implausible_deflection(max(lengths, default=None), run, PAST_NO_VERDICT),
         *find_missing_numbers(len(without_number), len(answers), "cases", first=first),
         *find_far_points(points),
         *find_beyond_campaign(extrapolated_count, len(answers), "cases"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot, isfinite
 from typing import Final
@@ -336,8 +336,10 @@ LARGEST_RATIO: Final = 20.0
 """Ratio to the campaign's greatest deflection beyond which a load or a length is probably in a wrong unit."""
 LEAST_RATIO: Final = 1e-3
 """Ratio to the campaign's greatest deflection below which a load is probably in kN that were read as N."""
-_PAST_OWN_VERDICT: Final = "if the numbers are right, state `accept_verdict` to use the result"
+PAST_OWN_VERDICT: Final = "if the numbers are right, state `accept_verdict` to use the result"
 """How to go past the verdict on a result that is made from a run: end of a remedy."""
+PAST_NO_VERDICT: Final = "if the numbers are right, no option is needed: the result is complete"
+"""The same for a result that is never refused."""
 _NO_DEFLECTION: Final = 5e-6
 """Deflection [m] below which no process is corrected: no robot repeats it, and no tracker reads it."""
 _ROUNDED: Final = 1e-5
@@ -377,12 +379,15 @@ def assess_with_run(subject: str, reasons: Sequence[Finding], run: Assessment | 
     return combined.model_copy(update={"headline": headline})
 
 
-def find_implausible_deflection(greatest: float | None, run: RunResult | None) -> list[Finding]:
+def find_implausible_deflection(
+    greatest: float | None, run: RunResult | None, past: str = PAST_OWN_VERDICT
+) -> list[Finding]:
     """Return a reason if the greatest deflection [m] is implausible for an arm or for the run's campaign.
 
     The deflection may be too large, or so small that its load is probably in another unit.
 
-    The list is empty if the deflection is plausible or unknown. `run` is None without a campaign.
+    The list is empty if the deflection is plausible or unknown. `run` is None without a campaign. `past` is
+    the end of the remedy, for numbers that are right.
     """
     if greatest is None or not isfinite(greatest):
         return []
@@ -408,25 +413,41 @@ def find_implausible_deflection(greatest: float | None, run: RunResult | None) -
             "do_not_use",
             f"the greatest deflection is {1e3 * greatest:.4g} mm{comparison}; up to "
             f"{1e3 * LARGEST_DEFLECTION:g} mm, and {LARGEST_RATIO:g} times the campaign's, is plausible",
-            f"check the units of the load and of the points (N or kN, m or mm); {_PAST_OWN_VERDICT}",
+            f"check the units of the load and of the points (N or kN, m or mm); {past}",
         )
     ]
 
 
-def refuse_implausible_stiffness(robot: Robot, name: str, value: float) -> None:
-    """Refuse a stated stiffness of a joint that does not exist, or that no joint of an industrial robot has.
+def refuse_implausible_bounds(robot: Robot, bounds: Mapping[str, tuple[float | None, float | None]]) -> None:
+    """Refuse limits of stiffnesses, by joint, that exclude all stiffnesses of joints of industrial robots.
 
     Raises:
         RequestError: names the joint.
     """
-    joint = robot.joint_index(name, f"stiffness.{name}")
+    least, greatest = PLAUSIBLE_STIFFNESS
+    for name, (lower, upper) in bounds.items():
+        if lower is not None and lower > greatest:
+            refuse_implausible_stiffness(robot, name, lower, "stiffness_bounds")
+        if upper is not None and upper < least:
+            refuse_implausible_stiffness(robot, name, upper, "stiffness_bounds")
+
+
+def refuse_implausible_stiffness(robot: Robot, name: str, value: float, field: str = "stiffness") -> None:
+    """Refuse a stated stiffness of a joint that does not exist, or that no joint of an industrial robot has.
+
+    `field` is the field of the request that states the stiffness by joint.
+
+    Raises:
+        RequestError: names the joint.
+    """
+    joint = robot.joint_index(name, f"{field}.{name}")
     least, greatest = PLAUSIBLE_STIFFNESS
     if not least <= value <= greatest:
         kind = robot.joint_kinds[joint]
         limits = " to ".join(stiffness_text(limit, kind) for limit in PLAUSIBLE_STIFFNESS)
         raise RequestError(
             f"the stiffness of {name} is {stiffness_text(value, kind)}; {limits} is plausible",
-            where=f"stiffness.{name}",
+            where=f"{field}.{name}",
             remedy=STIFFNESS_REMEDY,
         )
 

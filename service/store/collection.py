@@ -320,7 +320,13 @@ class Collection(Generic[Record, Entry]):
         conditions = [*self._own_conditions, *self._listing_conditions, is_listed]
         conditions += [self._table.c[name] == value for name, value in sorted(filters.items())]
         conditions += self._limit_times(spans)
-        order = Order(limit, cursor, q, sort, counted, self._rank)
+        listed = (
+            ("collection", self.resource.collection),
+            ("deleted", deleted),
+            *filters.items(),
+            *spans.items(),
+        )
+        order = Order(limit, cursor, q, sort, counted, self._rank, listed)
         return read_page(self._database, self._table, self._entry_query, self._entry, conditions, order)
 
     def _limit_times(
@@ -895,7 +901,7 @@ class Journal(Generic[JournalRecord]):
             values: column → value; None allows any value.
         """
         where = [self._table.c[name] == value for name, value in values.items() if value is not None]
-        order = Order(limit, cursor, counted=counted)
+        order = Order(limit, cursor, counted=counted, filters=tuple(values.items()))
         return read_page(self._database, self._table, self._select_all, self._record, where, order)
 
     def _insert(self, connection: sa.Connection, record: JournalRecord) -> JournalRecord:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from typing import Any, Final, NamedTuple
 
 import sqlalchemy as sa
@@ -18,6 +19,8 @@ _MAX_INDEXED: Final = 500
 """Greatest length of an indexed text [characters]: PostgreSQL allows 2704 bytes, schemas 200 characters."""
 _MAX_WORD: Final = 150  # searched characters of a name
 _MAX_WORDS: Final = 2_400  # bytes of all searched names of a row, which must fit into an index
+_HASH_DIGITS: Final = 8
+"""Hexadecimal digits of the hash of a list, by which a cursor of another list is noticed."""
 _SEPARATOR: Final = "\x1f"  # between two names; no name has it
 
 
@@ -33,6 +36,13 @@ class Order:
     # True to count the records of all pages to `MOST_COUNTED` and one, which is done with the first page
     counted: bool = False
     rank: sa.ColumnElement[Any] | None = None  # number of a row for the order `worst`, never null
+    # what is listed besides the table: names and values of filters, in any order
+    filters: tuple[tuple[str, object], ...] = ()
+
+    def stamp_of(self, table: sa.Table) -> str:
+        """Return the first part of a table's cursors in this order: the order, and a hash of the list."""
+        listed = (table.name, self.q, sorted((name, str(value)) for name, value in self.filters))
+        return f"{self.sort}:{sha256(repr(listed).encode()).hexdigest()[:_HASH_DIGITS]}"
 
     @property
     def is_descending(self) -> bool:
@@ -90,7 +100,7 @@ def read_page(
         if not is_last:  # only the rows after those read must be counted
             total += listing.count_after(read[-1].place, max(0, MOST_COUNTED + 1 - total))
     records = tuple(record(**row.values) for row in read[: order.limit])
-    next_cursor = None if is_last else write_cursor(order.sort, read[order.limit - 1].place[-1])
+    next_cursor = None if is_last else write_cursor(order.stamp_of(table), read[order.limit - 1].place[-1])
     return RecordPage(records, next_cursor, total)
 
 
@@ -187,7 +197,7 @@ def _after_record(
 def _values_at_cursor(database: Database, table: sa.Table, order: Order) -> tuple[object, ...]:
     """Return the values of the record at the cursor in the columns by which the listing is ordered."""
     cursor = order.cursor or ""
-    sequence = parse_cursor(cursor, order.sort)
+    sequence = parse_cursor(cursor, order.stamp_of(table))
     *first, _ = order.columns_of(table)
     if not first:
         return (sequence,)
@@ -196,20 +206,20 @@ def _values_at_cursor(database: Database, table: sa.Table, order: Order) -> tupl
     raise problems.CursorError(cursor)
 
 
-def write_cursor(sort: str, sequence: int) -> str:
+def write_cursor(stamp: str, sequence: int) -> str:
     """Return the cursor of the page after a record; it is no number that a program may take for a page's."""
-    return f"{sort}:{sequence}"
+    return f"{stamp}:{sequence}"
 
 
-def parse_cursor(cursor: str, sort: str) -> int:
-    """Return the sequence number that the cursor of a page in the order `sort` holds.
+def parse_cursor(cursor: str, stamp: str) -> int:
+    """Return the sequence number in the cursor of a page of the list with a stamp.
 
     Raises:
-        CursorError: no page in this order gave this cursor.
+        CursorError: no page of this list gave this cursor.
     """
-    stated_sort, _, digits = cursor.rpartition(":")
+    stated_stamp, _, digits = cursor.rpartition(":")
     is_number = digits.isascii() and digits.isdecimal() and len(digits) <= len(str(LAST_SEQUENCE))
-    if stated_sort == sort and is_number:
+    if stated_stamp == stamp and is_number:
         sequence = int(digits)
         if 0 < sequence <= LAST_SEQUENCE:
             return sequence

@@ -225,6 +225,9 @@ def leave_out_zeros(view: View) -> tuple[list[Finding], View]:
         zero_loaded &= ~view.measurements.unloaded_only
     if not is_zero.any():
         return [], view
+    if (finding := _find_deflections_as_loaded(view, states, zero_unloaded)) is not None:
+        no_positions = replace(view.measurements, present=np.zeros_like(view.measurements.present))
+        return [finding], replace(view, measurements=no_positions)
     labels = view.measurements.labels
     # State and observations in words → targets
     places: dict[tuple[str, str], list[str]] = {}
@@ -253,6 +256,31 @@ def leave_out_zeros(view: View) -> tuple[list[Finding], View]:
     )
     finding = view.build_finding("target_off_model", message, remedy, "do_not_use")
     return [finding], replace(view, measurements=without)
+
+
+def _find_deflections_as_loaded(view: View, states: _States, zero_unloaded: BoolArray) -> Finding | None:
+    """Return the finding that deflections were given as loaded readings, with zeros as unloaded readings.
+
+    None unless all unloaded readings are zero, and all loaded readings are as small as deflections. A set
+    with unloaded readings alone has none.
+    """
+    if view.measurements.unloaded_only is not None:
+        return None
+    read = view.measured
+    sizes = np.linalg.norm(states.loaded, axis=2)[read]
+    if not (zero_unloaded[read].all() and 0.0 < sizes.max(initial=0.0) <= LARGEST_DEFLECTION):
+        return None
+    message = (
+        "all unloaded readings are 0, 0, 0, and all loaded readings are within "
+        f"{length_text(float(sizes.max()))} of the origin: the loaded readings seem to be deflections, "
+        "loaded minus unloaded"
+    )
+    remedy = (
+        "give these numbers as deflections, without unloaded and loaded readings: in arrays as "
+        "`deflections`, in a table under headers such as `P10 dx [mm]`, in JSON as `deflection`; and state "
+        "the targets' places in the flange frame"
+    )
+    return view.build_finding("deflection_implausibly_large", message, remedy, "do_not_use")
 
 
 def leave_out_copied_states(view: View) -> tuple[list[Finding], View]:

@@ -8,6 +8,7 @@ from jointstiff.schemas.run import RunRequest, RunResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.kinds.work import Arrays, Span, Work
 from jointstiff.service.resources.inputs import Inputs
+from jointstiff.service.runs.verdicts import refuse_implausible_bounds
 from jointstiff.solver.own_weight.run import choose_own_weight_if_unloaded
 from jointstiff.solver.run import Identification
 
@@ -21,6 +22,7 @@ class RunWork(Work):
         Raises:
             RequestError: the readings cannot support the request.
         """
+        refuse_implausible_bounds(prepared.robot, request.stiffness_bounds)
         request = choose_own_weight_if_unloaded(prepared.robot, prepared.measurements, request)
         self.robot_id, self.input_hash = prepared.robot_id, prepared.run_hash(request)
         self.details = {"request": request}

@@ -16,6 +16,11 @@ from jointstiff.simulator import default_arm, simulate_campaign
 
 CAMPAIGN = simulate_campaign(default_arm(), load="pull", configurations=6, seed=1)
 TEXT = json.dumps(CAMPAIGN)
+URDF = CAMPAIGN["robot"]["model"]["urdf"]
+CASE = {"joints": [0, -20, 30, 0, 45, 0], "force": [0, 0, -500]}
+MISTAKEN = simulate_campaign(default_arm(), load="pull", configurations=8, seed=2)
+for _observation in MISTAKEN["measurement_set"]["observations"]:
+    _observation["force"] = [-each for each in _observation["force"]]
 JSON = {"Content-Type": "application/json"}
 RUN = {"measurement_set_id": "{set}"}
 TABLE = ("readings.csv", b"J1 [deg],J2 [deg]\n1,2\n")
@@ -57,8 +62,7 @@ def imported(**options: Any) -> dict[str, Any]:
 def predicted(angle: str) -> dict[str, Any]:
     """A prediction in a posture in degrees, whose unit is stated as `angle`."""
     units = {"length": "m", "angle": angle, "force": "N"}
-    case = {"joints": [0, -20, 30, 0, 45, 0], "force": [0, 0, -500]}
-    body = {"run_id": "{run}", "units": units, "load_point": [0, 0, 0.1], "cases": [case]}
+    body = {"run_id": "{run}", "units": units, "load_point": [0, 0, 0.1], "cases": [CASE]}
     return request("POST", "/v1/deflections", json=body)
 
 
@@ -153,7 +157,7 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
     "field without id": (
         request("POST", "/v1/runs", json={"measurement_set": "pull"}),
         422,
-        r"measurement_set_id: required field is missing \| add this field, with an id, not a name: "
+        "did you mean `measurement_set_id`.*give `measurement_set_id` in its place, with an id: "
         "GET /v1/measurement-sets lists the ids with the names$",
         post_run(),
     ),
@@ -473,7 +477,7 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
     "target that was not read": (
         post_first(readings=[{"target": "P", "unloaded": [1, 2, None], "loaded": [1, 2, 3]}]),
         422,
-        "give a number, without quotes; leave out the reading of a target that was not read",
+        "give one number; leave out the reading of a target that was not read",
         WELL,
     ),
     "goal as a number": (
@@ -569,6 +573,73 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
         "measurement_set_id: required field is missing",
         post_run(),
     ),
+    "action in a field": (
+        request("POST", "/v1/runs/{mistaken}/apply", json={"action": "{action}"}),
+        422,
+        "^1 fault; first: action: unknown field; what it contains belongs one level higher.*"
+        "write all its fields one level higher, in place of `action`$",
+        request("POST", "/v1/runs/{mistaken}/apply", json="{action}"),
+    ),
+    "whole reason": (
+        request("POST", "/v1/runs/{mistaken}/apply", json="{reason}"),
+        422,
+        "first: action: unknown field; what it contains belongs one level higher",
+        request("POST", "/v1/runs/{mistaken}/apply", json="{action}"),
+    ),
+    "options in a field": (
+        post_run(options={"method": "complete_pose"}),
+        422,
+        "write `method` one level higher, in place of `options`$",
+        post_run(method="complete_pose"),
+    ),
+    "campaign in a field": (
+        request("POST", "/v1/campaigns", json={"campaign": CAMPAIGN}),
+        422,
+        "^1 fault; .*write `measurement_set`, `robot`.* one level higher, in place of `campaign`$",
+        WELL,
+    ),
+    "option next to the campaign": (
+        request("POST", "/v1/campaigns", json=CAMPAIGN | {"method": "complete_pose"}),
+        422,
+        'write this field in `run`: "run": {"method": …}$',
+        request("POST", "/v1/campaigns", json=CAMPAIGN | {"run": {"method": "complete_pose"}}),
+    ),
+    "options next to the campaign": (
+        request("POST", "/v1/campaigns", json=CAMPAIGN | {"options": {"method": "complete_pose"}}),
+        422,
+        "give `run` in its place",
+        request("POST", "/v1/campaigns", json=CAMPAIGN | {"run": {"method": "complete_pose"}}),
+    ),
+    "letters of another language": (
+        request("POST", "/v1/runs", json={"measurementSetId": "{set}"}),
+        422,
+        "^1 fault; first: measurementSetId: unknown field; did you mean `measurement_set_id`",
+        post_run(),
+    ),
+    "URDF without its format": (
+        request("POST", "/v1/robots", json={"name": "x", "model": {"urdf": URDF}}),
+        422,
+        'such as {"format": "urdf", "urdf": …, "base": …, "flange": …}',
+        request("POST", "/v1/robots", json={"name": "x", "model": CAMPAIGN["robot"]["model"]}),
+    ),
+    "list in place of a number": (
+        post_first(force=[[0, 0, -500]]),
+        422,
+        "give one number in place of this list",
+        WELL,
+    ),
+    "cases without a list": (
+        request("POST", "/v1/deflections", json=predicted("deg")["json"] | {"cases": CASE}),
+        422,
+        re.escape('give a list of objects, such as [{"joints": …, "force": …}]'),
+        predicted("deg"),
+    ),
+    "next as its own name": (
+        get("/v1/jobs?next=x"),
+        422,
+        "did you mean `cursor`",
+        get("/v1/jobs"),
+    ),
     "word of cancellation": (
         request("PATCH", "/v1/jobs/{run}", json={"cancel": True}),
         422,
@@ -588,10 +659,20 @@ def client():
 def ids(client):
     """The ids of a run, of its set and of its robot, and of another run, by their names above."""
     run = posted(client, CAMPAIGN)
+    mistaken = posted(client, MISTAKEN)
+    reason = next(each for each in mistaken["result"]["assessment"]["reasons"] if each["action"])
     of_set = run["request"]["measurement_set_id"]
     robot = client.get(f"/v1/measurement-sets/{of_set}").json()["robot_id"]
     other = posted(client, CAMPAIGN, positive=False)["id"]
-    return {"{run}": run["id"], "{set}": of_set, "{robot}": robot, "{other}": other}
+    return {
+        "{run}": run["id"],
+        "{set}": of_set,
+        "{robot}": robot,
+        "{other}": other,
+        "{mistaken}": mistaken["id"],
+        '"{action}"': json.dumps(reason["action"]),
+        '"{reason}"': json.dumps(reason),
+    }
 
 
 @pytest.fixture
@@ -624,6 +705,36 @@ def test_a_mistake_is_answered_with_a_remedy_that_works(send, ids, name):
     assert "openapi" not in words
     corrected = send(correction)
     assert corrected.status_code in {200, 201, 202}, corrected.text
+
+
+def test_a_cursor_of_another_list_is_refused(client, ids):
+    """The pages of two lists are never mixed, even if both lists have the same order."""
+    following = client.get("/v1/jobs?limit=1").json()["next"]
+    for other in ("/v1/robots?limit=1", "/v1/jobs?limit=1&kind=run", "/v1/jobs?limit=1&q=pull"):
+        refused = client.get(f"{other}&cursor={following}")
+        assert (refused.status_code, refused.json()["type"][-14:]) == (422, "invalid-cursor")
+        assert "the same address, filters and `sort`" in refused.json()["remedy"]
+    assert client.get(f"/v1/jobs?limit=1&cursor={following}").json()["items"]
+
+
+def test_a_prediction_names_no_option_that_it_does_not_have(send):
+    implausible = predicted("deg")
+    implausible["json"]["cases"] = [CASE | {"force": [0, 0, -5e5]}]
+    (reason, *_) = send(implausible).json()["assessment"]["reasons"]
+    assert reason["code"] == "prediction_implausible"
+    assert "accept_verdict" not in reason["remedy"]
+
+
+def test_a_place_of_a_target_that_was_not_read_is_named(client):
+    measured = CAMPAIGN["measurement_set"]
+    answer = posted(
+        client, CAMPAIGN | {"measurement_set": measured | {"flange_targets": {"T9": [0, 0, 0.1]}}}
+    )
+    assessment = answer["result"]["assessment"]
+    (reason,) = [each for each in assessment["reasons"] if each["code"] == "target_name_suspect"]
+    assert "'T9', but no observation reads these" in reason["message"]
+    right = posted(client, CAMPAIGN)["result"]["assessment"]["reasons"]
+    assert "target_name_suspect" not in [each["code"] for each in right]
 
 
 def test_a_remedy_names_only_fields_that_exist_at_its_place(send):

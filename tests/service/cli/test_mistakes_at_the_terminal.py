@@ -157,8 +157,66 @@ def folder(tmp_path_factory):
         ),
         (
             "map pull.json --area 1400,-200,600",
-            "State `area` in a JSON file, and give the file by --options",
+            'State `area` in a JSON file, such as {"area": [[1.2, -0.6, 0.4], [2.0, 0.6, 0.8]]} in m, and '
+            "give the file by --options",
             "map pull.json --options map.json",
+        ),
+        ("map pull.json map.json", "such as --options map.json", "map pull.json --options map.json"),
+        (
+            "plan pull.json 1 --candidates 50",
+            "Give a value after the name of its option, and a list with commas, such as --readings 1",
+            "plan pull.json --candidates 50 --readings 1",
+        ),
+        (
+            "identify pull.json --leave-out c01 c08",
+            "a list with commas",
+            "identify pull.json --leave-out c08",
+        ),
+        (
+            "identify pull.json -leave-out c08",
+            "Invalid value for --leave-out: is written with two dashes",
+            "identify pull.json --leave-out c08",
+        ),
+        (
+            "identify pull.json --json again.json",
+            "--json prints the result; --save again.json writes it",
+            "identify pull.json --save again.json --overwrite",
+        ),
+        (
+            "identify all.csv arm.json",
+            "all.csv is a table: `jointstiff import all.csv --robot ROBOT --output CAMPAIGN.json`",
+            "import all.csv --robot arm.json --output again.json --overwrite --encoders motor "
+            "--load-point 0,0,120 --sigma 0.02 --yes",
+        ),
+        (
+            "import all.csv arm.json --encoders motor --load-point 0,0,120",
+            "the file is a robot, not a table",
+            "import all.csv --robot arm.json --encoders motor --load-point 0,0,120 --yes",
+        ),
+        (
+            "identify pull.json --noise 2e-5",
+            "`jointstiff import READINGS --sigma MM`",
+            "import all.csv --robot arm.json --encoders motor --load-point 0,0,120 --sigma 0.02 --yes",
+        ),
+        (
+            "identify pull.json --html",
+            "`jointstiff report FILE -o report.html` writes such a file",
+            "report pull.json -o report.html --overwrite",
+        ),
+        (
+            "predict pull.json postures.csv --at 0,0,120",
+            "(Possible options: --load-point)",
+            "predict pull.json postures.csv --load-point 0,0,120",
+        ),
+        (
+            "predict pull.json postures.csv --load-point 0,0,120 --force 0,0,-500",
+            "State forces in the columns Fx [N], Fy [N] and Fz [N] of the table POSTURES",
+            "predict pull.json postures.csv --load-point 0,0,120",
+        ),
+        (
+            "plan pull.json --payload 100 --candidates 50",
+            "(Possible options: --load)",
+            "plan pull.json --load any_direction:1000 --candidates 50",
         ),
         (
             "plan pull.json --readings many --candidates 50",

@@ -70,6 +70,79 @@ def test_a_short_grid_lacks_an_entry(run):
     assert js.map(run, grid=[3, 3, 1], **box)
 
 
+@pytest.mark.parametrize(
+    ("word", "remedy", "carried_out"),
+    [
+        ("k", "stiffness", lambda run: run.stiffness),
+        ("coef_", "stiffness", lambda run: run.stiffness),
+        ("stiffnes", "stiffness", lambda run: run.stiffness),
+        ("residuals", "resid", lambda run: run.resid),
+        ("r2", "rsquared", lambda run: run.rsquared),
+        ("verdict", "result.assessment.verdict", lambda run: run.result.assessment.verdict),
+        ("warnings", "result.assessment.reasons", lambda run: run.result.assessment.reasons),
+        ("interval", "conf_int()", lambda run: run.conf_int()),
+        ("to_dict", "model_dump()", lambda run: run.model_dump()),
+        ("readings", "campaign", lambda run: run.campaign),
+    ],
+)
+def test_an_attribute_of_other_packages_is_answered_with_ours(run, word, remedy, carried_out):
+    with pytest.raises(AttributeError) as answer:
+        getattr(run, word)
+    assert str(answer.value) == f"a Run has no `{word}`; remedy: use `{remedy}`"
+    assert carried_out(run) is not None
+
+
+def test_an_unknown_attribute_is_answered_with_all(run):
+    with pytest.raises(AttributeError, match=r"use one of .*stiffness"):
+        _ = run.colour
+    with pytest.raises(AttributeError, match=r"a JointResult has no `k`; its fields are .*stiffness, "):
+        _ = run.joints["joint_2"].k
+    assert not hasattr(run, "colour")
+
+
+def test_joints_are_no_items_of_a_run(run):
+    with pytest.raises(TypeError, match=re.escape("use `run.joints['joint_2']`")):
+        run["joint_2"]
+    assert run.joints["joint_2"].stiffness
+
+
+def test_a_run_stands_for_its_robot_and_a_function_for_none(run):
+    assert js.robot(run).model == js.robot(run.campaign).model
+    assert "describes no robot" in refused(js.robot, run.predict)
+
+
+def test_limits_of_stiffnesses_in_millions_are_refused(document):
+    answer = refused(js.identify, document, stiffness_bounds={"joint_2": (2.1, 4.0)})
+    assert "stiffness_bounds.joint_2: the stiffness of joint_2 is 4 N·m/rad" in answer
+    assert "3.1 · 10⁶ N·m/rad in a table is 3.1e6" in answer
+    assert js.identify(document, stiffness_bounds={"joint_2": (2.1e6, 4e6)}).result
+
+
+def test_deflections_with_zeros_as_unloaded_readings_are_named(document):
+    observations = document["measurement_set"]["observations"]
+    places = np.array([[[r["unloaded"], r["loaded"]] for r in one["readings"]] for one in observations])
+    given = {
+        "joints": [one["joints"] for one in observations],
+        "forces": [one["force"] for one in observations],
+        "load_point": document["measurement_set"]["load_point"],
+        "units": "m, rad, N",
+    }
+    deflections = places[:, :, 1] - places[:, :, 0]
+    wrong = js.Campaign.from_arrays(
+        document["robot"], unloaded=np.zeros_like(deflections), loaded=deflections, **given
+    )
+    reason = js.identify(wrong).result.assessment.reasons[0]
+    assert "the loaded readings seem to be deflections, loaded minus unloaded" in reason.message
+    assert "in arrays as `deflections`" in reason.remedy
+    targets = {f"T{t}": (0.0, 0.0, 0.1) for t in range(1, deflections.shape[1] + 1)}
+    assert js.Campaign.from_arrays(document["robot"], deflections=deflections, targets=targets, **given)
+
+
+def test_the_address_of_a_service_has_no_version():
+    with pytest.raises(js.RefusedError, match="write the address without the version"):
+        js.Client("http://127.0.0.1:8000/v1")
+
+
 def test_a_confidence_in_percent_is_a_fraction(document):
     assert refused(js.identify, document, confidence=95).endswith("give a fraction, such as 0.95 for 95 %")
 

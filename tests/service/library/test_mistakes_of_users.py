@@ -454,6 +454,13 @@ MISTAKES = {
         *of_run(lambda run: js.map(run, force=FORCE), lambda run: js.map(run, **AREA)),
         "area: required field is missing; remedy: add this field",
     ),
+    "other word for a force": (
+        *of_run(
+            lambda run: js.map(run, **{**AREA, "force": None}, forces=FORCE),
+            lambda run: js.map(run, **AREA),
+        ),
+        "forces: unknown field; did you mean `force`",
+    ),
     # Corrections and plans
     "poses": (
         *of_run(
