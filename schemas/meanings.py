@@ -36,8 +36,8 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "all are in reverse order. *Do not use.*",
             "another_robot_fits": "With another robot, each target is within 5 mm of one place on the flange "
             "in 80 % of the observations. *Do not use.*",
-            "observations_out_of_order": "Readings fit the joint angles of another row, or loaded readings "
-            "fit the unloaded readings of another row. *Do not use.*",
+            "observations_out_of_order": "Readings fit the joint angles of another row, loaded readings fit "
+            "the unloaded readings of another row, or forces rise by one step from row to row. *Do not use.*",
             "targets_swapped": "Targets are at the places of other targets in the unloaded readings, the "
             "loaded readings or both. *Do not use.*",
             "target_off_model": "A target is over 20 mm from its median place on the flange, for no reason "
