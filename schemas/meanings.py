@@ -56,7 +56,8 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "scatter by more than twice the stated noise: *use with care*.",
             "deflection_implausibly_large": "A deflection is above 20 mm, or the loaded readings are "
             "deflections. *Do not use.*",
-            "deflection_implausibly_small": "No deflection is above 5 µm. *Do not use.*",
+            "deflection_implausibly_small": "No deflection is above 5 µm, or readings have equal "
+            "digits in both states. *Do not use.*",
             "residual_outlier": "A residual is far larger than the others. *Use with care.*",
             "drift_in_time": "The unloaded targets drift. *Use with care.*",
             "repeated_readings": "Two targets have equal readings: *do not use*. Repeated postures scatter "

@@ -180,7 +180,6 @@ def _check_files(files: Sequence[SourceFile]) -> None:
     if not 0 < len(files) <= grid.MAX_FILES:
         raise ImportFileError(NOWHERE, f"{len(files)} files were sent", f"send 1 to {grid.MAX_FILES} files")
     names: set[str] = set()
-    name_of_content: dict[bytes, str] = {}
     byte_count = line_count = 0  # of all files so far
     for file in files:
         if file.name in names:
@@ -190,11 +189,27 @@ def _check_files(files: Sequence[SourceFile]) -> None:
         _refuse_many_bytes(byte_count, file.name)
         line_count += _count_lines(file.content)
         _refuse_many_lines(line_count, file.name)
-        first = name_of_content.setdefault(file.content, file.name)
-        if first != file.name:
-            reason = f"the file is equal to {quote(first)}, byte by byte"
-            remedy = "send one of the two; if the second should have other readings, export these again"
-            raise ImportFileError(Place(file.name), reason, remedy)
+    if (copy := find_copy(files)) is not None:
+        reason = f"the file is equal to {quote(copy.original)}, byte by byte"
+        remedy = "send one of the two; if the second should have other readings, export these again"
+        raise ImportFileError(Place(copy.name), reason, remedy)
+
+
+class CopiedFile(NamedTuple):
+    """Names of two files with the same content."""
+
+    name: str
+    original: str  # the first of both
+
+
+def find_copy(files: Sequence[SourceFile]) -> CopiedFile | None:
+    """Return the first file that is equal to an earlier file, such as a second download; None without one."""
+    name_of_content: dict[bytes, str] = {}
+    for file in files:
+        original = name_of_content.setdefault(file.content, file.name)
+        if original != file.name:
+            return CopiedFile(file.name, original)
+    return None
 
 
 def _refuse_many_bytes(count: int, file: str) -> None:

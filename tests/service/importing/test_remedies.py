@@ -600,7 +600,7 @@ VALUES = {
     "other force for one label": Case(
         "the force of 'c01' differs",
         {"j.csv": JOINTS, "k.csv": JOINTS.replace("-1471.5", "-1500.5")},
-        {"j.csv": JOINTS, "k.csv": JOINTS},
+        {"j.csv": JOINTS, "k.csv": JOINTS.replace("-1471.5", "-1471.50")},
     ),
     "too many targets": Case(
         "there are more than 16 targets",
