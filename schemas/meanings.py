@@ -36,8 +36,8 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "all are in reverse order. *Do not use.*",
             "another_robot_fits": "With another robot, each target is within 5 mm of one place on the flange "
             "in 80 % of the observations. *Do not use.*",
-            "observations_out_of_order": "Readings fit the joint angles of another row, or loaded readings "
-            "fit the unloaded readings of another row. *Do not use.*",
+            "observations_out_of_order": "Readings fit the joint angles of another row, loaded readings fit "
+            "the unloaded readings of another row, or forces rise by one step from row to row. *Do not use.*",
             "targets_swapped": "Targets are at the places of other targets in the unloaded readings, the "
             "loaded readings or both. *Do not use.*",
             "target_off_model": "A target is over 20 mm from its median place on the flange, for no reason "
@@ -56,7 +56,8 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "scatter by more than twice the stated noise: *use with care*.",
             "deflection_implausibly_large": "A deflection is above 20 mm, or the loaded readings are "
             "deflections. *Do not use.*",
-            "deflection_implausibly_small": "No deflection is above 5 µm. *Do not use.*",
+            "deflection_implausibly_small": "No deflection is above 5 µm, or readings have equal "
+            "digits in both states. *Do not use.*",
             "residual_outlier": "A residual is far larger than the others. *Use with care.*",
             "drift_in_time": "The unloaded targets drift. *Use with care.*",
             "repeated_readings": "Two targets have equal readings: *do not use*. Repeated postures scatter "

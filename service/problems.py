@@ -772,7 +772,7 @@ def _find_remedy_of_numbers(error: Mapping[str, Any]) -> str | None:
         return "add this entry; a place, a vector or a grid has three numbers, along x, y and z"
     is_box = error["loc"][-1:] in {("area",), ("work_area",)}
     if is_box and error["type"] in {"list_type", "too_long", "too_short", "tuple_type"}:
-        return "give two corners of the box, such as [[1.2, -0.6, 0.4], [2.0, 0.6, 0.8]]"
+        return "give two corners of the box, each with its x, y and z: [[x1, y1, z1], [x2, y2, z2]]"
     if error["type"] in {"too_long", "too_short"} and message.startswith("Tuple"):
         # A vector with decimal commas, such as 1,5,2,5,3,5, has too many numbers.
         moment = "; give a moment as `moment`" if "force" in error["loc"] else ""

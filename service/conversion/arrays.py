@@ -792,12 +792,20 @@ def _describe_empty_columns(name: str, array: FloatArray) -> MeasurementError:
             f"`{name}` lacks numbers in each observation", where=name, remedy="give these numbers"
         )
     noun = "column" if len(empty) == 1 else "columns"
+    numbers_alone = (
+        f"give the columns of numbers alone, such as table[:, 1:{columns.shape[1] + 1}] if the first "
+        "column of the table has labels"
+    )
+    if name == "forces":
+        numbers_alone = (
+            "a force needs all three components: give 0 along an axis without force, as Fx and Fy of a "
+            f"hanging weight, such as numpy.nan_to_num(forces); or {numbers_alone}"
+        )
     return MeasurementError(
         f"`{name}` has no number in {noun} {', '.join(map(str, empty[:_MOST_NAMED]))} (counted from 1), as "
         "`numpy.genfromtxt` reads a column of texts, such as labels",
         where=name,
-        remedy=f"give the columns of numbers alone, such as table[:, 1:{columns.shape[1] + 1}] if the first "
-        "column of the table has labels",
+        remedy=numbers_alone,
     )
 
 

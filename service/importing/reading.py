@@ -175,10 +175,10 @@ def understand_files(
 
 
 def _check_files(files: Sequence[SourceFile]) -> None:
-    """Refuse too many or too large files, and two files with the same name.
+    """Refuse too many or too large files, and two files with the same name or the same content.
 
     Raises:
-        ImportFileError: a limit is exceeded, or a name occurs twice.
+        ImportFileError: a limit is exceeded, or a file occurs twice.
     """
     if not 0 < len(files) <= grid.MAX_FILES:
         raise ImportFileError(NOWHERE, f"{len(files)} files were sent", f"send 1 to {grid.MAX_FILES} files")
@@ -192,6 +192,27 @@ def _check_files(files: Sequence[SourceFile]) -> None:
         _refuse_many_bytes(byte_count, file.name)
         line_count += _count_lines(file.content)
         _refuse_many_lines(line_count, file.name)
+    if (copy := find_copy(files)) is not None:
+        reason = f"the file is equal to {quote(copy.original)}, byte by byte"
+        remedy = "send one of the two; if the second should have other readings, export these again"
+        raise ImportFileError(Place(copy.name), reason, remedy)
+
+
+class CopiedFile(NamedTuple):
+    """Names of two files with the same content."""
+
+    name: str
+    original: str  # the first of both
+
+
+def find_copy(files: Sequence[SourceFile]) -> CopiedFile | None:
+    """Return the first file that is equal to an earlier file, such as a second download; None without one."""
+    name_of_content: dict[bytes, str] = {}
+    for file in files:
+        original = name_of_content.setdefault(file.content, file.name)
+        if original != file.name:
+            return CopiedFile(file.name, original)
+    return None
 
 
 def _refuse_many_bytes(count: int, file: str) -> None:
@@ -847,13 +868,16 @@ class _Merging:
         Readings in two tables may be of two loads, and readings that are far from their mean of two points.
         """
         what, place = f"{quantity.target} {quantity.state} of {quote(label)}", values[1].place
-        if not self._options.mean_of_repeats or not all(value.vector for value in values):
+        is_in_two_tables = (label, quantity) in self._in_two_tables
+        if not is_in_two_tables and not (
+            self._options.mean_of_repeats and all(value.vector for value in values)
+        ):
             reason = f"{what} occurs twice, first at {values[0].place}"
             remedy = (
                 "rename or remove one of the two readings, or use `mean_of_repeats` for repeated readings"
             )
             return ImportFileError(place, reason, remedy, "mean_of_repeats")
-        if (label, quantity) in self._in_two_tables:
+        if is_in_two_tables:
             reason = f"{what} occurs in two files or sheets, first at {values[0].place}"
             remedy = "rename or remove one of the two readings, or put repeated readings into one table"
             return ImportFileError(place, reason, remedy)

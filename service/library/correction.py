@@ -168,7 +168,7 @@ def _read_columns(
                 _refuse_program(path)
                 raise
             return convert_headers(file.columns, units, robot), file.labels
-    return name_poses(poses, "poses", units.angle), None
+    return name_poses(poses, "poses", units), None
 
 
 def _refuse_second_joints(joints: AnyJoints, columns: Mapping[str, FloatArray]) -> None:

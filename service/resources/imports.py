@@ -28,7 +28,7 @@ from jointstiff.schemas.robot import Body
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place
 from jointstiff.service.importing.grammar import Kind, Quantity, joint_number, split_along_target
 from jointstiff.service.importing.posture_files import join_posture_files
-from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
+from jointstiff.service.importing.reading import SourceFile, Understood, find_copy, understand_files
 from jointstiff.service.importing.rows import ObservationRecord, Value
 from jointstiff.service.importing.stated_loads import describe_stated_loads, find_stated_loads
 from jointstiff.service.problems import FilesError, reword_fault
@@ -190,11 +190,13 @@ def _describe_likely_force(files: Sequence[SourceFile]) -> str:
 def lack_meaning(files: Sequence[SourceFile], request: ImportRequest, robot: Robot | None) -> bool:
     """Return whether headers of refused files leave columns unexplained, so that a robot may explain them.
 
-    Where names explain all columns, the faults are those of cells or rows, which no meaning removes. Files of
-    one posture each are joined for the robot only.
+    Where names explain all columns, the faults are those of cells or rows, which no meaning removes; nor does
+    one explain why a file was sent twice. Files of one posture each are joined for the robot only.
     """
     if len(join_posture_files(files, request)) < len(files):
         return True
+    if find_copy(files) is not None:
+        return False
     joints = () if robot is None else robot.joint_names
     return not understand_files(files, request, joints).are_columns_named
 

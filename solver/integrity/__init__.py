@@ -28,6 +28,7 @@ from jointstiff.solver.integrity.misplaced_loads import (
     find_other_columns,
 )
 from jointstiff.solver.integrity.mistaken_target import inspect_equal_targets
+from jointstiff.solver.integrity.mixed_columns import find_mixed_axes, leave_out_copied_columns
 from jointstiff.solver.integrity.one_state import (
     find_mistaken_state,
     leave_out_copied_states,
@@ -111,9 +112,10 @@ def inspect_measurements(
     missed, read = leave_out_zeros(given)
     if not read.measurements.present.any():
         return missed
-    copied, posted = leave_out_copied_states(read)
-    findings = [*missed, *copied, *inspect_values(posted), *inspect_equal_targets(posted)]
-    mistaken_state = find_mistaken_state(posted)
+    copied, uncopied = leave_out_copied_states(read)
+    copied_columns, posted = leave_out_copied_columns(uncopied)
+    findings = [*missed, *copied, *copied_columns, *inspect_values(posted), *inspect_equal_targets(posted)]
+    mistaken_state = find_mixed_axes(posted) or find_mistaken_state(posted)
     mistakes_in_loaded = [mistaken_state] if mistaken_state else inspect_loaded(posted)
     mistakes_in_loaded = mistakes_in_loaded or find_shifted_targets(posted)
     if mistakes_in_loaded:

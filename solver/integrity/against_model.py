@@ -70,7 +70,7 @@ from jointstiff.solver.integrity.values import (
 )
 from jointstiff.solver.integrity.wrong_length import find_wrong_length
 from jointstiff.solver.mechanics.block import RegressorBlock, get_whole_block, regressor_blocks
-from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.measurements import FORCE_UNITS, Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import KnownRobot
 from jointstiff.solver.text import PAST_CARE, PAST_DO_NOT_USE, figure, length_text
@@ -144,7 +144,8 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     explained_count, posted_share = int(best.explained.sum()), float(agrees.mean())
     # The whole set is mistaken if the correction explains most rows, and clearly more than the posted values.
     if explained_count >= EXPLAINED * len(sample) and explained_count / len(sample) > posted_share + 0.1:
-        return [report_trial(view, best, agrees, rows)], ~may_be_checked  # no row may be checked further
+        mistake = _name_shifted_side(view, best.hypothesis.shift, report_trial(view, best, agrees, rows))
+        return [mistake], ~may_be_checked  # no row may be checked further
     if 2 * agrees.sum() < len(rows) and 2 * explained_count < len(sample):
         mistaken_target = find_mistaken_target(view, rows)
         mixed_up = [mistaken_target] if mistaken_target else inspect_order(view, rows)
@@ -163,6 +164,41 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     ]
     # If less than half of the rows agree, no row may be checked further.
     return findings, may_be_checked & (agrees.sum() >= max(2, len(rows) // 2))
+
+
+def _name_shifted_side(view: View, shift: int, mistake: Finding) -> Finding:
+    """Return the finding about angles of other rows with a remedy for the side that is shifted.
+
+    Each reading belongs to the angles `shift` rows after. The forces belong to either side: on the right one,
+    springs explain the deflections better. Without a shift, or a clear side, the finding stays as it is.
+    """
+    measurements = view.measurements
+    if not shift:
+        return mistake
+    own = np.arange(len(measurements))
+    own = own[(own + shift >= 0) & (own + shift < len(own))]
+    with_readings = replace(measurements[own], joints=measurements.joints[own + shift])
+    with_angles = replace(
+        with_readings, force=measurements.force[own + shift], moment=measurements.moment[own + shift]
+    )
+    is_too_short = int(with_readings.coordinates.sum()) < _ROWS_PER_JOINT * view.robot.n
+    if is_too_short or not (with_readings.force.any() or with_readings.moment.any()):
+        return mistake
+    by_readings, by_angles = (
+        Springs.fit(get_whole_block(view.robot, each)).unexplained for each in (with_readings, with_angles)
+    )
+    up, down = ("up", "last"), ("down", "first")
+    if by_readings < BETTER * by_angles:
+        way, end = up if shift > 0 else down
+        side = "the forces belong to the readings, so that the angles are shifted"
+        remedy = f"move the joint angles alone {way} by one row, and leave out the {end} observation"
+    elif by_angles < BETTER * by_readings:
+        way, end = down if shift > 0 else up
+        side = "the forces belong to the angles, so that the readings are shifted"
+        remedy = f"move all readings {way} by one row, and leave out the {end} observation"
+    else:
+        return mistake
+    return mistake.model_copy(update={"message": f"{mistake.message}; {side}", "remedy": remedy})
 
 
 def _list_small_mistakes(view: View, rows: IndexArray, distances: FloatArray) -> list[Finding]:
@@ -887,6 +923,11 @@ _LEAST_SHIFTED: Final = 3
 two rows may be exchanged."""
 _MOST_SHIFTED: Final = 3
 """Greatest shift of the loads against the readings that is searched, in rows."""
+_SAME_STEP: Final = 0.01
+"""Largest deviation of the steps of a series from their median, relative to the median: rounded numbers."""
+_TWO_VARIANCES: Final = 2.0
+"""Ratio of sums of squares of residuals above which forces of one size explain deflections better than
+a series of sizes: for a series of weights that hung, the ratio is below 1."""
 _ROWS_PER_JOINT: Final = 3
 _ROUNDS: Final = 8
 _NULL: Final = 1e-9
@@ -1102,7 +1143,38 @@ def _find_mistaken_loads(view: View, block: RegressorBlock, springs: Springs) ->
         )
         if mistaken is not None:
             return mistaken
-    return find_permuted_loads(view, block.measurements)
+    return find_permuted_loads(view, block.measurements) or _find_series_of_forces(view, block, springs)
+
+
+def _find_series_of_forces(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
+    """Return the finding that a spreadsheet filled a column of forces with a series; else None.
+
+    The sizes of the forces rise or fall by exactly the same step from row to row, but springs explain the
+    deflections much better under forces of one size.
+    """
+    sizes = np.linalg.norm(view.measurements.force, axis=1)
+    steps = np.diff(sizes)
+    if len(sizes) < LEAST_OBSERVATIONS_OF_TURN or not sizes.all():
+        return None
+    step = float(median(steps))
+    if np.abs(steps - step).max() > _SAME_STEP * abs(step):  # also if all sizes are equal
+        return None
+    force = block.measurements.force
+    of_one_size = sizes[0] * force / np.linalg.norm(force, axis=1, keepdims=True)
+    fit = Springs.fit(get_whole_block(view.robot, replace(block.measurements, force=of_one_size)))
+    if (springs.residual**2).sum() < _TWO_VARIANCES * (fit.residual**2).sum():
+        return None
+    first = f"{figure(float(sizes[0]))} N ({figure(float(sizes[0]) / FORCE_UNITS['kgf'])} kg)"
+    return view.build_finding(
+        "observations_out_of_order",
+        f"the force changes by exactly {figure(step)} N ({figure(step / FORCE_UNITS['kgf'])} kg) from row to "
+        f"row, from {first} on, as a spreadsheet fills a column by dragging its first cell: joint "
+        f"compliances leave {100.0 * springs.unexplained:.3g} % of the deflections unexplained, and with one "
+        f"size in all rows {100.0 * fit.unexplained:.3g} %",
+        f"if one weight hung in all rows, write its mass or force in each row, such as {first}; else write "
+        "the loads that were on",
+        "do_not_use",
+    )
 
 
 def _find_exchanged_by_springs(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:

@@ -113,6 +113,7 @@ class Hypothesis:
     correction: JointCorrection | None = None  #: for a mistake that another joint map corrects
     cause: str = ""  #: the mistake in words, if the change does not say it
     exchanged: tuple[str, ...] = ()  #: names of two joints whose columns are exchanged
+    shift: int = 0  #: rows from each row to the row whose angles are right
 
 
 def propose_unit_mistakes(joints: FloatArray, prismatic: BoolArray) -> Iterator[Hypothesis]:
@@ -175,7 +176,8 @@ def propose_angle_mistakes(
                 f"shift the readings by one row: each reading belongs to the angles of the row {neighbour}"
             )
             shifted = joints[rows[rows_with_neighbour] + shift]
-            yield Hypothesis("observations_out_of_order", shifted, change, remedy, rows_with_neighbour)
+            code: FindingCode = "observations_out_of_order"
+            yield Hypothesis(code, shifted, change, remedy, rows_with_neighbour, shift=shift)
     if len(joints) == len(names):  # only a square array hides that it is transposed
         change = "rows and columns of the joints exchanged"
         remedy = "transpose the array of the joints: a row for each observation, a column for each joint"

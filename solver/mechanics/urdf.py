@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from typing import Final, Literal
@@ -93,6 +93,10 @@ _LARGEST_MASS = 1e6  # [kg]
 _MANY_JOINTS = 3  # fewest revolute joints whose limits show that they are in degrees
 _TWO_TURNS = 720.0  # [°]
 _TEN_TURNS = 3600.0  # [°]
+_STEP_OF_DEGREES = 5.0  # limits in degrees are multiples of it
+_NO_RANGE = (0.0, 0.0)
+_EIGHTH_TURN = np.pi / 4.0
+_SAME_ANGLE = 1e-3  # largest difference of a rounded angle [rad]
 _ZERO = (0.0, 0.0, 0.0)
 _DEFAULT_AXIS = (1.0, 0.0, 0.0)  # of the URDF standard
 _SHOWN = 8  # names listed in a message
@@ -143,7 +147,9 @@ def _read_limits_in_degrees(chain: tuple[ChainJoint, ...]) -> tuple[ChainJoint, 
     """
     limited = [joint for joint in chain if joint.kind == "revolute" and joint.limits]
     greatest = [max(map(abs, joint.limits or ())) for joint in limited]
-    if len(limited) < _MANY_JOINTS or not all(4.0 * np.pi < each <= _TEN_TURNS for each in greatest):
+    are_in_degrees = [4.0 * np.pi < each <= _TEN_TURNS for each in greatest]
+    if len(limited) < _MANY_JOINTS or not all(are_in_degrees):
+        _refuse_some_limits_in_degrees(limited)
         return chain
     if min(greatest) > _TWO_TURNS:  # no limits of a real arm; in rad they would be beyond two turns again
         return chain
@@ -153,6 +159,35 @@ def _read_limits_in_degrees(chain: tuple[ChainJoint, ...]) -> tuple[ChainJoint, 
         if joint.limits
     }
     return tuple(replace(joint, limits=in_rad.get(joint.name, joint.limits)) for joint in chain)
+
+
+def _refuse_some_limits_in_degrees(limited: Sequence[ChainJoint]) -> None:
+    """Refuse limits in degrees of some revolute joints if those of others are in rad.
+
+    Limits beyond two turns of several joints, all in steps of 5° and none beyond two turns in degrees, are in
+    degrees. One such joint may turn without end.
+
+    Raises:
+        RobotError: names the first joint whose limits seem to be in degrees.
+    """
+    suspects = list[ChainJoint]()
+    for joint in limited:
+        lower, upper = joint.limits or _NO_RANGE
+        are_whole = lower % _STEP_OF_DEGREES == 0.0 and upper % _STEP_OF_DEGREES == 0.0
+        if are_whole and 4.0 * np.pi < max(abs(lower), abs(upper)) <= _TWO_TURNS:
+            suspects.append(joint)
+    if not 2 <= len(suspects) < len(limited):
+        return
+    first = suspects[0]
+    lower, upper = first.limits or _NO_RANGE
+    names = ", ".join(joint.name for joint in suspects)
+    raise RobotError(
+        f"the limits of {names} are beyond two turns, here {lower:g} and {upper:g} rad, as if they were in "
+        "degrees; a URDF is in radians, as the limits of the other joints are",
+        remedy=f'write the limits of these joints in rad, here lower="{np.radians(lower):.10g}" '
+        f'upper="{np.radians(upper):.10g}"; make a joint that turns without end continuous',
+        where=f"joint '{first.name}' <limit>",
+    )
 
 
 def write_urdf(chain: KinematicChain) -> str:
@@ -287,6 +322,7 @@ class UrdfJoint:
                 remedy="make this joint fixed, and describe the coupling of the others in `joint_map`",
                 where=f"{place} <mimic>",
             )
+        self._refuse_rotation_in_degrees(place)
         kind = _CHAIN_KINDS.get(self.kind)
         if kind is None:
             raise RobotError(
@@ -322,6 +358,27 @@ class UrdfJoint:
             limits=None if unlimited or self.kind not in JOINT_UNITS else (lower, upper),
             child=self.child,
             speed=self._speed,
+        )
+
+    def _refuse_rotation_in_degrees(self, place: str) -> None:
+        """Refuse roll, pitch and yaw that are beyond a turn, but for multiples of 45° up to two turns.
+
+        Raises:
+            RobotError: an angle seems to be in degrees.
+        """
+        angles = np.abs(self.rpy)
+        is_multiple = np.abs(angles - _EIGHTH_TURN * np.round(angles / _EIGHTH_TURN)) <= _SAME_ANGLE
+        is_plausible = (angles <= 2.0 * np.pi + _SAME_ANGLE) | (
+            is_multiple & (angles <= 4.0 * np.pi + _SAME_ANGLE)
+        )
+        if is_plausible.all():
+            return
+        given = " ".join(f"{angle:.10g}" for angle in self.rpy)
+        in_rad = " ".join(f"{angle:.10g}" for angle in np.radians(self.rpy))
+        raise RobotError(
+            f"the angles {given} are beyond a turn, as if they were in degrees; a URDF is in radians",
+            remedy=f'write these angles in rad: rpy="{in_rad}"',
+            where=f"{place} <origin> rpy",
         )
 
     @property

@@ -146,9 +146,10 @@ def _pack_path(arrays: list[Any], units: Mapping[str, str]) -> bytes:
                 "join parts of a path by `numpy.concatenate`; give an array of forces as `forces=`",
             )
         )
+    stated_units = Units.model_validate(units)
     with as_campaign_error(""):
-        columns = name_poses(arrays[0], "path", units["angle"])
-    return pack_sheet(make_sheet(columns, Units.model_validate(units), []))
+        columns = name_poses(arrays[0], "path", stated_units)
+    return pack_sheet(make_sheet(columns, stated_units, []))
 
 
 class _StatedForces(NamedTuple):

@@ -32,7 +32,7 @@ TABLE_LIMITS: Final = TableLimits(MAX_TABLE_ROWS, MAX_COLUMNS)
 """Limits of a file that a service corrects."""
 _LENGTHS: Final = frozenset({*POSITION, *DEFLECTION, "readings", "model_error", "residual"})
 _ANGLES: Final = frozenset({*ROTATION_VECTOR, *EULER_ANGLES})
-_FACTORS: Final = MappingProxyType({"length": LENGTH, "angle": ANGLE, "force": FORCE, "moment": MOMENT})
+FACTORS: Final = MappingProxyType({"length": LENGTH, "angle": ANGLE, "force": FORCE, "moment": MOMENT})
 """Quantity → unit of its headers → factor to SI units."""
 
 
@@ -43,16 +43,16 @@ def convert_headers(columns: Mapping[str, Any], units: Units, robot: Robot) -> d
         RequestError: a header has no unit, or another quantity's.
     """
     converted = dict[str, FloatArray]()
-    joint_columns = find_joint_columns([_name_of(header) for header in columns], robot)
+    joint_columns = find_joint_columns([name_of_header(header) for header in columns], robot)
     own = {"length": LENGTH[units.length], "angle": ANGLE[units.angle], "force": FORCE[units.force]}
     for header, column in columns.items():
-        name = joint_columns.get(_name_of(header), _name_of(header))
+        name = joint_columns.get(name_of_header(header), name_of_header(header))
         numbers = np.asarray(column, dtype=np.float64)
         quantity = _find_quantity(name, robot)
         if quantity == "moment":
             own[quantity] = moment_factor(units, numbers)
         if quantity is not None:
-            numbers = numbers * (parse_unit_factor(header, _FACTORS[quantity]) / own[quantity])
+            numbers = numbers * (parse_unit_factor(header, FACTORS[quantity]) / own[quantity])
         converted[name] = numbers
     return converted
 
@@ -106,7 +106,7 @@ def _refuse_repeated_joint(column_of_name: Mapping[str, str], given: Collection[
             )
 
 
-def _name_of(header: str) -> str:
+def name_of_header(header: str) -> str:
     """Return the name in a header, without its unit, in small letters."""
     return header.partition("[")[0].strip().lower()
 

@@ -4,25 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from jointstiff.schemas.measurement import Units
+from jointstiff.service.conversion.arrays import read_numbers
 from jointstiff.service.conversion.poses import read_poses
 from jointstiff.service.conversion.robots import joint_factors
-from jointstiff.service.conversion.units import FORCE, LENGTH
-from jointstiff.service.runs.correction.columns import FORCES, MOMENTS, POSITION
+from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
+from jointstiff.service.runs.correction.columns import (
+    FACTORS,
+    FORCES,
+    MOMENTS,
+    POSITION,
+    name_of_header,
+)
 from jointstiff.service.runs.correction.orientation import (
     ORIENTATIONS,
     ROTATION_VECTOR,
     choose_orientation,
     read_orientation,
 )
+from jointstiff.service.runs.deflection import parse_unit_factor
 from jointstiff.service.runs.verdicts import moment_factor
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.robot import Robot
+
+_MOST_NAMED: Final = 8
+"""Most columns that a message names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,14 +110,53 @@ def _refuse_incomplete_groups(
         )
 
 
-def name_poses(value: Any, name: str, angle: str) -> dict[str, FloatArray]:  # noqa: ANN401 - as of `read_poses`
-    """Return the columns of poses (N, 4, 4) or (N, 6) by name; `name` is that of the argument, for messages.
+def name_poses(value: Any, name: str, units: Units) -> dict[str, FloatArray]:  # noqa: ANN401 - as of `read_poses`
+    """Return the columns of poses by name, from arrays (N, 4, 4) or (N, 6), or from named columns.
+
+    Args:
+        value: the poses. The columns of a data frame, or of a mapping, are read by their names.
+        name: name of the argument, for messages.
+        units: units of the poses, unless names have units, such as `x [mm]`.
 
     Raises:
         MeasurementError: the value has elements that are not numbers.
-        RequestError: the array has another shape, or a matrix is no pose.
+        RequestError: the array has another shape, a matrix is no pose, or a name is not known.
     """
-    return dict(zip((*POSITION, *ROTATION_VECTOR), read_poses(value, name, angle).T, strict=True))
+    headers = list(value if isinstance(value, Mapping) else getattr(value, "columns", ()))
+    if headers and all(isinstance(header, str) for header in headers):
+        return _read_named_columns(value, headers, name, units)
+    return dict(zip((*POSITION, *ROTATION_VECTOR), read_poses(value, name, units.angle).T, strict=True))
+
+
+def _read_named_columns(
+    value: Any,  # noqa: ANN401 - a data frame, or a mapping
+    headers: Sequence[str],
+    name: str,
+    units: Units,
+) -> dict[str, FloatArray]:
+    """Return the columns of poses by name, from columns with headers.
+
+    Raises:
+        MeasurementError: a column has elements that are not numbers.
+        RequestError: the names are not those of poses.
+    """
+    names = [name_of_header(header) for header in headers]
+    if not any(sorted(names) == sorted((*POSITION, *each)) for each in ORIENTATIONS):
+        raise RequestError(
+            f"the columns of `{name}` are {', '.join(headers[:_MOST_NAMED])}, not those of poses",
+            where=name,
+            remedy="give only columns x, y, z, and rx, ry, rz for a rotation vector or a, b, c for angles "
+            "of KUKA; or an array (N, 6) of X, Y, Z and rotation vector, such as frame.to_numpy()",
+        )
+    columns = dict[str, FloatArray]()
+    for column, header in zip(names, headers, strict=True):
+        numbers = read_numbers(value[header], f"{name}[{header!r}]", "give numbers alone")
+        if "[" in header:
+            quantity = "length" if column in POSITION else "angle"
+            own = LENGTH[units.length] if column in POSITION else ANGLE[units.angle]
+            numbers = numbers * (parse_unit_factor(header, FACTORS[quantity]) / own)
+        columns[column] = numbers
+    return columns
 
 
 def _fold_names(columns: Mapping[str, Any]) -> dict[str, str]:

@@ -469,6 +469,11 @@ NAMES = {
         {"a.csv": JOINTS, "b.csv": POINTS},
         options={"mean_of_repeats": True},
     ),
+    "point read in two files": Case(  # a mean of two files is no remedy
+        "occurs in two files",
+        {"a.csv": JOINTS, "b.csv": POINTS, "c.csv": "c02_P10_loaded;1102.4128;402.8613;316.8891\n"},
+        {"a.csv": JOINTS, "b.csv": POINTS},
+    ),
     "two words for a state": option(
         "'loaded' and 'after' both mean loaded",
         POINTS.replace("c02_P10_loaded", "c02_P10_after"),
@@ -595,7 +600,7 @@ VALUES = {
     "other force for one label": Case(
         "the force of 'c01' differs",
         {"j.csv": JOINTS, "k.csv": JOINTS.replace("-1471.5", "-1500.5")},
-        {"j.csv": JOINTS, "k.csv": JOINTS},
+        {"j.csv": JOINTS, "k.csv": JOINTS.replace("-1471.5", "-1471.50")},
     ),
     "too many targets": Case(
         "there are more than 16 targets",
@@ -663,6 +668,11 @@ FILES = {
     "damaged campaign": Case("Invalid JSON", {"a.json": "{,}"}, {"a.csv": CAMPAIGN}),
     "one file twice": Case(
         "two files have this name", (("a.csv", CAMPAIGN), ("a.csv", CAMPAIGN)), {"a.csv": CAMPAIGN}
+    ),
+    "second download of a file": Case(
+        "the file is equal to 'a.csv', byte by byte",
+        {"a.csv": CAMPAIGN, "a (1).csv": CAMPAIGN},
+        {"a.csv": CAMPAIGN},
     ),
     "no files": Case("0 files were sent", {}, {"a.csv": CAMPAIGN}),
     "too large": limited(

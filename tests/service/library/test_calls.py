@@ -128,7 +128,7 @@ VALUES = {
     "corners as one list": (
         lambda c: js.map(c, area=[1400, -200, 600, 1800, 200, 600], grid=[3, 3, 1], **FORCE),
         "area: must have at most 2 items",
-        "give two corners of the box",
+        "give two corners of the box, each with its x, y and z",  # in any unit
     ),
     "cause as a text": (
         lambda c: js.identify(c, causes="play"),

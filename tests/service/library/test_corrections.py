@@ -74,6 +74,30 @@ def test_angles_of_a_controller_read_as_a_rotation_vector_are_named_by_their_ord
     assert run.correct(as_matrices, DEGREES, tool=TOOL_IN_MM, forces=FORCE).counts == {"corrected": 20}
 
 
+@pytest.mark.parametrize("make", [dict, pandas.DataFrame])
+@pytest.mark.parametrize(
+    "headers", [list("xyzabc"), list("CBAXYZ"), [f"{name} [mm]" for name in "xyz"] + list("ABC")]
+)
+def test_named_columns_with_angles_of_kuka_are_read_by_their_names(make, headers):
+    _, run = exact_run()
+    angles = Rotation.from_matrix(POSES[:, :3, :3]).as_euler("ZYX", degrees=True)
+    column_of = dict(zip("xyzabc", [*IN_MM[:, :3, 3].T, *angles.T], strict=True))
+    poses = make({header: column_of[header[0].lower()] for header in headers})
+    done = run.correct(poses, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+    np.testing.assert_allclose(loaded_poses(done.joints), POSES, atol=1e-8)
+
+
+def test_columns_whose_names_are_not_those_of_poses_are_refused_and_their_array_is_read():
+    _, run = exact_run()
+    vectors = Rotation.from_matrix(POSES[:, :3, :3]).as_rotvec(degrees=True)
+    six = np.concatenate([IN_MM[:, :3, 3], vectors], axis=1)
+    frame = pandas.DataFrame(six, columns=[*"XYZ", "roll", "pitch", "yaw"])
+    with pytest.raises(js.CampaignError, match="roll, pitch, yaw, not those of poses"):
+        run.correct(frame, DEGREES, tool=TOOL_IN_MM, forces=FORCE)
+    for read in (frame.to_numpy(), pandas.DataFrame(six)):
+        assert run.correct(read, DEGREES, tool=TOOL_IN_MM, forces=FORCE).counts == {"corrected": 20}
+
+
 def test_forces_may_change_from_row_to_row_or_along_the_path():
     _, run = exact_run()
     rows = np.tile(FORCE, (20, 1))

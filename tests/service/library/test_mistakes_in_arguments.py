@@ -166,11 +166,11 @@ def test_a_stated_link_that_does_not_exist_is_refused_at_once(stated):
     assert js.robot(URDF, base="base_link", flange="l2")
 
 
-def test_a_column_of_texts_among_the_joints_is_named(document):
+def arrays_of(document):
+    """Return the readings of a campaign as arguments of `from_arrays`, without joints."""
     observations = document["measurement_set"]["observations"]
     positions = np.array([[[r["unloaded"], r["loaded"]] for r in one["readings"]] for one in observations])
-    table = np.array([[np.nan, *one["joints"]] for one in observations])  # labels as genfromtxt reads them
-    given = {
+    return {
         "robot": document["robot"],
         "forces": [one["force"] for one in observations],
         "unloaded": positions[:, :, 0],
@@ -178,6 +178,22 @@ def test_a_column_of_texts_among_the_joints_is_named(document):
         "load_point": document["measurement_set"]["load_point"],
         "units": "m, rad, N",
     }
+
+
+def test_a_hanging_weight_with_nan_across_is_told_to_give_zeros(document):
+    joints = [one["joints"] for one in document["measurement_set"]["observations"]]
+    given = arrays_of(document)
+    forces = np.array(given.pop("forces"))
+    forces[:, :2] = np.nan
+    answer = refused(js.Campaign.from_arrays, joints=joints, forces=forces, **given)
+    assert "a force needs all three components: give 0 along an axis without force" in answer
+    assert js.Campaign.from_arrays(joints=joints, forces=np.nan_to_num(forces), **given)
+
+
+def test_a_column_of_texts_among_the_joints_is_named(document):
+    observations = document["measurement_set"]["observations"]
+    table = np.array([[np.nan, *one["joints"]] for one in observations])  # labels as genfromtxt reads them
+    given = arrays_of(document)
     answer = refused(js.Campaign.from_arrays, joints=table[:, 0:6], **given)
     assert "`joints` has no number in column 1" in answer
     assert "table[:, 1:7]" in answer

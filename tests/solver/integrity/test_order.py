@@ -156,3 +156,80 @@ def test_a_turned_frame_is_no_order_although_it_leads_from_posture_to_posture():
     position = Postures(ROBOT, ROBOT.joint_map.model_angles(turned)).to_base(places)
     codes = {code for code, _ in causes(replace(CAMPAIGN[:6], joints=joints, position=position))}
     assert "observations_out_of_order" not in codes
+
+
+def shifted_rows(step, forces_with_readings):
+    """Return a set whose readings belong to the angles `step` rows after, and its rows that are complete."""
+    order = np.clip(np.arange(COUNT) - step, 0, COUNT - 1)
+    if forces_with_readings:
+        return replace(CAMPAIGN, joints=CAMPAIGN.joints[order])
+    order = np.clip(np.arange(COUNT) + step, 0, COUNT - 1)
+    return replace(CAMPAIGN, position=UNLOADED[order], deflection=CAMPAIGN.deflection[order])
+
+
+def find_order(measurements):
+    """Return the only finding that the rows are in another order."""
+    findings = inspect_measurements(ROBOT, measurements, degrees=False)
+    (finding,) = [each for each in findings if each.code == "observations_out_of_order"]
+    return finding
+
+
+@pytest.mark.parametrize(("step", "way", "end"), [(1, "up", "last"), (-1, "down", "first")])
+def test_forces_show_that_the_angles_are_shifted(step, way, end):
+    given = shifted_rows(step, forces_with_readings=True)
+    finding = find_order(given)
+    assert (
+        finding.remedy == f"move the joint angles alone {way} by one row, and leave out the {end} observation"
+    )
+    kept = np.arange(COUNT - 1) if step > 0 else np.arange(1, COUNT)
+    assert (
+        inspect_measurements(ROBOT, replace(given[kept], joints=given.joints[kept + step]), degrees=False)
+        == []
+    )
+
+
+@pytest.mark.parametrize(("step", "way", "end"), [(1, "down", "first"), (-1, "up", "last")])
+def test_forces_show_that_the_readings_are_shifted(step, way, end):
+    given = shifted_rows(step, forces_with_readings=False)
+    finding = find_order(given)
+    assert finding.remedy == f"move all readings {way} by one row, and leave out the {end} observation"
+    kept = np.arange(1, COUNT) if step > 0 else np.arange(COUNT - 1)
+    readings = {"position": given.position[kept - step], "deflection": given.deflection[kept - step]}
+    assert inspect_measurements(ROBOT, replace(given[kept], **readings), degrees=False) == []
+
+
+def test_equal_forces_leave_open_which_side_is_shifted():
+    given = shifted_rows(1, forces_with_readings=True)
+    hanging = replace(given, force=np.tile([0.0, 0.0, -1500.0], (COUNT, 1)))
+    finding = find_order(hanging)
+    assert finding.remedy.startswith("shift the readings by one row")
+
+
+def weigh(sizes):
+    """Return a set under one hanging weight, whose stated forces have other sizes."""
+    robot, campaign = prepare(
+        simulate_campaign(default_arm(), load="dead_weight", configurations=COUNT, seed=5)
+    )
+    weight = np.linalg.norm(campaign.force, axis=1, keepdims=True)
+    return inspect_measurements(
+        robot, replace(campaign, force=campaign.force / weight * np.reshape(sizes, (-1, 1))), degrees=False
+    )
+
+
+@pytest.mark.parametrize("step", [9.80665, -9.80665, 20.0])
+def test_forces_that_a_spreadsheet_filled_as_a_series_are_named(step):
+    (finding,) = weigh(np.round(1500.0 + step * np.arange(COUNT), 2))
+    assert "as a spreadsheet fills a column by dragging its first cell" in finding.message
+    assert "1500 N (153 kg)" in finding.remedy
+    assert weigh(np.full(COUNT, 1500.0)) == []
+
+
+def test_weights_that_were_added_one_by_one_are_no_mistake():
+    robot, campaign = prepare(
+        simulate_campaign(default_arm(), load="dead_weight", configurations=COUNT, seed=5)
+    )
+    factor = np.linspace(1.0, 1.5, COUNT)[:, None]
+    added = replace(
+        campaign, force=campaign.force * factor, deflection=campaign.deflection * factor[..., None]
+    )
+    assert inspect_measurements(robot, added, degrees=False) == []

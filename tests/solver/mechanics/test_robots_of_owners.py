@@ -1,10 +1,12 @@
 """Robots as their owners have them: units of papers, calibrated tables, URDFs with odd attributes."""
 
 import math
+import re
 import sys
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import jointstiff as js
@@ -255,3 +257,33 @@ def test_elements_of_other_programs_and_branches_off_the_chain_are_read_over():
     ]
     with pytest.raises(RobotError, match="unknown element"):
         read_urdf(whole, "l0", "tool")
+
+
+def rotated(rpy):
+    """Return a URDF whose first joint has a rotation."""
+    return urdf([(-3, 3)] * 3).replace('xyz="0 0 0.5"', f'xyz="0 0 0.5" rpy="{rpy}"', 1)
+
+
+@pytest.mark.parametrize("rpy", ["0 90 0", "180 0 0", "0 0 -45", "30 0 0", "0 355 0"])
+def test_a_rotation_of_a_urdf_in_degrees_is_refused_with_the_right_angles(rpy):
+    with pytest.raises(RobotError, match="a URDF is in radians") as refused:
+        read_urdf(rotated(rpy), "l0", "l3")
+    found = re.search(r'rpy="(.*)"$', refused.value.remedy)
+    chain = read_urdf(rotated(found[1]), "l0", "l3")
+    wanted = pin.rpy.rpyToMatrix(*(math.radians(float(angle)) for angle in rpy.split()))
+    np.testing.assert_allclose(chain.joints[0].rotation, wanted, atol=1e-8)
+
+
+@pytest.mark.parametrize("rpy", ["0 7.85398 0", "6.2832 0 -3.1416", "-12.566 0 0", "5 0 0"])
+def test_a_rotation_that_may_be_in_rad_stays(rpy):
+    chain = read_urdf(rotated(rpy), "l0", "l3")
+    wanted = pin.rpy.rpyToMatrix(*map(float, rpy.split()))
+    np.testing.assert_allclose(chain.joints[0].rotation, wanted, atol=1e-12)
+
+
+def test_limits_of_some_joints_in_degrees_are_refused_with_the_right_limits():
+    given = urdf([(-3.2, 3.2), (-140, -5), (-2.1, 2.7), (-350, 350)])
+    with pytest.raises(RobotError, match="as if they were in degrees") as refused:
+        read_urdf(given, "l0", "l4")
+    assert refused.value.where == "joint 'j1' <limit>"
+    assert 'lower="-2.443460953" upper="-0.0872664626"' in refused.value.remedy
