@@ -344,6 +344,12 @@ def looks_like_a_force(header: str) -> bool:
     return _is_unit_of("force", unit) or bool(_FORCE_IN_HEADER.search(base)) or "wrench" in words
 
 
+def is_hung(header: str) -> bool:
+    """Return whether a header has a word for a load that hangs, such as `payload`, with any unit or none."""
+    base = fold_word(split_unit(header)[0])
+    return base in _WORD_LISTS["hung"] or base in _WORD_LISTS["hung in kg"]
+
+
 def find_answer(word: str) -> State | None:
     """Return the state that a word means below a header such as `load`: `no` or `yes`; None for others."""
     return _STATE_OF_ANSWER.get(fold_word(word.strip()))
