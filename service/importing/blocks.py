@@ -32,6 +32,8 @@ _LEAST_ROWS: Final = 3
 """Rows of a table in a block."""
 _MOST_NOT_ALIKE: Final = 0.34
 """Largest fraction of the blocks that may differ from the others, as incomplete postures do."""
+_MOST_CHARACTERS: Final = 2000
+"""Characters of a line in which a list is sought."""
 _COORDINATES: Final = 3
 _SIGN: Final = re.compile(r"(?<![\w.])([^\W\d]\w{0,15})[=:](?=[ \t]{0,3}[-+]?\d)")
 """A name with its sign before a number."""
@@ -40,6 +42,12 @@ _UNIT_BEHIND: Final = re.compile(
 )
 """A name, its sign and number, and a unit."""
 _SEPARATOR: Final = re.compile(r"[;|]|,(?=\s)")
+_SLASHED: Final = re.compile(
+    r"[(\[{][ \t]{0,3}([-+]?\d[\d.,]{0,20}(?:[ \t]{0,3}[/|][ \t]{0,3}[-+]?\d[\d.,]{0,20}){3,31})[ \t]{0,3}[)\]}]"
+)
+"""Four numbers or more between slashes in brackets, as in `J = (34,2 / 22,7 / 58,4 / -31,5)`."""
+_DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+")
+_SLASH: Final = re.compile(r"[ \t]*[/|][ \t]*")
 _ADORNMENT: Final = " \t-=*~_<>+"
 """Signs around a title."""
 _NUMBER: Final = re.compile(r"[-+]?\d+(?:[.,]\d+)?")
@@ -84,11 +92,27 @@ def read_blocks(file: str, content: bytes, delimiter: Delimiter | None) -> list[
         ImportFileError: a posture has other rows than the others.
     """
     text, encoding = decode(file, content)
-    lines = [(number, line) for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1)]
+    numbered = enumerate(re.split(r"\r\n|\n|\r", text), 1)
+    lines = [(number, part) for number, line in numbered for part in _write_slashed_list(line)]
     filled = [line for line in lines if line[1].strip() and not line[1].lstrip().startswith(COMMENT_MARKS)]
     if not filled:
         return []
     return _read_split_blocks(file, encoding, lines, filled, delimiter) or _read_log(file, encoding, lines)
+
+
+def _write_slashed_list(line: str) -> Iterator[str]:
+    """Yield a line with a list between slashes as its title, and as the name of the list with its numbers.
+
+    `Pose 1: J = (1,5 / 2,5 / …)` gives `Pose 1:` and `J 1,5 2,5 …`; any other line is yielded unchanged.
+    """
+    found = _SLASHED.search(line[:_MOST_CHARACTERS])
+    if found is None:
+        yield line
+        return
+    title, _, name = line[: found.start()].rstrip(" \t=:").rpartition(" ")
+    if title.strip():
+        yield title
+    yield f"{name} {_SLASH.sub(' ', found[1])} {line[found.end() :]}".strip()
 
 
 def _read_split_blocks(
@@ -106,6 +130,8 @@ def _read_split_blocks(
     for split in (_split_blocks, _split_at_titles):
         try:
             chosen = _choose_lines_of_numbers(filled) or filled
+            if delimiter is None and _have_decimal_commas(chosen):
+                delimiter = "whitespace"
             delimiter = delimiter or find_delimiter(file, chosen, are_marks_literal=True)
             blocks = [_read_block(file, block, delimiter) for block in split(lines)]
         except ImportFileError:
@@ -191,6 +217,14 @@ def _write_plainly(line: str) -> str:
     if len(_NUMBER.findall(line)) < _LEAST_NUMBERS:
         return line.strip(_ADORNMENT)
     return _SIGN.sub(r"\1 ", _UNIT_BEHIND.sub(r"\1[\3] \2", _SEPARATOR.sub(" ", line)))
+
+
+def _have_decimal_commas(lines: Sequence[NumberedLine]) -> bool:
+    """Return whether blanks separate the numbers of lines, three at least, and each comma is in a number."""
+    cells_of_lines = [line.split() for _, line in lines]
+    with_comma = [cell for cells in cells_of_lines for cell in cells if "," in cell]
+    have_numbers = all(sum(map(looks_like_a_number, cells)) >= _LEAST_NUMBERS for cells in cells_of_lines)
+    return have_numbers and bool(with_comma) and all(map(_DECIMAL_COMMA.fullmatch, with_comma))
 
 
 def _choose_lines_of_numbers(lines: Sequence[NumberedLine]) -> list[NumberedLine]:

@@ -318,7 +318,7 @@ def _list_state_words(texts: Sequence[str], words: Mapping[str, State]) -> dict[
     different = list(dict.fromkeys(texts))
     known = {word: read for word in different if (read := _read_state_word(word, words)) is not None}
     for word, state in read_states(different, words).items():
-        known[word] = known[word]._replace(state=state)
+        known[word] = known.get(word, RowName())._replace(state=state)
     opposite: dict[State | None, State] = {"loaded": "unloaded", "unloaded": "loaded"}
     if len(different) == 2 and len(known) == 1:
         ((first, read),) = known.items()

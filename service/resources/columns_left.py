@@ -14,6 +14,7 @@ from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place,
 from jointstiff.service.importing.grammar import (
     Meaning,
     collapse_blanks,
+    find_unit_of_force,
     fits_header,
     is_hung,
     looks_like_a_force,
@@ -36,6 +37,8 @@ _IN_KG: Final = re.compile(r"(?:[\s_/(\[（]|,\s)(?:kg|кг)[)\]）]?$", re.IGNO
 """End of a header of masses, such as `weight_kg`."""
 _LEAST_FORCE: Final = 2.0
 """Least size of a force; a direction has the size 1."""
+_LEAST_PART_OF_LOAD: Final = 0.3
+"""Least size of a force under load, as a part of the greatest."""
 _LARGER: Final = 3.0
 """Ratio of the sizes under load and without load up to which a column is noise."""
 _DIFFERENT: Final = 0.5
@@ -227,6 +230,14 @@ def describe_likely_force(left: Sequence[ColumnsLeft]) -> str:
         for column in each.columns
         if (mass := _find_mass(each.table, column)) is not None
     ]
+    sentences += [
+        f"{quote(each.table.headers[column])} has {size:.4g} {unit} under load: if this force pulls down, "
+        f"`force` is 0,0,-{size:.4g} {unit}"
+        for each in left
+        for column in each.columns
+        if (unit := find_unit_of_force(each.table.headers[column])) is not None
+        and (size := _find_size(each.table, column)) > 0.0
+    ]
     for each in left:
         if len(each.columns) == _COORDINATES and not any(each.table.headers):
             first, _, third = each.columns
@@ -243,6 +254,16 @@ def _find_mass(table: NumberTable, column: int) -> float | None:
     masses = set(numbers[np.isfinite(numbers) & (numbers != 0.0)].tolist())
     may_be_mass = _is_in_kg(table, column) or is_hung(table.headers[column])
     return masses.pop() if may_be_mass and len(masses) == 1 and min(masses) > 0.0 else None
+
+
+def _find_size(table: NumberTable, column: int) -> float:
+    """Return the median of the sizes of a force under load; 0 if rows have both signs, or no force."""
+    numbers = table.table.numbers[:, column]
+    known = numbers[np.isfinite(numbers)]
+    under_load = known[np.abs(known) >= _LEAST_PART_OF_LOAD * np.abs(known).max(initial=0.0)]
+    has_one_sign = bool((under_load >= 0.0).all() or (under_load <= 0.0).all())
+    is_noise = _shows_no_load(table, column)
+    return float(np.median(np.abs(under_load))) if under_load.size and has_one_sign and not is_noise else 0.0
 
 
 def _is_in_kg(table: NumberTable, column: int) -> bool:
