@@ -202,3 +202,85 @@ def test_repeats_within_noise_are_unloaded_poses(tmp_path):
     ]
     (tmp_path / "a.txt").write_text("\n".join(rows[:-1]) + "\n")
     assert js.read(tmp_path / "a.txt", robot=ARM, encoders="motor").accept()
+
+
+# ---- notes, displacements, arrays and words
+
+
+def test_joints_between_slashes_and_labelled_lines_are_postures(tmp_path):
+    lines = ["Messprotokoll, Halle 3", "Last = 4 kg", ""]
+    for number, degrees in enumerate(DEGREES):
+        lines += [f"Pose {number + 1}:  J = ({' / '.join(cells(degrees, 2))})"]
+        lines += [f"   ohne Last:  {'  '.join(cells(FIRST[number]))}"]
+        lines += [
+            f"   mit Last:   {'  '.join(cells(FIRST[number] + SAG))}",
+            "   (neu angepeilt)"[: 20 * (number == 2)],
+        ]
+        lines += [""]
+    (tmp_path / "notes.txt").write_text("\n".join(lines).replace(".", ","))
+    shifts, observations = shifts_of(js.read(tmp_path / "notes.txt", robot=ARM, length_unit="mm", **STATED))
+    assert len(observations) == len(FIRST)
+    assert np.allclose(shifts["T1"], SAG, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("words", "unit"),
+    [
+        ("dX com carga", "mm"),
+        ("ΔX", "µm"),
+        ("depl. X", "mm"),
+        ("Versch. X", "µm"),
+        ("X spostamento", "mm"),
+    ],
+)
+def test_displacements_beside_positions_without_load_are_added(words, unit, tmp_path):
+    factor = 1e3 if unit == "µm" else 1.0
+    header = [*(f"A{i} [°]" for i in range(1, 7)), *(f"{axis} [mm]" for axis in "XYZ")]
+    header += [f"{words.replace('X', axis)} [{unit}]" for axis in "XYZ"]
+    rows = [
+        [*cells(degrees), *cells(place), *cells(factor * SAG)]
+        for degrees, place in zip(DEGREES, FIRST, strict=True)
+    ]
+    (tmp_path / "a.csv").write_bytes(write_csv([header, *rows]))
+    shifts, _ = shifts_of(js.read(tmp_path / "a.csv", robot=ARM, length_unit="mm", **STATED))
+    assert np.allclose(shifts["T1"], SAG, atol=2e-3)
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("axis_of_targets", [1, 2])
+def test_three_targets_of_an_array_are_those_whose_distances_stay(axis_of_targets, tmp_path):
+    places = np.stack([FIRST, SECOND, 1e3 * READINGS.position[:, 2]], axis=axis_of_targets)
+    sag = SAG[None, None, :] if axis_of_targets == 1 else SAG[None, :, None]
+    np.savez(tmp_path / "a.npz", q_deg=DEGREES, P_unloaded=places, P_loaded=places + sag)
+    shifts, _ = shifts_of(js.read(tmp_path / "a.npz", robot=ARM, length_unit="mm", **STATED))
+    assert len(shifts) == 3
+    assert all(np.allclose(shift, SAG, atol=1e-6) for shift in shifts.values())
+
+
+@pytest.mark.parametrize(
+    ("without", "under"), [("bez", "z"), ("zonder", "met"), ("utan", "med"), ("sin", "con")]
+)
+def test_words_for_without_and_with_of_one_language_are_states(without, under, tmp_path):
+    header = [*(f"J{i} [deg]" for i in range(1, 7)), *(f"{axis} {without} xyzzy [mm]" for axis in "XYZ")]
+    header += [f"{axis} {under} xyzzy [mm]" for axis in "XYZ"]
+    rows = [
+        [*cells(degrees), *cells(place), *cells(place + SAG)]
+        for degrees, place in zip(DEGREES, FIRST, strict=True)
+    ]
+    (tmp_path / "a.csv").write_bytes(write_csv([header, *rows]))
+    stated = {**STATED, "force": None}
+    proposal = js.read(tmp_path / "a.csv", robot=ARM, length_unit="mm", **stated)
+    assert "unloaded [mm] and" in str(proposal)
+
+
+def test_a_size_of_a_force_is_offered_as_the_force(tmp_path):
+    header = [*(f"J{i} [deg]" for i in range(1, 7)), *(f"{axis} bez [mm]" for axis in "XYZ")]
+    header += [*(f"{axis} z [mm]" for axis in "XYZ"), "Síla č. 2 [N]"]
+    rows = [
+        [*cells(degrees), *cells(place), *cells(place + 0.3), "50"]
+        for degrees, place in zip(DEGREES, FIRST, strict=True)
+    ]
+    (tmp_path / "a.csv").write_bytes(write_csv([header, *rows]))
+    stated = {name: value for name, value in STATED.items() if name != "force"}
+    answer = js.read(tmp_path / "a.csv", robot=ARM, length_unit="mm", **stated).accept()
+    assert any("`force` is 0,0,-50 N" in each for each in answer.missing)
