@@ -37,7 +37,7 @@ _MOST_NOT_ALIKE: Final = 0.34
 _LEAST_VALUES: Final = 4
 """Numbers that titles of a block name, at least: an arm has four joints or more."""
 _MOST_CHARACTERS: Final = 2000
-"""Characters of a line in which names and numbers are sought."""
+"""Characters of a line in which names, numbers and lists are sought."""
 _MISSING: Final = "NaN"
 """Mark of a number of a row that is missing."""
 _COORDINATES: Final = 3
@@ -54,6 +54,14 @@ _RANGE: Final = re.compile(
     r"(?P<name>[^\W\d]{1,8})(?P<first>[01])\s?(?:-|–|…|\.{2,3}|to|bis)\s?(?P=name)?(?P<last>\d)(?P<rest>.{0,20})"
 )
 """Names of joints, such as `J1-J6 [deg]` or `A1…6`."""
+_SLASHED: Final = re.compile(
+    r"[(\[{][ \t]{0,3}"
+    r"([-+]?\d[\d.,]{0,20}(?:[ \t]{0,3}[/|][ \t]{0,3}[-+]?\d[\d.,]{0,20}){3,31})"
+    r"[ \t]{0,3}[)\]}]"
+)
+"""Four numbers or more between slashes in brackets, as in `J = (34,2 / 22,7 / 58,4 / -31,5)`."""
+_DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+")
+_SLASH: Final = re.compile(r"[ \t]*[/|][ \t]*")
 _ADORNMENT: Final = " \t-=*~_<>+"
 """Signs around a title."""
 _NUMBER: Final = re.compile(r"[-+]?\d+(?:[.,]\d+)?")
@@ -99,11 +107,27 @@ def read_blocks(file: str, content: bytes, delimiter: Delimiter | None) -> list[
         ImportFileError: a posture has other rows than the others.
     """
     text, encoding = decode(file, content)
-    lines = [(number, line) for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1)]
+    numbered = enumerate(re.split(r"\r\n|\n|\r", text), 1)
+    lines = [(number, part) for number, line in numbered for part in _write_slashed_list(line)]
     filled = [line for line in lines if line[1].strip() and not line[1].lstrip().startswith(COMMENT_MARKS)]
     if not filled:
         return []
     return _read_split_blocks(file, encoding, lines, filled, delimiter) or _read_log(file, encoding, lines)
+
+
+def _write_slashed_list(line: str) -> Iterator[str]:
+    """Yield a line with a list between slashes as its title, and as the name of the list with its numbers.
+
+    `Pose 1: J = (1,5 / 2,5 / …)` gives `Pose 1:` and `J 1,5 2,5 …`; any other line is yielded unchanged.
+    """
+    found = _SLASHED.search(line[:_MOST_CHARACTERS])
+    if found is None:
+        yield line
+        return
+    title, _, name = line[: found.start()].rstrip(" \t=:").rpartition(" ")
+    if title.strip():
+        yield title
+    yield f"{name} {_SLASH.sub(' ', found[1])} {line[found.end() :]}".strip()
 
 
 def _read_split_blocks(
@@ -121,6 +145,8 @@ def _read_split_blocks(
     for split in (_split_blocks, _split_at_titles):
         try:
             chosen = _choose_lines_of_numbers(filled) or filled
+            if delimiter is None and _have_decimal_commas(chosen):
+                delimiter = "whitespace"
             delimiter = delimiter or find_delimiter(file, chosen, are_marks_literal=True)
             blocks = [_read_block(file, block, delimiter) for block in split(lines)]
         except ImportFileError:
@@ -213,6 +239,14 @@ def _write_plainly(line: str) -> str:
     if len(_NUMBER.findall(line)) < _LEAST_NUMBERS:
         return line.strip(_ADORNMENT)
     return _SIGN.sub(r"\1 ", _UNIT_BEHIND.sub(r"\1[\3] \2", _SEPARATOR.sub(" ", line)))
+
+
+def _have_decimal_commas(lines: Sequence[NumberedLine]) -> bool:
+    """Return whether blanks separate the numbers of lines, three at least, and each comma is in a number."""
+    cells_of_lines = [line.split() for _, line in lines]
+    with_comma = [cell for cells in cells_of_lines for cell in cells if "," in cell]
+    have_numbers = all(sum(map(looks_like_a_number, cells)) >= _LEAST_NUMBERS for cells in cells_of_lines)
+    return have_numbers and bool(with_comma) and all(map(_DECIMAL_COMMA.fullmatch, with_comma))
 
 
 def _choose_lines_of_numbers(lines: Sequence[NumberedLine]) -> list[NumberedLine]:

@@ -115,13 +115,27 @@ def _find_shape(array: np.ndarray) -> tuple[int, int] | None:
 def _lay_out_matrix(array: np.ndarray) -> np.ndarray:
     """Return a stack of points (n, T, 3) or (n, 3, T) as (n, 3T), and a wide matrix of few rows turned.
 
+    Of three points in three coordinates, points are those whose distances hardly change, as on one flange.
     Other arrays are returned unchanged.
     """
     if array.ndim == _STACKED and _COORDINATES in array.shape[1:]:
-        points = array if array.shape[2] == _COORDINATES else array.swapaxes(1, 2)
+        turned = array.swapaxes(1, 2)
+        points = array if array.shape[2] == _COORDINATES else turned
+        if array.shape[1] == array.shape[2] and _measure_distances(turned) < _measure_distances(array):
+            points = turned
         return points.reshape(len(points), -1)
     is_wide = array.ndim == 2 and 1 < array.shape[0] <= _MOST_JOINTS < array.shape[1] / 2
     return array.T if is_wide else array
+
+
+def _measure_distances(points: np.ndarray) -> float:
+    """Return how much the distances of three points (n, 3, 3) change; infinite without numbers."""
+    if points.dtype.kind not in "iuf" or not np.isfinite(points).any():
+        return np.inf
+    points = points.astype(np.float64)
+    distances = np.linalg.norm(points - np.roll(points, 1, axis=1), axis=2)
+    known = distances[np.isfinite(distances).all(axis=1)]
+    return float(np.ptp(known, axis=0).max()) if len(known) else np.inf
 
 
 def _list_columns(array: np.ndarray, counts: Collection[int]) -> list[list[str | None]] | None:

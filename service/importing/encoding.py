@@ -21,6 +21,7 @@ _NAMES: Final[Mapping[str, str]] = MappingProxyType(
         "gb18030": "GBK (Chinese)",
         "big5": "Big5 (Chinese)",
         "cp949": "EUC-KR (Korean)",
+        "cp1250": "Windows-1250 (Central European)",
         "cp1251": "Windows-1251 (Cyrillic)",
         "koi8_r": "KOI8-R (Cyrillic)",
         _LATIN1: "Latin-1",

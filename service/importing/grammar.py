@@ -41,6 +41,7 @@ _WORDS: Final = tomllib.loads(files(__package__).joinpath("words.toml").read_tex
 _WORD_LISTS: Final[Mapping[str, Sequence[str]]] = _WORDS["beside"]
 _TEXT_KIND_OF: Final[Mapping[str, Kind]] = _values_by_word({"name": LABEL_HEADERS, **_WORDS["keys"]})
 _STATE_OF: Final[Mapping[str, State]] = _values_by_word(_WORDS["states"])
+_OPPOSITES: Final[Mapping[str, Sequence[str]]] = _WORDS["opposites"]
 _VECTOR_OF: Final[Mapping[str, Kind]] = _values_by_word(_WORDS["vectors"])
 WORDS_OF_ENCODINGS: Final[Mapping[str, Sequence[str]]] = _WORDS["encodings"]
 """Encoding of one language → words of headers in lower case, which show that a text is in this encoding."""
@@ -287,18 +288,32 @@ def read_states(words: Iterable[str], extra: Mapping[str, State]) -> dict[str, S
     """Return word → state of words that tell the readings of a point apart; without words of no state.
 
     `after` means loaded only where no other word does: next to `before` and `loaded`, the load is off again.
+    Of words such as `bez` and `z`, only both together are states.
 
     Args:
         words: words of headers, names or cells.
         extra: the caller's words for states, which take precedence.
     """
-    states = {word: state for word in words if (state := find_state(word, extra)) is not None}
+    given = list(words)
+    known = {word: state for word in given if (state := find_state(word, extra)) is not None}
+    states = _find_opposites(given) | known
     stated = {fold_word(word) for word in extra}
     loaded = {fold_word(word) for word, state in states.items() if state == "loaded"}
     after = (loaded & _AFTER) - stated
     if not loaded - after or "unloaded" not in states.values():
         return states
     return {word: "unloaded_after" if fold_word(word) in after else state for word, state in states.items()}
+
+
+def _find_opposites(words: Sequence[str]) -> dict[str, State]:
+    """Return word → state of words for `without` and `with` in one language, if both are among some words."""
+    states = dict[str, State]()
+    for word in words:
+        partners = _OPPOSITES.get(fold_word(word), ())
+        others = [other for other in words if fold_word(other) in partners]
+        if others:
+            states |= {word: "unloaded", **dict.fromkeys(others, "loaded")}
+    return states
 
 
 def is_likely_unloaded(word: str) -> bool:
@@ -345,6 +360,12 @@ def looks_like_a_force(header: str) -> bool:
     base, unit = split_unit(header)
     words = {fold_word(word) for word in _NO_LETTERS.split(base)}
     return _is_unit_of("force", unit) or bool(_FORCE_IN_HEADER.search(base)) or "wrench" in words
+
+
+def is_hung(header: str) -> bool:
+    """Return whether a header has a word for a load that hangs, such as `payload`, with any unit or none."""
+    base = fold_word(split_unit(header)[0])
+    return base in _WORD_LISTS["hung"] or base in _WORD_LISTS["hung in kg"]
 
 
 def find_answer(word: str) -> State | None:
@@ -614,6 +635,8 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
         ImportFileError: the header is not understood.
     """
     words = _classify_words(_join_phrases(_STATE_PHRASE, base), state_words)
+    if "deflection" in words.states:
+        words.states.discard("loaded")  # a displacement is one under load
     is_gauge = words.names_gauge
     kind: Kind = "along" if is_gauge else words.kind
     axis_count = 0 if kind == "point uncertainty" else 1

@@ -80,6 +80,7 @@ def join_tables(tables: Sequence[NumberTable], options: ImportOptions) -> Joined
     for each in named:
         own_labels = kept if each in joined else each.labels
         arranged.append(_arrange(each, own_labels, options))
+    arranged = _arrange_alike(named, arranged)
     notes = _describe(joined, kept)
     if any(each.was_averaged for each in named):
         notes.append("the mean of repeated readings")
@@ -199,6 +200,34 @@ def _arrange(named: _NamedTable, labels: Sequence[str], options: ImportOptions) 
     solver_table = replace(table.table, numbers=table.table.numbers[order])
     turn = named.keys if len(named.keys) > 1 else ()
     return replace(table, rows=rows, table=solver_table, turn=turn, labels=tuple(labels))
+
+
+def _arrange_alike(named: Sequence[_NamedTable], arranged: Sequence[NumberTable]) -> list[NumberTable]:
+    """Return the tables, those without names in the order of the only table with as many rows and states.
+
+    Rows in blocks keep their order, as do tables whose own names tell the rows of a posture apart.
+    """
+    ordered = list(arranged)
+    for number, each in enumerate(named):
+        own_rows = each.table.rows
+        models = [
+            (other, table)
+            for other, table in zip(named, arranged, strict=True)
+            if other is not each and table.turn and len(table.rows) == len(other.names) == len(own_rows)
+        ]
+        has_names = len(each.keys) > 1 or 1 < len(each.labels) < len(own_rows)
+        if has_names or len(models) != 1:
+            continue
+        ((other, table),) = models
+        position = {id(row): place for place, row in enumerate(other.table.rows)}
+        order = [position[id(row)] for row in table.rows]
+        count = len(table.turn)
+        are_in_blocks = sorted(order[::count]) == list(range(len(order) // count)) and count < len(order)
+        if not are_in_blocks:
+            solver_table = replace(each.table.table, numbers=each.table.table.numbers[order])
+            rows = tuple(own_rows[row] for row in order)
+            ordered[number] = replace(each.table, rows=rows, table=solver_table, turn=table.turn)
+    return ordered
 
 
 def _name_after_unloading(names: Sequence[RowName]) -> tuple[RowName, ...]:

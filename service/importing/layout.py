@@ -28,6 +28,7 @@ from jointstiff.service.importing.grid import (
     looks_like_a_number,
 )
 from jointstiff.service.importing.header import ColumnReader, Columns, Heading, find_heading
+from jointstiff.service.importing.merged_rows import fill_down
 from jointstiff.service.tables.labels import fold_word
 
 _LEAST_ROWS, _MOST_ROWS = 4, 10_000
@@ -80,6 +81,8 @@ def understand_table(
     columns = column_reader.understand(stated.axes_unit, state_in_name=_has_state_in_name(grid, options))
     _check_units(grid.file, remarks, columns, faults)
     unsure_number = _check_end_of_file(grid, rows, faults)
+    rows, note_on_cells = fill_down(rows, headers, columns.meanings)
+    notes_on_rows += [note_on_cells] if note_on_cells else []
     notes = [*grid.preview.assumptions, *heading.notes, *notes_on_rows, *columns.notes]
     kept = _drop_deleted_rows(grid, rows, columns, faults, numbered=_numbers_rows(options, columns))
     notes += _describe_rows_and_units(options, columns, stated, deleted_count=len(rows) - len(kept))

@@ -107,7 +107,8 @@ def _find_names(
     `states` has title → state of the files; None if the names of files do not count.
     """
     name = _name_by_header(reading, table)
-    if len(table.turn) == reading.points.groups.count > 1:
+    groups = reading.points.groups
+    if groups.order == "in turn" and len(table.turn) == groups.count > 1:
         row = table.turn[reading.index]
         mass = row.mass if name.mass is None else name.mass
         name = RowName(None, name.target or row.target, name.state or row.state, mass, row.force)

@@ -38,12 +38,13 @@ from jointstiff.service.importing.grid import (
 )
 from jointstiff.service.importing.header import find_heading
 from jointstiff.service.importing.masses import is_mass_table
+from jointstiff.service.importing.merged_rows import fill_down
 from jointstiff.service.importing.posture_files import join_posture_files
 from jointstiff.service.importing.reading import SourceFile, read_grids
 from jointstiff.service.importing.row_key import RowName
 from jointstiff.service.importing.transposed import turn_table
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.meaning.table import Table
+from jointstiff.solver.meaning.table import RowGroups, Table
 
 _LEAST_NUMBERS: Final = 3
 """Numbers of a row of data, at least."""
@@ -208,6 +209,12 @@ class NumberTable:
         scaled = {column: factor * self.table.numbers[:, column] for column in columns}
         return replace(self.replace_numbers(scaled), meanings=tuple(meanings))
 
+    def find_loaded_row(self, groups: RowGroups) -> int:
+        """Return the first row of a posture that is under load by its name; 0 if names do not say."""
+        are_named = groups.order == "in turn" and groups.count == len(self.turn)
+        loaded = (row for row, name in enumerate(self.turn) if name.state == "loaded")
+        return next(loaded, 0) if are_named else 0
+
     def find_column(self, kind: str) -> int | None:
         """Return the first column of a kind, such as `name`; None without one."""
         columns = (c for c, meaning in enumerate(self.meanings) if meaning and meaning.kind == kind)
@@ -270,16 +277,19 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     width = len(rows[0].cells)
     headers = _find_headers(grid, words, options, data[0], width)
     words.add_names_of_table(headers)
+    meanings = _find_meanings(headers, words)
+    rows, note = fill_down(rows, headers, meanings)
+    notes = [*grid.preview.assumptions, *([note] if note else [])]
+    grid = replace(grid, preview=grid.preview.model_copy(update={"assumptions": notes}))
     columns = [c for c in range(width) if any(looks_like_a_number(row.cells[c]) for row in rows)]
     is_separated = grid.preview.format != "text" or has_separated_thousands(rows, columns)
-    joint_columns = _list_joint_columns(_find_meanings(headers, words))
+    joint_columns = _list_joint_columns(meanings)
     stated_mark = options.decimal_mark
     if stated_mark is None and _shows_decimal_commas(rows, columns, joint_columns):
         stated_mark = "comma"
     mark, _ = decide_decimal_mark(grid, rows, columns, stated_mark, are_thousands_separated=is_separated)
     read = partial(_read_cell, mark=mark, are_thousands_separated=is_separated)
     numbers = np.array([[read(cell) for cell in row.cells] for row in rows])
-    meanings = _find_meanings(headers, words)
     ignored = frozenset(column for column, header in enumerate(headers) if words.is_ignored(header))
     stated = frozenset(column for column, header in enumerate(headers) if words.is_stated(header)) - ignored
     named_joints = _list_joint_columns(meanings)

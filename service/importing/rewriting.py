@@ -57,7 +57,7 @@ def write_readings(
     """
     cases = [
         {head: cells for head, *cells in _write_case(proposal, case, tables, with_masses=with_masses)}
-        for case in _list_cases(proposal, named)
+        for case in _list_cases(proposal, named, tables)
     ]
     headers = list(dict.fromkeys(head for columns in cases for head in columns))
     text = io.StringIO()
@@ -102,8 +102,12 @@ def has_column_of(table: NumberTable, kind: str) -> bool:
     return any(meaning is not None and meaning.kind == kind for meaning in table.meanings)
 
 
-def _list_cases(proposal: Proposal, named: Sequence[NamedReading]) -> Iterator[_LoadCase]:
+def _list_cases(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable]
+) -> Iterator[_LoadCase]:
     """Yield the readings of each load, with those without load; one case without any load."""
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    usual_row = joints.find_loaded_row(proposal.joints.groups)
     loads = list(dict.fromkeys(each.load for each in named if each.state == "loaded")) or [""]
     for load in loads:
         readings = [each for each in named if each.state != "loaded" or each.load == load]
@@ -112,7 +116,7 @@ def _list_cases(proposal: Proposal, named: Sequence[NamedReading]) -> Iterator[_
         own_rows = [
             each.reading.index for each in loaded if each.reading.points.table == proposal.joints.table
         ]
-        yield _LoadCase(readings, mass, load, own_rows[0] if own_rows else 0, len(loads) == 1)
+        yield _LoadCase(readings, mass, load, own_rows[0] if own_rows else usual_row, len(loads) == 1)
 
 
 def _write_case(
@@ -154,18 +158,38 @@ def _write_labels(proposal: Proposal, table: NumberTable) -> list[str]:
 
 
 def _write_joints(proposal: Proposal, table: NumberTable) -> Iterator[list[str]]:
-    """Yield a column for each joint, from base to flange, as the robot's maker counts."""
+    """Yield a column for each joint, from base to flange, as the robot's maker counts.
+
+    Numbers are copied as they are written, unless the rows of a posture differ: then their mean is written.
+    """
     joints, robot = proposal.joints, proposal.robots[0].robot
     rows = _pick_rows(proposal, table)
-    numbers = table.table.numbers[np.ix_(rows, list(joints.columns))]
+    numbers = joints.groups.split(table.table.numbers[:, list(joints.columns)]).mean(axis=1)
     slides = robot.prismatic & (np.percentile(np.abs(numbers), 90.0, axis=0) > 20.0)
     units = np.where(robot.prismatic, np.where(slides, "mm", "m"), joints.unit)
-    if joints.counting.is_own:
+    if joints.counting.is_own and _measure_spread(proposal, table) > 0.0:
+        texts = [[repr(round(float(each), _DIGITS)) for each in column] for column in numbers.T]
+    elif joints.counting.is_own:
         texts = [[_write_cell(table, row, column) for row in rows] for column in joints.columns]
     else:
         texts = _convert_joints(proposal, numbers)
     for number, (unit, cells) in enumerate(zip(units, texts, strict=True), 1):
         yield [f"J{number} [{unit}]", *cells]
+
+
+def note_mean_of_joints(proposal: Proposal, table: NumberTable) -> list[str]:
+    """Return the note that the mean of the joints of a posture is read, if those of its rows differ."""
+    spread = _measure_spread(proposal, table)
+    if spread == 0.0:
+        return []
+    unit = "°" if proposal.joints.unit == "deg" else " rad"
+    return [f"the joints of the rows of a posture differ by up to {spread:.1g}{unit}: their mean was taken"]
+
+
+def _measure_spread(proposal: Proposal, table: NumberTable) -> float:
+    """Return the greatest difference of a joint of the rows of a posture, in the unit of the joints."""
+    joints = proposal.joints.groups.split(table.table.numbers[:, list(proposal.joints.columns)])
+    return float(np.ptp(joints, axis=1).max())
 
 
 def _convert_joints(proposal: Proposal, numbers: FloatArray) -> list[list[str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
 from typing import Final
@@ -26,6 +27,7 @@ from jointstiff.service.importing.grammar import (
 )
 from jointstiff.service.importing.grid import looks_like_a_number
 from jointstiff.service.importing.lengths import find_units_of_coordinates
+from jointstiff.service.importing.load_columns import find_states_of_loads, list_states_of_columns
 from jointstiff.service.importing.loads import find_load, find_state_of_load
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.row_key import RowName
@@ -67,7 +69,7 @@ def name_rows(
     state_column = _find_state_column(table, options, label_column)
     target_column = _find_target_column(table, (label_column, state_column))
     masses = _list_masses(table)
-    forces = _list_forces(table)
+    forces = _list_forces(table) or _list_loads(table)
     names = [RowName()] * len(table.rows)
     if label_column is not None:
         texts = [row.cells[label_column] for row in table.rows]
@@ -326,7 +328,7 @@ def _list_state_words(texts: Sequence[str], words: Mapping[str, State]) -> dict[
     different = list(dict.fromkeys(texts))
     known = {word: read for word in different if (read := _read_state_word(word, words)) is not None}
     for word, state in read_states(different, words).items():
-        known[word] = known[word]._replace(state=state)
+        known[word] = known.get(word, RowName())._replace(state=state)
     opposite: dict[State | None, State] = {"loaded": "unloaded", "unloaded": "loaded"}
     if len(different) == 2 and len(known) == 1:
         ((first, read),) = known.items()
@@ -366,25 +368,34 @@ def _list_masses(table: NumberTable) -> list[float] | None:
 
 
 def _list_forces(table: NumberTable) -> list[RowName] | None:
-    """Return state and force of each row by its columns of forces, if some rows have none; else None."""
+    """Return state and force of each row by its columns of forces, if some rows have none; else None.
+
+    Sizes that occur once are those of one load that was read in each posture, and no further loads.
+    """
     columns = [column for column, meaning in enumerate(table.meanings) if meaning and meaning.kind == "force"]
     size_column = table.find_size_of_force()
     columns += [] if size_column is None else [size_column]
-    sizes = [
-        math.hypot(*(table.table.numbers[row, column] for column in columns))
-        for row in range(len(table.rows))
-    ]
-    different = {f"{size:.4g}" for size in sizes if size > 0.0}
-    if not columns or all(size > 0.0 for size in sizes) or not different:
+    states = find_states_of_loads(np.linalg.norm(np.nan_to_num(table.table.numbers[:, columns]), axis=1))
+    if not columns or states is None:
         return None
-    has_several = 1 < len(different) <= _MOST_CODES
+    sizes = [
+        f"{math.hypot(*table.table.numbers[row, columns]):.4g}" if state == "loaded" else ""
+        for row, state in enumerate(states)
+    ]
+    counts = Counter(filter(None, sizes))
+    has_several = 1 < len(counts) <= _MOST_CODES and min(counts.values()) > 1
     meaning = table.meanings[columns[0]]
     unit = find_unit_of_size(table.headers[columns[0]]) if meaning is None else meaning.unit
-    names = []
-    for size in sizes:
-        force = f"{size:.4g} {unit or ''}".strip() if has_several and size > 0.0 else ""
-        names.append(RowName(state="loaded" if size > 0.0 else "unloaded", force=force))
-    return names
+    return [
+        RowName(state=state, force=f"{size} {unit or ''}".strip() if has_several and size else "")
+        for state, size in zip(states, sizes, strict=True)
+    ]
+
+
+def _list_loads(table: NumberTable) -> list[RowName] | None:
+    """Return the state of each row by a column of loads such as `payload`; None without one."""
+    states = list_states_of_columns(table)
+    return None if states is None else [RowName(state=state) for state in states]
 
 
 def _read_state_word(word: str, words: Mapping[str, State]) -> RowName | None:

@@ -29,6 +29,7 @@ from jointstiff.service.resources.imports import import_files, lack_meaning
 from jointstiff.service.resources.known_robots import catalogue_robots
 from jointstiff.service.resources.proposals import (
     OPTIONS_OF_COLUMNS,
+    OPTIONS_OF_NAMES,
     NoProposal,
     ProposedImport,
     is_in_another_frame,
@@ -104,10 +105,10 @@ class ProposedReadings:
         return ImportedReadings.model_validate(dict(answer)).with_robot(self._robot)
 
     def _list_cleared(self) -> dict[str, Any]:
-        """Return options that the written table does not need: about columns, and a force that it has."""
+        """Return options that the written table does not need: of columns, names, and a force that it has."""
         request = self._proposed.request.model_dump()
         replaced = {"force": None} if request["force"] is None and self._fields.get("force") else {}
-        return {name: request[name] for name in OPTIONS_OF_COLUMNS} | replaced
+        return {name: request[name] for name in (*OPTIONS_OF_COLUMNS, *OPTIONS_OF_NAMES)} | replaced
 
     @property
     def campaign(self) -> Campaign:

@@ -11,7 +11,14 @@ import numpy as np
 
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
-from jointstiff.service.importing.grammar import Meaning, collapse_blanks, fits_header, looks_like_a_force
+from jointstiff.service.importing.grammar import (
+    Meaning,
+    collapse_blanks,
+    find_unit_of_force,
+    fits_header,
+    is_hung,
+    looks_like_a_force,
+)
 from jointstiff.service.importing.naming import NamedReading
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.rewriting import KEPT_KINDS
@@ -23,13 +30,19 @@ _NAMES: Final = frozenset(("name", "collection", "group", "target", "state", "ti
 _MOST_NAMED: Final = 8
 """Most columns that a sentence names."""
 _COORDINATES: Final = 3
+"""Coordinates of a position."""
 _SAME_SIZE: Final = 0.01
 """Largest difference of the sizes of forces, as a part of their mean."""
 _IN_KG: Final = re.compile(r"(?:[\s_/(\[（]|,\s)(?:kg|кг)[)\]）]?$", re.IGNORECASE)
 """End of a header of masses, such as `weight_kg`."""
 _LEAST_FORCE: Final = 2.0
 """Least size of a force; a direction has the size 1."""
-"""Coordinates of a position."""
+_LEAST_PART_OF_LOAD: Final = 0.3
+"""Least size of a force under load, as a part of the greatest."""
+_LARGER: Final = 3.0
+"""Ratio of the sizes under load and without load up to which a column is noise."""
+_DIFFERENT: Final = 0.5
+"""Difference of the rows of a posture, as a part of the sizes without load, from which a column is noise."""
 
 
 @dataclass(frozen=True)
@@ -161,9 +174,28 @@ def refuse_force_beside_columns(
 
 
 def may_be_force(table: NumberTable, column: int) -> bool:
-    """Return whether a column without a known meaning has numbers other than 0, and a word for a force."""
+    """Return whether a column without a known meaning has numbers other than 0, and a word for a force.
+
+    Numbers that are noise in all states are no force.
+    """
     has_numbers = bool(np.nan_to_num(table.table.numbers[:, column]).any())
-    return has_numbers and table.meanings[column] is None and looks_like_a_force(table.headers[column])
+    is_named = table.meanings[column] is None and looks_like_a_force(table.headers[column])
+    return has_numbers and is_named and not _shows_no_load(table, column)
+
+
+def _shows_no_load(table: NumberTable, column: int) -> bool:
+    """Return whether a column has as large numbers in rows without load as under load, but not the same ones.
+
+    Such numbers are noise. Rows without names of states show nothing.
+    """
+    states = [name.state for name in table.turn]
+    if not {"unloaded", "loaded"} <= set(states):
+        return False
+    of_rows = table.table.numbers[:, column].reshape(-1, len(states))
+    loaded, unloaded = (of_rows[:, states.index(state)] for state in ("loaded", "unloaded"))
+    without_load, under_load = (float(np.sqrt(np.nanmean(each**2))) for each in (unloaded, loaded))
+    difference = float(np.sqrt(np.nanmean((loaded - unloaded) ** 2)))
+    return under_load <= _LARGER * without_load and difference >= _DIFFERENT * without_load
 
 
 def find_bare_vector(left: ColumnsLeft) -> tuple[int, int, int] | None:
@@ -198,11 +230,20 @@ def describe_likely_force(left: Sequence[ColumnsLeft]) -> str:
     force.
     """
     sentences = [
-        f"{quote(each.table.headers[column])} has {mass:g} kg: if this load hangs, "
+        f"{quote(each.table.headers[column])} has {mass:g}{' kg' if _is_in_kg(each.table, column) else ''}: "
+        f"if this load hangs{'' if _is_in_kg(each.table, column) else ' and is in kg'}, "
         f"`force` is 0,0,-{mass:g} kgf"
         for each in left
         for column in each.columns
         if (mass := _find_mass(each.table, column)) is not None
+    ]
+    sentences += [
+        f"{quote(each.table.headers[column])} has {size:.4g} {unit} under load: if this force pulls down, "
+        f"`force` is 0,0,-{size:.4g} {unit}"
+        for each in left
+        for column in each.columns
+        if (unit := find_unit_of_force(each.table.headers[column])) is not None
+        and (size := _find_size(each.table, column)) > 0.0
     ]
     for each in left:
         if len(each.columns) == _COORDINATES and not any(each.table.headers):
@@ -215,11 +256,26 @@ def describe_likely_force(left: Sequence[ColumnsLeft]) -> str:
 
 
 def _find_mass(table: NumberTable, column: int) -> float | None:
-    """Return the one mass [kg] of a column in kg, apart from rows with 0; None of other columns."""
+    """Return the one mass of a column in kg or of a load that hangs, apart from rows with 0; else None."""
     numbers = table.table.numbers[:, column]
     masses = set(numbers[np.isfinite(numbers) & (numbers != 0.0)].tolist())
-    is_in_kg = bool(_IN_KG.search(table.headers[column]))
-    return masses.pop() if is_in_kg and len(masses) == 1 and min(masses) > 0.0 else None
+    may_be_mass = _is_in_kg(table, column) or is_hung(table.headers[column])
+    return masses.pop() if may_be_mass and len(masses) == 1 and min(masses) > 0.0 else None
+
+
+def _find_size(table: NumberTable, column: int) -> float:
+    """Return the median of the sizes of a force under load; 0 if rows have both signs, or no force."""
+    numbers = table.table.numbers[:, column]
+    known = numbers[np.isfinite(numbers)]
+    under_load = known[np.abs(known) >= _LEAST_PART_OF_LOAD * np.abs(known).max(initial=0.0)]
+    has_one_sign = bool((under_load >= 0.0).all() or (under_load <= 0.0).all())
+    is_noise = _shows_no_load(table, column)
+    return float(np.median(np.abs(under_load))) if under_load.size and has_one_sign and not is_noise else 0.0
+
+
+def _is_in_kg(table: NumberTable, column: int) -> bool:
+    """Return whether a header has the unit kg."""
+    return bool(_IN_KG.search(table.headers[column]))
 
 
 def refuse_single_rows(proposal: Proposal, tables: Sequence[NumberTable]) -> None:

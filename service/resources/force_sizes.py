@@ -60,7 +60,8 @@ class _ForceSizes:
         An empty cell has the force of another reading of the posture under this load, as in merged cells.
         """
         if not self.readings:
-            return {"": proposal.joints.groups.split(self.numbers)[:, 0]}
+            groups = proposal.joints.groups
+            return {"": groups.split(self.numbers)[:, self.table.find_loaded_row(groups)]}
         forces: dict[str, list[FloatArray]] = {}
         for each in self.readings:
             of_rows = each.reading.points.groups.split(self.numbers)[:, each.reading.index]

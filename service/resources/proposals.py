@@ -34,6 +34,7 @@ from jointstiff.service.importing.reading import SourceFile, Understood, underst
 from jointstiff.service.importing.rewriting import (
     has_column_of,
     list_masses,
+    note_mean_of_joints,
     write_deflections,
     write_readings,
 )
@@ -66,6 +67,7 @@ from jointstiff.service.resources.force_sizes import (
 )
 from jointstiff.service.resources.imports import ImportRefusedError, import_files, lack_meaning
 from jointstiff.service.resources.previews import preview_tables
+from jointstiff.service.resources.repeated_postures import refuse_repeated_postures
 from jointstiff.service.resources.workbook_sheets import list_choices, may_have_readings
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.hypotheses import list_countings
@@ -87,6 +89,9 @@ OPTIONS_OF_COLUMNS: Final = (
     "by_order",
 )
 """Options that explain the columns of files, which the written table explains itself."""
+
+OPTIONS_OF_NAMES: Final = ("state", "point_name", "file_name", "state_words")
+"""Options that explain names of points, files and states, which the written table does not need either."""
 
 OPTIONS_OF_FILES: Final = (
     *("columns", "header", "ignore", "delimiter", "decimal_mark", "by_order"),
@@ -345,10 +350,11 @@ def _complete(found_meaning: _FoundMeaning, request: ImportRequest) -> ProposedI
     left = list_columns_left(proposal, tables, named)
     joints = next(table for table in tables if table.name == proposal.joints.table)
     notes = [*numbers.notes, *force_notes, *_note_force(joints), *_note_uncertainties(named)]
-    notes += name_columns_left(left, tables)
+    notes += [*note_mean_of_joints(proposal, joints), *name_columns_left(left, tables)]
     try:
         refuse_single_rows(proposal, tables)
         refuse_columns_left(left, proposal, named, tables)
+        refuse_repeated_postures(proposal, named, tables, request)
         refuse_force_beside_columns(left, request, joints)
         proposed = _build_import(proposal, named, tables, request, notes)
     except ImportFileError as error:
@@ -947,7 +953,8 @@ def _clear_headers() -> dict[str, object]:
 
 def _clear_names() -> dict[str, object]:
     """Return the options that explain names of points, files and states, with their defaults."""
-    return {"state": None, "point_name": None, "file_name": None, "state_words": {}}
+    empty = ImportRequest()
+    return {name: getattr(empty, name) for name in OPTIONS_OF_NAMES}
 
 
 def _state_units(request: ImportRequest) -> dict[str, object]:

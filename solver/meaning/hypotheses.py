@@ -17,6 +17,7 @@ from jointstiff.solver.meaning.table import (
     RowGroups,
     Table,
     find_moving_columns,
+    find_rounding,
 )
 from jointstiff.solver.mechanics.robot import Robot
 
@@ -30,7 +31,11 @@ _STEPS: Final = (1, 2, 4)
 """Distances of the columns of x, y and z: next to each other, with deviations between, in a 4 × 4 matrix."""
 _LEAST_KNOWN: Final = 0.5
 """Least fraction of the rows in which a triple has numbers."""
-_ROUNDING: Final = 1e-9
+_ENCODER_NOISE: Final = 1e-4
+"""Greatest difference [rad] of a joint of rows of one posture: what encoders read of an arm at rest."""
+_LARGEST_STEP: Final = 0.01
+"""Step [°] of rounded joints, at most, by which the joints of one posture may differ."""
+_ARITHMETIC: Final = 1e-9
 _LEAST_POSTURES: Final = 3
 """Least number of postures of a table."""
 _FIRST_POSTURES: Final = 4
@@ -152,6 +157,7 @@ def find_repeats(table: Table, window: Sequence[int]) -> list[RowGroups]:
     blocks"). `window` are the columns of the joints.
     """
     joints = table.numbers[:, list(window)]
+    bound = find_joint_noise(joints)
     ungrouped = RowGroups()
     groupings = [ungrouped]
     for rows_of_posture in range(2, _MOST_GROUPED + 1):
@@ -161,14 +167,25 @@ def find_repeats(table: Table, window: Sequence[int]) -> list[RowGroups]:
         for order in ("in turn", "in blocks"):
             grouping = RowGroups(order, rows_of_posture)
             joints_of_postures = grouping.split(joints)
-            if _repeats(joints_of_postures[:_FIRST_POSTURES]) and _repeats(joints_of_postures):
+            if _repeats(joints_of_postures[:_FIRST_POSTURES], bound) and _repeats(joints_of_postures, bound):
                 groupings.append(grouping)
     return groupings
 
 
-def _repeats(joints: FloatArray) -> bool:
-    """Return whether the joints (N, count, n) of each posture are equal."""
-    return bool(np.abs(joints - joints[:, :1]).max() < _ROUNDING)
+def find_joint_noise(joints: FloatArray) -> float:
+    """Return how much joints (N, n) of one posture may differ, in the unit of the joints.
+
+    Encoders of an arm at rest differ by 1e-4 rad at most, and rounded joints by a step of up to 0.01°.
+    """
+    is_in_degrees = np.nanpercentile(np.abs(joints), _ORDINARY) > _LARGEST_RADIANS
+    radian = float(np.degrees(1.0)) if is_in_degrees else 1.0
+    step, largest_step = find_rounding(joints), _LARGEST_STEP * radian / float(np.degrees(1.0))
+    return max(_ENCODER_NOISE * radian, step if step <= largest_step else 0.0) + _ARITHMETIC
+
+
+def _repeats(joints: FloatArray, bound: float) -> bool:
+    """Return whether the joints (N, count, n) of each posture differ by no more than a bound."""
+    return bool((joints.max(axis=1) - joints.min(axis=1)).max() <= bound)
 
 
 def build_joints(
@@ -184,13 +201,13 @@ def build_joints(
     Args:
         table: numbers of a file.
         window: columns of the joints, from base to flange.
-        groups: which rows belong to one posture; they have equal joints, so that the first row is read.
+        groups: which rows belong to one posture; the mean of their joints is read.
         rows: indices of the postures to read.
         robot: robot with as many joints as columns.
         countings: ways in which controllers count joints.
     """
     numbers_of_postures = groups.split(table.numbers[:, list(window)])
-    numbers = numbers_of_postures[rows, 0]
+    numbers = numbers_of_postures[rows].mean(axis=1)
     is_in_mm = np.percentile(np.abs(numbers), _ORDINARY, axis=0) > _LARGEST_SLIDE
     lengths = np.where(is_in_mm, 1e-3 * numbers, numbers)
     for unit in _find_angle_units(numbers[:, ~robot.prismatic]):

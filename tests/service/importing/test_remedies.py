@@ -1100,6 +1100,7 @@ def strangers() -> dict[str, Proposed]:
     named = ["Pose", "Target", *IN_TURN[1:]]
     of_targets = [[row[0], f"T{row[1]}", *row[2:]] for row in OF_TWO_TARGETS]
     misspelt = [*of_targets[:6], [of_targets[6][0], "TI", *of_targets[6][2:]], *of_targets[7:]]
+    twice = [";".join(row[1:]) for row in TURNS]
     uneven = [[*row[:3], f"{float(row[3]) + 0.3 * (n % 2)}", *row[4:]] for n, row in enumerate(TURNS)]
     return {
         "block": Proposed(
@@ -1231,6 +1232,11 @@ def strangers() -> dict[str, Proposed]:
             "the 2 rows of a posture have different joints",
             {"a.csv": table(IN_TURN, uneven)},
             stated={"joint_tolerance": 0.5},
+        ),
+        "postures that occur twice": Proposed(
+            "so that some may be under load",
+            {"a.csv": "\n".join(twice[:-1])},
+            stated={"state": "unloaded"},
         ),
         "header of other columns": Proposed(
             "`header` names 3 columns",

@@ -1,0 +1,286 @@
+"""Tables with several rows for each posture: what stands in the first row only, and states without names."""
+
+import io
+
+import numpy as np
+import openpyxl
+import pytest
+from support.catalogue_arms import build_nominal_robots, readings_on
+from support.importing_samples import refusals
+
+import jointstiff as js
+from jointstiff.service.importing.grammar import Meaning, Quantity
+from jointstiff.service.importing.grid import Row
+from jointstiff.service.importing.merged_rows import fill_down
+
+ARM = "Universal Robots UR10e"
+ROBOT = next(known.robot for known in build_nominal_robots() if known.name == ARM)
+READINGS = readings_on(ROBOT, seed=94, configurations=12)
+DEGREES = np.rad2deg(READINGS.joints)
+FIRST = 1e3 * READINGS.position[:, 0]
+SECOND = 1e3 * READINGS.position[:, 1]
+SAG = np.array([0.02, -0.03, -0.4])
+STATED = {"encoders": "motor", "load_point": [0, 0, 100], "force": [0, 0, -100], "units": {"force": "N"}}
+BLANK = [""] * 7
+
+
+def cells(numbers, digits=3):
+    return [f"{float(number):.{digits}f}" for number in numbers]
+
+
+def names_of(number):
+    return [f"{number + 1}", *cells(DEGREES[number])]
+
+
+def rows_of_targets():
+    header = ["Stellung", *(f"A{i} [°]" for i in range(1, 7)), "Ziel", *(f"{c} ohne" for c in "XYZ")]
+    yield [*header, *(f"{c} mit" for c in "XYZ")]
+    for number in range(len(DEGREES)):
+        for first, target, places in ((names_of(number), "SMR1", FIRST), (BLANK, "SMR2", SECOND)):
+            yield [*first, target, *cells(places[number]), *cells(places[number] + SAG)]
+
+
+def rows_of_states():
+    yield ["Nr", *(f"J{i}" for i in range(1, 7)), "Ablauf", "X", "Y", "Z"]
+    for number, place in enumerate(FIRST):
+        yield [*names_of(number), "ohne Last", *cells(place)]
+        yield [*BLANK, "mit Last", *cells(place + SAG)]
+        yield [*BLANK, "ohne Last wieder", *cells(place + 0.01)]
+
+
+def rows_of_states_and_targets():
+    yield ["label", *(f"J{i} [deg]" for i in range(1, 7)), "state", "target", *(f"{c} [mm]" for c in "xyz")]
+    for number in range(len(DEGREES)):
+        for state, shift in (("unloaded", 0.0), ("loaded", SAG)):
+            first = names_of(number) if state == "unloaded" else BLANK
+            yield [*first, state, "SMR1", *cells(FIRST[number] + shift)]
+            yield [*BLANK, "", "SMR2", *cells(SECOND[number] + shift)]
+
+
+def write_csv(rows):
+    return "\n".join(";".join(row) for row in rows).encode() + b"\n"
+
+
+def write_workbook(rows):
+    book = openpyxl.Workbook()
+    sheet = book.active
+    for row in rows:
+        sheet.append(
+            [float(cell) if cell.lstrip("-").replace(".", "", 1).isdigit() else cell for cell in row]
+        )
+    for first in range(2, sheet.max_row, 2):
+        for column in range(1, 8):
+            sheet.merge_cells(start_row=first, end_row=first + 1, start_column=column, end_column=column)
+    output = io.BytesIO()
+    book.save(output)
+    return output.getvalue()
+
+
+def shifts_of(proposal):
+    observations = proposal.accept().campaign.measurement_set.observations
+    return {
+        each.target: np.subtract(each.loaded, each.unloaded) for own in observations for each in own.readings
+    }, observations
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "targets"),
+    [
+        ("merged.xlsx", write_workbook(rows_of_targets()), {"SMR1", "SMR2"}),
+        ("targets.csv", write_csv(rows_of_targets()), {"SMR1", "SMR2"}),
+        ("states.csv", write_csv(rows_of_states()), {"T1"}),
+        ("both.csv", write_csv(rows_of_states_and_targets()), {"SMR1", "SMR2"}),
+    ],
+    ids=["merged cells", "rows of targets", "rows of states", "states of two rows"],
+)
+def test_names_and_joints_of_the_first_row_hold_for_the_rows_of_their_posture(
+    name, content, targets, tmp_path
+):
+    (tmp_path / name).write_bytes(content)
+    proposal = js.read(tmp_path / name, robot=ARM, length_unit="mm", **STATED)
+    shifts, observations = shifts_of(proposal)
+    assert set(shifts) == targets
+    assert len(observations) == len(DEGREES)
+    assert all(np.allclose(shift, SAG, atol=2e-3) for shift in shifts.values())
+
+
+def row(line, *texts):
+    return Row(line, texts)
+
+
+JOINT, X = Meaning(Quantity("joint"), 0), Meaning(Quantity("position"), 0)
+UNTIDY = {
+    "a posture has more rows than the others": ["1", "", "2", "", "", "", "3", ""],
+    "one cell is missing": ["1", "2", "3", "4", "", "6"],
+    "the first row has no cell": ["", "1", "", "2", "", "3", ""],
+}
+
+
+@pytest.mark.parametrize("form", UNTIDY)
+def test_no_cell_is_filled_where(form):
+    rows = [row(number, cell, "7.5") for number, cell in enumerate(UNTIDY[form])]
+    assert fill_down(rows, ("J1", "x"), (JOINT, X)) == (tuple(rows), "")
+
+
+def test_readings_are_never_filled_from_above():
+    rows = [
+        row(number, f"{number}" if number % 2 == 0 else "", "1.5" * (number % 2 == 0)) for number in range(8)
+    ]
+    filled = fill_down(rows, ("J1", "x"), (JOINT, X)).rows
+    assert [each.cells for each in filled[:2]] == [("0", "1.5"), ("0", "")]
+
+
+def test_a_state_in_two_of_three_rows_is_not_filled():
+    state = Meaning(Quantity("state"))
+    words = ("unloaded", "loaded", "")
+    rows = [row(n, f"{n}" if n % 3 == 0 else "", words[n % 3]) for n in range(9)]
+    filled = fill_down(rows, ("J1", "state"), (JOINT, state)).rows
+    assert [each.cells[1] for each in filled[:3]] == ["unloaded", "loaded", ""]
+
+
+def test_the_empty_joint_of_a_list_is_refused():
+    lines = ["label;J1 [deg];P1 dx [mm];P1 dy [mm];P1 dz [mm]", "a;1;2;3;4", "b;;3;3;4", "c;4;5;6;7"]
+    assert any("this row has no joint" in each for each in refusals(("a.csv", "\n".join(lines) + "\n")))
+
+
+# ---- states without names
+
+NOISE = np.random.default_rng(5)
+FORCES = ("TCP_force_0", "TCP_force_1", "TCP_force_2")
+
+
+def pairs(order, load, header="payload", *, noise=1e-5):
+    """Yield a header, then the rows of each posture without and under load in an order such as `ul`."""
+    yield ["time", *(f"q{i}" for i in range(6)), *FORCES, header]
+    for number, own in enumerate(READINGS.joints):
+        for state in order[number % len(order)]:
+            joints = own + noise * NOISE.uniform(-1.0, 1.0, 6)
+            size = load if state == "l" else 0.0
+            yield [f"{number}", *cells(joints, 6), *cells(NOISE.normal(0.0, 1.5, 3)), size]
+
+
+def text_of(rows):
+    return "\n".join(" ".join(map(str, row)) for row in rows).encode() + b"\n"
+
+
+def positions(order):
+    rows = [place + SAG * (state == "l") for n, place in enumerate(FIRST) for state in order[n % len(order)]]
+    return text_of([["X", "Y", "Z"], *map(cells, rows)])
+
+
+@pytest.mark.parametrize(
+    "order", [["ul"], ["lu"], ["ul", "lu", "lu"]], ids=["unloaded first", "last", "mixed"]
+)
+@pytest.mark.parametrize("header", ["payload", "load_cell[N]", "Kraft[N]"])
+def test_a_column_of_loads_shows_which_rows_are_under_load(order, header, tmp_path):
+    (tmp_path / "robot.txt").write_bytes(text_of(pairs(order, 100.0, header)))
+    (tmp_path / "points.txt").write_bytes(positions(order))
+    proposal = js.read(tmp_path / "robot.txt", tmp_path / "points.txt", robot=ARM, length_unit="mm", **STATED)
+    shifts, observations = shifts_of(proposal)
+    assert len(observations) == len(FIRST)
+    assert np.allclose(shifts["T1"], SAG, atol=2e-3)
+    assert "their mean was taken" in str(proposal)
+
+
+def test_postures_that_occur_twice_with_other_readings_are_no_unloaded_poses(tmp_path):
+    rows = [
+        " ".join([*cells(joints, 5), *cells(place + shift)])
+        for joints, place in zip(READINGS.joints, FIRST, strict=True)
+        for shift in (0.0, SAG)
+    ]
+    (tmp_path / "a.txt").write_text("\n".join(rows[:-1]) + "\n")  # the last posture lacks a row
+    with pytest.raises(js.CampaignError, match="row 2 has the joints of row 1, as in 11 of 12 postures"):
+        js.read(tmp_path / "a.txt", robot=ARM, encoders="motor")
+    assert js.read(tmp_path / "a.txt", robot=ARM, encoders="motor", state="unloaded").accept()
+
+
+def test_repeats_within_noise_are_unloaded_poses(tmp_path):
+    rows = [
+        " ".join([*cells(joints, 5), *cells(place + shift)])
+        for joints, place in zip(READINGS.joints, FIRST, strict=True)
+        for shift in (0.0, 0.02)
+    ]
+    (tmp_path / "a.txt").write_text("\n".join(rows[:-1]) + "\n")
+    assert js.read(tmp_path / "a.txt", robot=ARM, encoders="motor").accept()
+
+
+# ---- notes, displacements, arrays and words
+
+
+def test_joints_between_slashes_and_labelled_lines_are_postures(tmp_path):
+    lines = ["Messprotokoll, Halle 3", "Last = 4 kg", ""]
+    for number, degrees in enumerate(DEGREES):
+        lines += [f"Pose {number + 1}:  J = ({' / '.join(cells(degrees, 2))})"]
+        lines += [f"   ohne Last:  {'  '.join(cells(FIRST[number]))}"]
+        lines += [
+            f"   mit Last:   {'  '.join(cells(FIRST[number] + SAG))}",
+            "   (neu angepeilt)"[: 20 * (number == 2)],
+        ]
+        lines += [""]
+    (tmp_path / "notes.txt").write_text("\n".join(lines).replace(".", ","))
+    shifts, observations = shifts_of(js.read(tmp_path / "notes.txt", robot=ARM, length_unit="mm", **STATED))
+    assert len(observations) == len(FIRST)
+    assert np.allclose(shifts["T1"], SAG, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("words", "unit"),
+    [
+        ("dX com carga", "mm"),
+        ("ΔX", "µm"),
+        ("depl. X", "mm"),
+        ("Versch. X", "µm"),
+        ("X spostamento", "mm"),
+    ],
+)
+def test_displacements_beside_positions_without_load_are_added(words, unit, tmp_path):
+    factor = 1e3 if unit == "µm" else 1.0
+    header = [*(f"A{i} [°]" for i in range(1, 7)), *(f"{axis} [mm]" for axis in "XYZ")]
+    header += [f"{words.replace('X', axis)} [{unit}]" for axis in "XYZ"]
+    rows = [
+        [*cells(degrees), *cells(place), *cells(factor * SAG)]
+        for degrees, place in zip(DEGREES, FIRST, strict=True)
+    ]
+    (tmp_path / "a.csv").write_bytes(write_csv([header, *rows]))
+    shifts, _ = shifts_of(js.read(tmp_path / "a.csv", robot=ARM, length_unit="mm", **STATED))
+    assert np.allclose(shifts["T1"], SAG, atol=2e-3)
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("axis_of_targets", [1, 2])
+def test_three_targets_of_an_array_are_those_whose_distances_stay(axis_of_targets, tmp_path):
+    places = np.stack([FIRST, SECOND, 1e3 * READINGS.position[:, 2]], axis=axis_of_targets)
+    sag = SAG[None, None, :] if axis_of_targets == 1 else SAG[None, :, None]
+    np.savez(tmp_path / "a.npz", q_deg=DEGREES, P_unloaded=places, P_loaded=places + sag)
+    shifts, _ = shifts_of(js.read(tmp_path / "a.npz", robot=ARM, length_unit="mm", **STATED))
+    assert len(shifts) == 3
+    assert all(np.allclose(shift, SAG, atol=1e-6) for shift in shifts.values())
+
+
+@pytest.mark.parametrize(
+    ("without", "under"), [("bez", "z"), ("zonder", "met"), ("utan", "med"), ("sin", "con")]
+)
+def test_words_for_without_and_with_of_one_language_are_states(without, under, tmp_path):
+    header = [*(f"J{i} [deg]" for i in range(1, 7)), *(f"{axis} {without} xyzzy [mm]" for axis in "XYZ")]
+    header += [f"{axis} {under} xyzzy [mm]" for axis in "XYZ"]
+    rows = [
+        [*cells(degrees), *cells(place), *cells(place + SAG)]
+        for degrees, place in zip(DEGREES, FIRST, strict=True)
+    ]
+    (tmp_path / "a.csv").write_bytes(write_csv([header, *rows]))
+    stated = {**STATED, "force": None}
+    proposal = js.read(tmp_path / "a.csv", robot=ARM, length_unit="mm", **stated)
+    assert "unloaded [mm] and" in str(proposal)
+
+
+def test_a_size_of_a_force_is_offered_as_the_force(tmp_path):
+    header = [*(f"J{i} [deg]" for i in range(1, 7)), *(f"{axis} bez [mm]" for axis in "XYZ")]
+    header += [*(f"{axis} z [mm]" for axis in "XYZ"), "Síla č. 2 [N]"]
+    rows = [
+        [*cells(degrees), *cells(place), *cells(place + 0.3), "50"]
+        for degrees, place in zip(DEGREES, FIRST, strict=True)
+    ]
+    (tmp_path / "a.csv").write_bytes(write_csv([header, *rows]))
+    stated = {name: value for name, value in STATED.items() if name != "force"}
+    answer = js.read(tmp_path / "a.csv", robot=ARM, length_unit="mm", **stated).accept()
+    assert any("`force` is 0,0,-50 N" in each for each in answer.missing)
