@@ -1,4 +1,4 @@
-"""Sheets of a workbook that a proposal reads, if the names of the sheets do not tell them."""
+"""Sheets of a workbook that a proposal reads, if the names of the sheets do not show them."""
 
 from __future__ import annotations
 

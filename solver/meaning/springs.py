@@ -22,7 +22,7 @@ LEAST_MARGIN: Final = 8.0
 _DIRECTIONS: Final = 200
 """Number of directions that are compared with −z."""
 _NEAR: Final = float(np.cos(np.radians(30.0)))
-"""Cosine of the angle of directions that are not told from −z."""
+"""Cosine of the angle of directions too near to −z to be compared."""
 _LEAST_NUMBERS: Final = 18
 """Least number of coordinates of deflections, three for each of six compliances."""
 
@@ -58,7 +58,7 @@ class DeflectedTargets:
 
     @property
     def are_enough(self) -> bool:
-        """Return whether there are enough deflections to tell forces apart."""
+        """Return whether there are enough deflections to distinguish forces."""
         return self.deflections.size >= _LEAST_NUMBERS and bool(self.deflections.any())
 
     def measure_unexplained(self, forces: FloatArray) -> float:
