@@ -326,7 +326,7 @@ def leave_out_copied_states(view: View) -> tuple[list[Finding], View]:
 
 
 def _list_copies(measurements: Measurements, is_copied: BoolArray) -> list[str]:
-    """Return in words which targets of which observations have equal readings, by groups of equal targets.
+    """Return in words the targets and observations with equal readings, by groups of equal targets.
 
     Args:
         measurements: Observations with the readings.

@@ -175,7 +175,8 @@ def test_a_joint_that_the_robot_lacks_is_refused():
 
 
 def test_a_step_is_imported_alone():
-    files = [SourceFile(name, text_of(rows_of(STEP)).encode()) for name in ("a.csv", "b.csv")]
+    text = text_of(rows_of(STEP))
+    files = [SourceFile("a.csv", text.encode()), SourceFile("b.csv", f"{text}\n".encode())]
     (fault,) = understand_files(files, ImportOptions()).faults
     assert fault.reason == "a weight step was sent with further tables"
 
