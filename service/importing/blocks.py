@@ -43,7 +43,8 @@ _UNIT_BEHIND: Final = re.compile(
 """A name, its sign and number, and a unit."""
 _SEPARATOR: Final = re.compile(r"[;|]|,(?=\s)")
 _SLASHED: Final = re.compile(
-    r"[(\[{][ \t]{0,3}([-+]?\d[\d.,]{0,20}(?:[ \t]{0,3}[/|][ \t]{0,3}[-+]?\d[\d.,]{0,20}){3,31})[ \t]{0,3}[)\]}]"
+    r"[(\[{][ \t]{0,3}([-+]?\d[\d.,]{0,20}(?:[ \t]{0,3}[/|][ \t]{0,3}[-+]?\d[\d.,]{0,20}){3,31})"
+    r"[ \t]{0,3}[)\]}]"
 )
 """Four numbers or more between slashes in brackets, as in `J = (34,2 / 22,7 / 58,4 / -31,5)`."""
 _DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+")

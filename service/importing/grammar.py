@@ -626,6 +626,8 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
         ImportFileError: the header is not understood.
     """
     words = _classify_words(_join_phrases(_STATE_PHRASE, base), state_words)
+    if "deflection" in words.states:
+        words.states.discard("loaded")  # a displacement is one under load
     is_gauge = words.names_gauge
     kind: Kind = "along" if is_gauge else words.kind
     axis_count = 0 if kind == "point uncertainty" else 1
@@ -711,8 +713,6 @@ def _classify_words(base: str, state_words: Mapping[str, State]) -> _Words:
             words.kinds.add(_KINDS[word])
         elif word not in _WORD_LISTS["coordinates"]:
             words.others.append(token)
-    if "deflection" in words.states:
-        words.states.discard("loaded")  # a displacement is one under load
     return words
 
 
