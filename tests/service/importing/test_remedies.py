@@ -891,7 +891,23 @@ def xml(fault: str, wrong: str) -> Case:
     return Case(fault, {"a.xml": wrong}, {"a.xml": CERTIFICATE})
 
 
+VAL3 = (
+    '<Database xmlns="http://www.staubli.com/robotics/VAL3/Data/2"><Datas><Data name="j" type="jointRx">'
+    + "".join(
+        f'<Value key="{k}" j1="{k + 1}.5" j2="-20" j3="30" j4="0" j5="45" j6="{k}0"/>' for k in range(3)
+    )
+    + "</Data></Datas></Database>"
+)
+
+
+def val3(fault: str, wrong: str) -> Case:
+    """Return joint positions of VAL3 with a mistake, and some without it."""
+    return Case(fault, {"a.dtx": wrong}, {"a.dtx": VAL3})
+
+
 CERTIFICATES = {
+    "VAL3 data without positions": val3("no array of 3 joint positions", VAL3.replace("jointRx", "num")),
+    "position of VAL3 without an axis": val3("lacks an axis", VAL3.replace(' j6="10"', "")),
     "another XML": xml("is no calibration certificate", '<a xmlns="https://ptb.de/dcc"/>'),
     "certificate without a list": xml("has no list of 3 values", dcc("")),
     "lists of other lengths": xml(
@@ -1104,7 +1120,12 @@ def strangers() -> dict[str, Proposed]:
     uneven = [[*row[:3], f"{float(row[3]) + 0.3 * (n % 2)}", *row[4:]] for n, row in enumerate(TURNS)]
     return {
         "block": Proposed(
-            "this block has 4 rows", {"p.txt": "".join(lines[:10] + lines[11:])}, {"p.txt": blocks}
+            "this block has 4 rows", {"p.txt": "".join(lines[:8] + lines[9:])}, {"p.txt": blocks}
+        ),
+        "row with fewer cells": Proposed(
+            "cells, but the other rows of the table have",
+            {"a.csv": table(WIDE, [*NUMBERED[:4], NUMBERED[4][:-1], *NUMBERED[5:]])},
+            {"a.csv": wide},
         ),
         "row of other words in a block": Proposed(
             "the first block has no row 'T2 loaded",
@@ -1151,8 +1172,8 @@ def strangers() -> dict[str, Proposed]:
             stated={"columns": {"No.": "target"}},
         ),
         "form that lacks a row": Proposed(
-            "the form 'Pose 3' lacks 'T1 loaded X'",
-            {"a.xlsx": workbook([row for row in FORM_ROWS if row != FORM_ROWS[17]])},
+            "the form 'Pose 3' lacks 'J1'",
+            {"a.xlsx": workbook([row for row in FORM_ROWS if row != FORM_ROWS[14]])},
             {"a.xlsx": workbook(FORM_ROWS)},
         ),
         "row twice": Proposed(
