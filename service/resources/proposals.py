@@ -1003,13 +1003,23 @@ def _name_forces(
 def _turn_forces(
     proposal: Proposal, tables: Sequence[NumberTable], evidence: ForceEvidence
 ) -> tuple[Sequence[NumberTable], list[str]]:
-    """Return the tables with forces and moments turned into R0, if they are in the axes of the positions."""
+    """Return the tables with forces and moments turned into R0, if they are likely in the positions' axes.
+
+    A note says which axes were taken, wherever the deflections do not show those of R0.
+    """
     joints = next(table for table in tables if table.name == proposal.joints.table)
     columns = list(joints.find_columns_of("force").values())
-    if not evidence.are_in_axes_of_positions(joints.table.numbers[:, columns]):
+    axes = evidence.judge_axes(joints.table.numbers[:, columns])
+    if axes is None:
         return tables, []
+    difference = (
+        f"{axes.reason} (the axes differ by {math.degrees(proposal.frame.turn):.2g}°, "
+        f"the forces by {100.0 * axes.change:.2g} %)"
+    )
+    if not axes.are_of_positions:
+        return tables, [f"the forces taken in axes of R0, {difference}"]
     turned = joints.turn_vectors(("force", "moment"), proposal.frame.rotation)
-    note = "the forces turned into R0 with the positions, as the deflections show"
+    note = f"the forces turned into R0 with the positions, {difference}"
     return [turned if table is joints else table for table in tables], [note]
 
 
@@ -1024,11 +1034,19 @@ def _name_bare_forces(
     joints = next(table for table in tables if table.name == proposal.joints.table)
     left = next(each for each in list_columns_left(proposal, tables) if each.table is joints)
     columns = find_bare_vector(left)
-    if columns is None or not evidence.are_forces(joints.table.numbers[:, list(columns)]):
+    if columns is None:
         return tables, []
+    numbers = joints.table.numbers[:, list(columns)]
     listed = f"columns {columns[0] + 1}–{columns[2] + 1}"
-    if request.force is not None:
-        raise _NoProposalError(f"`force` is stated, but {listed} are the force of each row", "omit `force`")
+    if evidence.are_forces(numbers):
+        if request.force is not None:
+            reason = f"`force` is stated, but {listed} are the force of each row"
+            raise _NoProposalError(reason, "omit `force`")
+    elif request.force is not None and evidence.may_be_forces(numbers):
+        reason = f"`force` is stated, but {listed} without headers may be the force of each row"
+        raise _NoProposalError(reason, "say what these columns are by `header`, which names all columns")
+    else:
+        return tables, []
     named = joints.name_forces(columns)
     note = f"{listed} as the force, as the deflections show"
     return [named if table is joints else table for table in tables], [note]
