@@ -68,9 +68,7 @@ def name_rows(
     label_column = None if options.by_order else _find_label_column(table)
     state_column = _find_state_column(table, options, label_column)
     target_column = _find_target_column(table, (label_column, state_column))
-    group_column = None if label_column is None else _find_groups(table, label_column, known_labels)
-    if group_column is not None:
-        label_column, target_column = group_column, label_column
+    label_column, target_column = _separate_groups(table, label_column, target_column, known_labels)
     masses = _list_masses(table)
     forces = _list_forces(table) or _list_loads(table)
     names = [RowName()] * len(table.rows)
@@ -193,8 +191,16 @@ def _find_label_column(table: NumberTable) -> int | None:
     return first if is_label else None
 
 
+def _separate_groups(
+    table: NumberTable, label_column: int | None, target_column: int | None, known_labels: Collection[str]
+) -> tuple[int | None, int | None]:
+    """Return the columns of labels and targets, with the groups of named targets as the labels."""
+    groups = None if label_column is None else _find_groups(table, label_column, known_labels)
+    return (label_column, target_column) if groups is None else (groups, label_column)
+
+
 def _find_groups(table: NumberTable, name_column: int, known_labels: Collection[str]) -> int | None:
-    """Return the column of the posture of each row, where a column of names has only targets; None without one.
+    """Return the column of the postures of rows, where a column of names has only targets; None without one.
 
     Its texts are names of observations in another table, and those of `name_column` are not: each name
     occurs in several postures, once in each.

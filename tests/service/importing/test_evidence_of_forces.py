@@ -150,7 +150,7 @@ def test_one_force_is_refused_where_columns_are_the_force_of_each_row(tmp_path):
 
 
 def write_blocks(joints, positions, forces):
-    """Return the rows without load above those under load, which have the force in columns without headers."""
+    """Return rows without load above those under load, which have forces in columns without headers."""
     texts = [[*JOINTS, "X", "Y", "Z", "", "", ""]]
     for state, others in enumerate((np.full_like(forces, np.nan), forces)):
         rows = np.column_stack([joints, 1e3 * positions[:, state], others])

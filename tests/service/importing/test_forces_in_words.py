@@ -368,3 +368,34 @@ def test_many_masses_in_words_are_no_load(tmp_path):
     ]
     files = {"a.csv": table(["Pose", *(f"{joint} [deg]" for joint in JOINTS), "Remark", *POINTS], rows)}
     assert accept(files, tmp_path).missing[0].endswith("(N, kN, kgf, lbf)")
+
+
+def test_a_load_in_words_is_quoted_without_the_number_of_the_cell_before(tmp_path):
+    rows = [
+        [*row, load]
+        for row, load in zip(wide(CAMPAIGN, UNLOADED, LOADED), ["160 kg", *[""] * 13], strict=True)
+    ]
+    headers = ["Pose", *(f"{joint} [deg]" for joint in JOINTS), *POINTS, "Remark"]
+    (missing,) = propose({"a.csv": table(headers, rows)}, tmp_path).accept().missing
+    assert 'says "160 kg"' in missing
+    assert "`force` is 0,0,-160 kgf" in missing
+
+
+@pytest.mark.parametrize(
+    "header", ["load_kg", "payload_kg", "carga_kg", "last_kg", "mass_kg", "Zuladung (kg)"]
+)
+def test_loads_in_kg_of_the_rows_of_a_posture_are_several_loads(header, tmp_path):
+    more = LOADED + (LOADED - UNLOADED)
+    rows = [
+        [f"P{number}", load, *digits(joints), *digits(place)]
+        for number, (joints, *places) in enumerate(
+            zip(CAMPAIGN.joints, UNLOADED, LOADED, more, strict=True), 1
+        )
+        for load, place in zip(("0", "10", "20"), places, strict=True)
+    ]
+    text = table(["pose", header, *(f"{joint}_deg" for joint in JOINTS), "x_mm", "y_mm", "z_mm"], rows)
+    answer = accept({"a.csv": text}, tmp_path)
+    assert answer.measurement_set.units.force == "kgf"
+    forces = {tuple(each.force) for each in answer.measurement_set.observations}
+    assert sorted(np.round([force[2] for force in forces], 1)) == pytest.approx([-20.0, -10.0])
+    assert len(answer.measurement_set.observations) == 2 * len(CAMPAIGN.joints)
