@@ -12,6 +12,7 @@ import numpy as np
 from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
 from jointstiff.schemas.meaning import JointsMeaning, PointsMeaning, TableMeaning
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
+from jointstiff.service.conversion.units import FORCE
 from jointstiff.service.importing.deflections import (
     Deflection,
     add_deflections,
@@ -19,7 +20,7 @@ from jointstiff.service.importing.deflections import (
     list_lone_displacements,
 )
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
-from jointstiff.service.importing.grammar import Vocabulary, find_unit_of_size
+from jointstiff.service.importing.grammar import Vocabulary, find_unit_of_size, is_in_kg
 from jointstiff.service.importing.joining import join_tables
 from jointstiff.service.importing.lengths import convert_columns, unify_lengths
 from jointstiff.service.importing.naming import (
@@ -99,6 +100,8 @@ OPTIONS_OF_FILES: Final = (
 )
 """Options that a template keeps of files that a proposal explains."""
 
+_SAME_WEIGHT: Final = 0.02
+"""Largest difference of a stated force and the weight of a column of masses, as a part of the weight."""
 _LARGEST_WORSENING: Final = 3.0
 """Largest ratio of the residuals of files and of those of their template."""
 _LEAST_ALONG: Final = 0.75
@@ -718,16 +721,30 @@ def _has_masses(
     A force that the caller or a column states takes precedence for one load.
 
     Raises:
-        ImportFileError: several loads have one force.
+        ImportFileError: several loads have one force, or a column of masses has another one.
     """
     masses = list_masses(named)
     joints = next(table for table in tables if table.name == proposal.joints.table)
     has_force = request.force is not None or has_column_of(joints, "force")
-    if len(masses) > 1 and has_force and request.force is not None:
+    if request.force is not None and (len(masses) > 1 or _differs_from_mass(masses, joints, request)):
         listed = " and ".join("another load" if mass is None else f"{mass:g} kg" for mass in masses)
         reason = f"there are readings under {listed}, and `force` states one force for all"
+        if len(masses) == 1:
+            reason = f"there are readings under {listed}, and `force` is not this weight"
         raise ImportFileError(NOWHERE, reason, "omit `force`: the masses are those of the files", "force")
     return None not in masses and bool(masses) and not has_force
+
+
+def _differs_from_mass(masses: Sequence[float | None], joints: NumberTable, request: ImportRequest) -> bool:
+    """Return whether the stated force is not the weight of the one mass of a column in kg."""
+    unit = None if request.units is None else request.units.force
+    has_column = any(map(is_in_kg, joints.headers)) and any(name.mass for name in joints.turn)
+    mass = masses[0] if masses else None
+    if not has_column or mass is None or request.force is None or unit is None:
+        return False
+    weight = mass * FORCE["kgf"]
+    stated = FORCE[unit] * float(np.linalg.norm(request.force))
+    return abs(stated - weight) > _SAME_WEIGHT * weight
 
 
 class _Numbers(NamedTuple):

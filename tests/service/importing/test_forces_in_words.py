@@ -394,8 +394,27 @@ def test_loads_in_kg_of_the_rows_of_a_posture_are_several_loads(header, tmp_path
         for load, place in zip(("0", "10", "20"), places, strict=True)
     ]
     text = table(["pose", header, *(f"{joint}_deg" for joint in JOINTS), "x_mm", "y_mm", "z_mm"], rows)
-    answer = accept({"a.csv": text}, tmp_path)
+    proposed = propose({"a.csv": text}, tmp_path)
+    assert "not read" not in str(proposed)
+    answer = proposed.accept()
     assert answer.measurement_set.units.force == "kgf"
     forces = {tuple(each.force) for each in answer.measurement_set.observations}
     assert sorted(np.round([force[2] for force in forces], 1)) == pytest.approx([-20.0, -10.0])
     assert len(answer.measurement_set.observations) == 2 * len(CAMPAIGN.joints)
+
+
+@pytest.mark.parametrize(("newtons", "is_weight"), [(98.1, True), (900.0, False)])
+def test_a_stated_force_is_refused_if_a_column_of_masses_has_another_weight(newtons, is_weight, tmp_path):
+    rows = [
+        [f"P{number}", load, *digits(joints), *digits(place)]
+        for number, (joints, *places) in enumerate(zip(CAMPAIGN.joints, UNLOADED, LOADED, strict=True), 1)
+        for load, place in zip(("0", "10"), places, strict=True)
+    ]
+    header = ["pose", "load_kg", *(f"{joint}_deg" for joint in JOINTS), "x_mm", "y_mm", "z_mm"]
+    stated = {"force": [0, 0, -newtons], "units": {"force": "N"}}
+    files = {"a.csv": table(header, rows)}
+    if is_weight:
+        assert read_force(files, tmp_path, **stated) == pytest.approx([0.0, 0.0, -newtons])
+        return
+    with pytest.raises(js.CampaignError, match="under 10 kg, and `force` is not this weight"):
+        propose(files, tmp_path, **stated)
