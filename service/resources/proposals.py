@@ -1030,8 +1030,8 @@ def _turn_forces(
     if axes is None:
         return tables, []
     difference = (
-        f"{axes.reason} (the axes differ by {math.degrees(proposal.frame.turn):.2g}°, "
-        f"the forces by {100.0 * axes.change:.2g} %)"
+        f"{axes.reason} (the axes differ by {math.degrees(proposal.frame.turn):.1f}°, "
+        f"the forces by {100.0 * axes.change:.1f} %)"
     )
     if not axes.are_of_positions:
         return tables, [f"the forces taken in axes of R0, {difference}"]

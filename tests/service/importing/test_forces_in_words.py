@@ -10,6 +10,7 @@ import scipy.io
 from support.strange_files import JOINTS, both, digits, joint_rows, judge, simulate, table, wide
 
 import jointstiff as js
+from jointstiff.service.problems import http_problem
 
 ARM = "KUKA KR 210 R2700 extra"
 CAMPAIGN = simulate(ARM, seed=3, postures=14)
@@ -379,6 +380,15 @@ def test_a_load_in_words_is_quoted_without_the_number_of_the_cell_before(tmp_pat
     (missing,) = propose({"a.csv": table(headers, rows)}, tmp_path).accept().missing
     assert 'says "160 kg"' in missing
     assert "`force` is 0,0,-160 kgf" in missing
+
+
+def test_a_refusal_without_the_force_shows_the_likely_force_whole(tmp_path):
+    rows = wide(CAMPAIGN, UNLOADED, LOADED)
+    headers = ["Pose", *(f"{joint} [deg]" for joint in JOINTS), *POINTS]
+    name = "a long name of a file of readings of a robot in a cell.csv"
+    (missing,) = propose({name: f"# Last: 150 kg\n{table(headers, rows)}"}, tmp_path).accept().missing
+    refused = http_problem(422, f"nothing was written, because information is missing: {missing}")
+    assert refused.detail.endswith("`force` is 0,0,-150 kgf")
 
 
 @pytest.mark.parametrize(
