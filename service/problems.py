@@ -631,7 +631,7 @@ def http_problem(status: int, detail: str, remedy: str | None = None) -> Problem
         type=_urn(phrase.lower().replace(" ", "-")),
         title=phrase,
         status=status,
-        detail=_shorten(detail),
+        detail=_shorten(detail, 2 * _LONGEST),
         remedy=remedy,
     )
 
