@@ -139,7 +139,7 @@ def rehearse(
     planted = _parse_stiffnesses(stiffness or ())
     if save is not None:
         check_ending(save, [".json"])
-        refuse_existing(save, overwrite=overwrite)
+        refuse_existing(save, overwrite=overwrite, inputs=(file, robot))
     result = do_rehearse(file, robot=robot, stiffness=planted, seed=seed)
     if save is not None:
         result.save(save)
