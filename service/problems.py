@@ -49,7 +49,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
-from errno import EISDIR, ENOENT
+from errno import EISDIR, ENAMETOOLONG, ENOENT
 from http import HTTPStatus
 from pathlib import Path
 from types import MappingProxyType
@@ -814,6 +814,11 @@ def _find_remedy_of_limits(error: Mapping[str, Any]) -> str | None:
     place = error["loc"]
     if {"priors", "stiffness_bounds"}.intersection(place):
         return STIFFNESS_REMEDY
+    if place[-1:] == ("characteristic_length",):
+        return (
+            "give a length from 1 mm to the arm's reach, such as 0.25 where lengths are in m, as in messages "
+            "and HTTP requests, and 250 where they are in mm"
+        )
     if place[-1:] == ("confidence",):
         return "give a fraction, such as 0.95 for 95 %"
     return _REMEDIES_OF_GOALS.get(str(place[-1])) if "goal" in place else None
@@ -1193,6 +1198,48 @@ class MissingFileError(CampaignError, FileNotFoundError):
         return str(self.args[0])
 
 
+_LONGEST_FILE_NAME: Final = 255
+"""Bytes of the longest name of a file or folder that file systems allow."""
+
+
+def is_content(text: str) -> bool:
+    """Return whether a text in the place of a file's name is the content of a file."""
+    has_breaks = any(mark in text for mark in "\n\r\0")
+    if has_breaks or any(len(os.fsencode(name)) > _LONGEST_FILE_NAME for name in Path(text).parts):
+        return True
+    return text.lstrip()[:1] in ("{", "<") and not Path(text).exists()
+
+
+def describe_content(text: str) -> str:
+    """Return the sentence that a text is the content of a file, with its first words."""
+    first_line = text.strip("\ufeff\0 \t\r\n").partition("\n")[0]
+    shown = " ".join(text[:_LONGEST_FILE_NAME].split())[:_SHOWN_CONTENT].strip()
+    separators = max(first_line.count(separator) for separator in ",;\t")
+    kind = "a table" if separators > 1 else "a program or a table"
+    if first_line[:1] in ("{", "["):
+        kind = "a JSON document"
+    elif first_line[:1] == "<":
+        kind = "an XML document"
+    return f"'{shown}…' is the text of {kind}"
+
+
+GIVE_NAME: Final = "give the name of its file"
+_SHOWN_CONTENT: Final = 30
+"""Characters of a text that an error shows."""
+
+
+class ContentError(CampaignError, FileNotFoundError):
+    """The text of a file in the place of the file's name."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(http_problem(422, describe_content(text), GIVE_NAME))
+        self.errno, self.strerror, self.filename = ENOENT, os.strerror(ENOENT), None
+
+    def __str__(self) -> str:
+        """Return what is wrong, and how to correct it."""
+        return str(self.args[0])
+
+
 class FolderError(CampaignError, IsADirectoryError):
     """A folder in the place of a file; the remedy names files of the folder."""
 
@@ -1242,15 +1289,17 @@ def naming_missing_file() -> Iterator[None]:
     """Turn the error of the block for a missing file, or for a folder, into an error with a remedy."""
     try:
         yield
-    except (MissingFileError, MissingFolderError):
+    except (MissingFileError, MissingFolderError, ContentError):
         raise
     except IsADirectoryError as error:
         if not isinstance(error.filename, str):
             raise
         raise FolderError(Path(error.filename)) from None
-    except FileNotFoundError as error:
-        if not isinstance(error.filename, str):
+    except OSError as error:
+        if not isinstance(error.filename, str) or error.errno not in (ENOENT, ENAMETOOLONG):
             raise
+        if is_content(error.filename):
+            raise ContentError(error.filename) from None
         raise MissingFileError(Path(error.filename)) from None
 
 

@@ -162,12 +162,20 @@ def _refuse_split_names(words: list[str]) -> None:
         typer.BadParameter: consecutive words are the name of a file, but the first word is no file.
     """
     for start, first in enumerate(words):
-        if first.startswith("-") or Path(first).exists():
+        if first.startswith("-") or _exists(first):
             continue
         for end in range(start + 2, min(len(words), start + _MOST_WORDS) + 1):
             name = " ".join(words[start:end])
-            if Path(name).is_file():
+            if _exists(name):
                 raise typer.BadParameter(f"a name with blanks needs quotes: {shlex.quote(name)}")
+
+
+def _exists(word: str) -> bool:
+    """Return whether a word names a file or a folder; a long text names none."""
+    try:
+        return Path(word).exists()
+    except OSError:
+        return False
 
 
 _MOST_WORDS: Final = 8

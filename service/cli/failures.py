@@ -273,12 +273,16 @@ def print_known_error(error: Exception, option_names: Mapping[str, str]) -> type
         option_names: options of the command by the name of the argument of Python, such as `robot`.
     """
     from jointstiff.service.problems import (
+        ContentError,
         MissingFolderError,
         ProblemError,
         ServiceError,
+        is_content,
         problem_from_error,
     )
 
+    if isinstance(error, OSError) and isinstance(error.filename, str) and is_content(error.filename):
+        return print_problem(ContentError(error.filename).problem)
     if isinstance(error, OSError) and error.filename is not None and not isinstance(error, ProblemError):
         missing = isinstance(error, FileNotFoundError) and not Path(error.filename).parent.is_dir()
         if missing:

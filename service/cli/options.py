@@ -58,8 +58,16 @@ def _refuse_missing_files(value: Any) -> Any:  # noqa: ANN401 - of an argument: 
 
 def describe_missing_file(path: Path) -> str | None:
     """Return why a path is no file to read, and which file may be meant; None for a file."""
-    from jointstiff.service.problems import find_similar_file, list_files
+    from jointstiff.service.problems import (
+        GIVE_NAME,
+        describe_content,
+        find_similar_file,
+        is_content,
+        list_files,
+    )
 
+    if is_content(str(path)):
+        return f"{describe_content(str(path))}; {GIVE_NAME}"
     if path.is_dir():
         return f"'{path}' is a folder; give a file in it{list_files(path)}"
     if not path.exists():

@@ -249,3 +249,20 @@ def test_the_load_of_a_plan_is_stated_in_the_words_of_the_terminal(document):
 def test_files_in_a_list_are_given_one_by_one(tmp_path):
     answer = refused(js.import_files, ["a.csv", "b.csv"])
     assert "`list` in place of the name of a file; remedy: give each file as an argument of its own" in answer
+
+
+@pytest.mark.parametrize("door", ["message", "keyword"])
+def test_a_characteristic_length_in_another_unit_is_refused_with_the_length_that_works(door):
+    document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+    by_length = {"method": "complete_pose", "weighting": "characteristic_length"}
+
+    def identify(length):
+        if door == "keyword":
+            return js.identify(document, characteristic_length=length, **by_length)
+        return js.identify(document, js.RunOptions(characteristic_length=length, **by_length))
+
+    wrong, right = (0.25, 250) if door == "keyword" else (250, 0.25)
+    with pytest.raises(js.CampaignError) as refused:
+        identify(wrong)
+    assert "0.25 where lengths are in m, as in messages and HTTP requests, and 250 where" in str(refused.value)
+    assert identify(right).result.characteristic_length == pytest.approx(0.25)
