@@ -727,6 +727,7 @@ def _find_remedy(error: Mapping[str, Any], parameters: Sequence[str]) -> str | N
         or _find_remedy_of_fields_of_sets(error)
         or _find_remedy_of_unread(error)
         or _find_remedy_of_limits(error)
+        or _explain_encoders(error)
         or _find_remedy_of_numbers(error)
         or _find_remedy_of_objects(error)
         or _list_known_fields(error)
@@ -774,9 +775,7 @@ def _find_remedy_of_numbers(error: Mapping[str, Any]) -> str | None:
     if is_box and error["type"] in {"list_type", "too_long", "too_short", "tuple_type"}:
         return "give two corners of the box, each with its x, y and z: [[x1, y1, z1], [x2, y2, z2]]"
     if error["type"] in {"too_long", "too_short"} and message.startswith("Tuple"):
-        # A vector with decimal commas, such as 1,5,2,5,3,5, has too many numbers.
-        moment = "; give a moment as `moment`" if "force" in error["loc"] else ""
-        return f"give one number for each of x, y and z, with decimal points, not commas{moment}"
+        return _find_remedy_of_vectors(error)
     if error["type"] == "string_type" and "leave_out" in error["loc"]:
         return "give labels of observations as texts, in quotes, not their numbers"
     if error["type"] == "list_type" and "leave_out" in error["loc"]:
@@ -786,6 +785,21 @@ def _find_remedy_of_numbers(error: Mapping[str, Any]) -> str | None:
     if message.endswith("must not contain duplicates"):
         return "give each entry only once"
     return None
+
+
+def _find_remedy_of_vectors(error: Mapping[str, Any]) -> str:
+    """Return the remedy for a vector with more or fewer than three numbers, such as a force with a moment."""
+    # A vector with decimal commas, such as 1,5,2,5,3,5, has too many numbers.
+    three = "give one number for each of x, y and z, with decimal points, not commas"
+    if "force" not in error["loc"]:
+        return three
+    if not str(error["msg"]).endswith("not 6"):
+        return f"{three}; give a moment as `moment`"
+    return (
+        f"{three}; if these are a force and a moment, give the moment as `moment`, or in the columns Mx, My, "
+        "Mz of a table of poses: the force is first in a wrench of ROS and in most load cells, last in "
+        "spatial vectors"
+    )
 
 
 STIFFNESS_REMEDY: Final = (
@@ -805,6 +819,18 @@ _REMEDIES_OF_GOALS: Final = MappingProxyType(
 def _is_missing_entry(error: Mapping[str, Any]) -> bool:
     """Return whether the fault is an entry that a list of a fixed length lacks."""
     return error["type"] == "missing" and isinstance(error["loc"][-1], int)
+
+
+def _explain_encoders(error: Mapping[str, Any]) -> str | None:
+    """Return what the words for encoders mean; None for other faults."""
+    is_choice = error["type"] == "literal_error" and error["loc"][-1:] == ("encoders",)
+    return ENCODERS_REMEDY if is_choice else None
+
+
+ENCODERS_REMEDY: Final = (
+    "give `motor` if the controller closes the position loop by the encoders at the motors, `secondary` if "
+    "by encoders behind the gearboxes; absolute or incremental makes no difference"
+)
 
 
 def _find_remedy_of_limits(error: Mapping[str, Any]) -> str | None:

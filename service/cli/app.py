@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Callable
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -88,6 +90,7 @@ class _Commands(typer.core.TyperGroup):
         if command is not None:
             _refuse_single_dashes(command, rest)
             _refuse_repeated_options(command, rest)
+            _refuse_split_vectors(command, rest)
             _refuse_split_names(rest)
         return name, command, rest
 
@@ -153,6 +156,32 @@ def _refuse_single_dashes(command: Any, words: list[str]) -> None:  # noqa: ANN4
         name = word.partition("=")[0]
         if not name.startswith("--") and f"-{name}" in flags and name not in flags:
             raise typer.BadParameter("is written with two dashes", param_hint=f"-{name}")
+
+
+_NUMBERS: Final = re.compile(r"(?:[^=,]+=)?[-+]?[.\d][-+.,\deE]*,?")
+"""A word of numbers with commas between them, perhaps behind a name, such as `P1=0,0,120`."""
+
+
+def _refuse_split_vectors(command: Any, words: list[str]) -> None:  # noqa: ANN401 - Typer's Click is private
+    """Refuse the numbers of a vector in several words, of which the parser takes only the first.
+
+    Raises:
+        typer.BadParameter: there is such a vector before `--`.
+    """
+    vectors = {
+        flag
+        for parameter in getattr(command, "params", ())
+        for flag in parameter.opts
+        if re.search(",|NUMBERS", parameter.metavar or "")
+    }
+    for start, flag in enumerate(words[: words.index("--") if "--" in words else None]):
+        if flag not in vectors:
+            continue
+        numbers = list(takewhile(_NUMBERS.fullmatch, words[start + 1 :]))
+        if len(numbers) > 1:
+            text = ",".join(number.strip(",") for number in numbers)
+            reason = f"the numbers are one text, with commas and without blanks: {flag} {text}"
+            raise typer.BadParameter(reason, param_hint=flag)
 
 
 def _refuse_split_names(words: list[str]) -> None:

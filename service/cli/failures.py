@@ -145,6 +145,9 @@ def _name_wrong_value(error: typer.BadParameter) -> None:
 
     if folder := _FOLDER.fullmatch(error.message):
         error.message = describe_missing_file(Path(literal_eval(folder[1]))) or error.message
+    explanation = getattr(error.param, "help", None)
+    if " is not one of " in error.message and explanation:
+        error.message += f" {explanation}"
     cause = error.__cause__
     if isinstance(cause, ValidationError) and error.param is not None:
         fault = cause.errors()[0]
