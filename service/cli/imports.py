@@ -426,7 +426,10 @@ def _write_files(imported: _Imported, readings: _StatedReadings, values: Mapping
         _write_template(values["save_template"], answer, template, refuse_existing)
     if has_blocking_findings(answer) and not values["despite_errors"]:
         if output is not None:
-            cli.warn(f"{output} was not written: correct the errors, or use --despite-errors")
+            cli.warn(
+                f"{output} was not written: correct the errors, or use --despite-errors"
+                f"{_describe_actions(answer, output)}"
+            )
         raise typer.Exit(1)
     if output is not None:
         _write_campaign(output, imported, refuse_existing)
@@ -1232,6 +1235,15 @@ _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
         typer.prompt, "Template of point names, such as {label}_{target}_{state}", err=True
     ),
 }
+
+
+def _describe_actions(answer: ImportAnswer, output: Path) -> str:
+    """Return the command that applies a joint map that a finding suggests; empty without such a finding."""
+    actions = [finding.action.kind for finding in answer.findings or () if finding.action is not None]
+    if "apply_joint_map" not in actions:
+        return ""
+    command = f"jointstiff identify {output} --apply apply_joint_map"
+    return f" and then `{command}`, which uses the suggested joint map"
 
 
 def has_blocking_findings(answer: ImportAnswer) -> bool:
