@@ -163,7 +163,7 @@ _NUMBERS: Final = re.compile(r"(?:[^=,]+=)?[-+]?[.\d][-+.,\deE]*,?")
 
 
 def _refuse_split_vectors(command: Any, words: list[str]) -> None:  # noqa: ANN401 - Typer's Click is private
-    """Refuse the numbers of a vector in several words, of which the parser takes only the first.
+    """Refuse the numbers of a vector in several words: the parser takes only the first word.
 
     Raises:
         typer.BadParameter: there is such a vector before `--`.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import typer
 
 from jointstiff.service.cli.fields import name_options_in_text
-from jointstiff.service.cli.options import describe_missing_file, print_failure
+from jointstiff.service.cli.options import UnknownWordError, describe_missing_file, print_failure
 
 if TYPE_CHECKING:
     from jointstiff.schemas.finding import Problem
@@ -146,7 +146,7 @@ def _name_wrong_value(error: typer.BadParameter) -> None:
     if folder := _FOLDER.fullmatch(error.message):
         error.message = describe_missing_file(Path(literal_eval(folder[1]))) or error.message
     explanation = getattr(error.param, "help", None)
-    if " is not one of " in error.message and explanation:
+    if isinstance(error, UnknownWordError) and explanation:
         error.message += f" {explanation}"
     cause = error.__cause__
     if isinstance(cause, ValidationError) and error.param is not None:

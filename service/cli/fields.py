@@ -210,10 +210,10 @@ def _make_word_parser(words: Sequence[str]) -> Callable[[str], str]:
     """
 
     def parse(text: str) -> str:
-        """Return the word of the API that a text names; raise ValueError for another text."""
+        """Return the word of the API that a text names; raise UnknownWordError for another text."""
         word = METHODS_IN_SHORT.get(text.upper(), text.replace("-", "_"))
         if word not in words:
-            raise ValueError(f"{text!r} is not one of {', '.join(map(repr, words))}.")
+            raise cli.UnknownWordError(text, words)
         return word
 
     return parse

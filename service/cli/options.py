@@ -181,6 +181,14 @@ ServerAddress = Annotated[
 Units = Literal["MNm/rad", "kNm/deg", "Nm/arcmin", "Nm/rad", "urad/Nm"]
 
 
+class UnknownWordError(typer.BadParameter):
+    """Error of a text that is none of the words of an option, which the option's help explains."""
+
+    def __init__(self, text: str, words: Iterable[str]) -> None:
+        """Name the text and the words."""
+        super().__init__(f"{text!r} is not one of {', '.join(map(repr, words))}.")
+
+
 def _parse_unit(text: str) -> str:
     """Return the unit of stiffness that a text names, in any mixture of upper and lower case.
 
@@ -190,7 +198,7 @@ def _parse_unit(text: str) -> str:
     words: tuple[str, ...] = get_args(Units)
     unit = next((word for word in words if word.lower() == text.lower()), None)
     if unit is None:
-        raise typer.BadParameter(f"{text!r} is not one of {', '.join(map(repr, words))}.")
+        raise UnknownWordError(text, words)
     return unit
 
 

@@ -238,7 +238,7 @@ def compare_sides(
 
 
 def _refuse_contradicted_order(sides: Sequence[Side], ratios: Sequence[JointRatio]) -> None:
-    """Refuse an order of two campaigns of which the second has softer joints, beyond any chance.
+    """Refuse an order of two campaigns if the second one has softer joints, beyond any chance.
 
     Raises:
         RequestError: the readings contradict the order.

@@ -68,8 +68,9 @@ _MOST_UNCERTAINTIES: Final = 20.0
 SHIFT_OBSERVATIONS: Final = 4096
 """Maximum number of observations from which the effect of neglecting K_c is estimated."""
 _WEAKENING: Final = 3.0
-"""Factor on the uncertainty of a fitted load point, where the point is free again beside the same readings.
-Its statement then has a tenth of their weight."""
+"""Factor on the uncertainty of a fitted load point, if a fit to the same readings leaves the point free.
+
+The statement then has a tenth of their weight."""
 _LEAST_SIGMA: Final = 1e-15
 """Rounding of a position [m]: sigma is at least this, so that exact readings do not divide by zero."""
 

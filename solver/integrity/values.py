@@ -26,7 +26,7 @@ from jointstiff.solver.text import PAST_DO_NOT_USE, figure, length_text
 
 
 class OtherUnit(NamedTuple):
-    """What it means that numbers seem to have a unit that was not declared."""
+    """Meaning of numbers that seem to have a unit that was not declared."""
 
     quantity: str
     declared: Unit
