@@ -1240,9 +1240,8 @@ def _list_orders_of_loads(labels: Sequence[str]) -> list[_OrderOfLoads]:
                 ranks,
                 f"the forces are in the order of the labels sorted {order} ({first}, …), but the readings "
                 "are not",
-                "match the forces with the observations by label, not by position; in Python, "
-                "`table.loc[labels]` orders a table by its labels, and `groupby(…, sort=False)` keeps the "
-                "order of the log",
+                "match the forces with the observations by label, not by position: programs sort rows by "
+                "their labels when they group rows (pandas keeps the order of the log with `sort=False`)",
             )
         )
     most = min(_MOST_SHIFTED, (len(rows) - 1) // 2)
