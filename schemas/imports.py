@@ -241,7 +241,8 @@ class ImportRequest(ImportOptions):
     )
     encoders: Literal["motor", "secondary"] | None = Field(
         default=None,
-        description="Encoders with which the controller closes the position loop; mandatory.",
+        description="Encoders with which the controller closes the position loop: `motor` at the motors, "
+        "`secondary` behind the gearboxes. Mandatory.",
     )
     noise: Noise | None = Field(
         default=None, description="Noise of the readings, with the fields of a measurement set."

@@ -592,8 +592,8 @@ class MeasurementSetHeader(SetMetadata):
     name: Name = Field(examples=["cell 3, dead weight, 2026-11-20"])
     units: Units
     encoders: Literal["motor", "secondary"] = Field(
-        description="Encoders with which the controller closes the position loop: motor encoders, or "
-        "secondary encoders behind the gearboxes."
+        description="Encoders with which the controller closes the position loop: `motor` at the motors, "
+        "`secondary` behind the gearboxes."
     )
     noise: Noise | None = Field(
         default=None,

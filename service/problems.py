@@ -49,7 +49,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
-from errno import EISDIR, ENOENT
+from errno import EISDIR, ENAMETOOLONG, ENOENT
 from http import HTTPStatus
 from pathlib import Path
 from types import MappingProxyType
@@ -631,7 +631,7 @@ def http_problem(status: int, detail: str, remedy: str | None = None) -> Problem
         type=_urn(phrase.lower().replace(" ", "-")),
         title=phrase,
         status=status,
-        detail=_shorten(detail),
+        detail=_shorten(detail, 2 * _LONGEST),
         remedy=remedy,
     )
 
@@ -727,6 +727,7 @@ def _find_remedy(error: Mapping[str, Any], parameters: Sequence[str]) -> str | N
         or _find_remedy_of_fields_of_sets(error)
         or _find_remedy_of_unread(error)
         or _find_remedy_of_limits(error)
+        or _explain_encoders(error)
         or _find_remedy_of_numbers(error)
         or _find_remedy_of_objects(error)
         or _list_known_fields(error)
@@ -774,9 +775,7 @@ def _find_remedy_of_numbers(error: Mapping[str, Any]) -> str | None:
     if is_box and error["type"] in {"list_type", "too_long", "too_short", "tuple_type"}:
         return "give two corners of the box, each with its x, y and z: [[x1, y1, z1], [x2, y2, z2]]"
     if error["type"] in {"too_long", "too_short"} and message.startswith("Tuple"):
-        # A vector with decimal commas, such as 1,5,2,5,3,5, has too many numbers.
-        moment = "; give a moment as `moment`" if "force" in error["loc"] else ""
-        return f"give one number for each of x, y and z, with decimal points, not commas{moment}"
+        return _find_remedy_of_vectors(error)
     if error["type"] == "string_type" and "leave_out" in error["loc"]:
         return "give labels of observations as texts, in quotes, not their numbers"
     if error["type"] == "list_type" and "leave_out" in error["loc"]:
@@ -786,6 +785,21 @@ def _find_remedy_of_numbers(error: Mapping[str, Any]) -> str | None:
     if message.endswith("must not contain duplicates"):
         return "give each entry only once"
     return None
+
+
+def _find_remedy_of_vectors(error: Mapping[str, Any]) -> str:
+    """Return the remedy for a vector with more or fewer than three numbers, such as a force with a moment."""
+    # A vector with decimal commas, such as 1,5,2,5,3,5, has too many numbers.
+    three = "give one number for each of x, y and z, with decimal points, not commas"
+    if "force" not in error["loc"]:
+        return three
+    if not str(error["msg"]).endswith("not 6"):
+        return f"{three}; give a moment as `moment`"
+    return (
+        f"{three}; if these are a force and a moment, give the moment as `moment`, or in the columns Mx, My, "
+        "Mz of a table of poses: the force is first in a wrench of ROS and in most load cells, last in "
+        "spatial vectors"
+    )
 
 
 STIFFNESS_REMEDY: Final = (
@@ -807,6 +821,18 @@ def _is_missing_entry(error: Mapping[str, Any]) -> bool:
     return error["type"] == "missing" and isinstance(error["loc"][-1], int)
 
 
+def _explain_encoders(error: Mapping[str, Any]) -> str | None:
+    """Return what the words for encoders mean; None for other faults."""
+    is_choice = error["type"] == "literal_error" and error["loc"][-1:] == ("encoders",)
+    return ENCODERS_REMEDY if is_choice else None
+
+
+ENCODERS_REMEDY: Final = (
+    "give `motor` if the controller closes the position loop by the encoders at the motors, `secondary` if "
+    "by encoders behind the gearboxes; absolute or incremental makes no difference"
+)
+
+
 def _find_remedy_of_limits(error: Mapping[str, Any]) -> str | None:
     """Return the remedy for a number outside the limits of its field; None without a remedy of the field."""
     if error["type"] not in {"greater_than_equal", "less_than_equal"}:
@@ -814,6 +840,11 @@ def _find_remedy_of_limits(error: Mapping[str, Any]) -> str | None:
     place = error["loc"]
     if {"priors", "stiffness_bounds"}.intersection(place):
         return STIFFNESS_REMEDY
+    if place[-1:] == ("characteristic_length",):
+        return (
+            "give a length from 1 mm to the arm's reach, such as 0.25 where lengths are in m, as in messages "
+            "and HTTP requests, and 250 where they are in mm"
+        )
     if place[-1:] == ("confidence",):
         return "give a fraction, such as 0.95 for 95 %"
     return _REMEDIES_OF_GOALS.get(str(place[-1])) if "goal" in place else None
@@ -1193,6 +1224,48 @@ class MissingFileError(CampaignError, FileNotFoundError):
         return str(self.args[0])
 
 
+_LONGEST_FILE_NAME: Final = 255
+"""Bytes of the longest name of a file or folder that file systems allow."""
+
+
+def is_content(text: str) -> bool:
+    """Return whether a text in the place of a file's name is the content of a file."""
+    has_breaks = any(mark in text for mark in "\n\r\0")
+    if has_breaks or any(len(os.fsencode(name)) > _LONGEST_FILE_NAME for name in Path(text).parts):
+        return True
+    return text.lstrip()[:1] in ("{", "<") and not Path(text).exists()
+
+
+def describe_content(text: str) -> str:
+    """Return the sentence that a text is the content of a file, with its first words."""
+    first_line = text.strip("\ufeff\0 \t\r\n").partition("\n")[0]
+    shown = " ".join(text[:_LONGEST_FILE_NAME].split())[:_SHOWN_CONTENT].strip()
+    separators = max(first_line.count(separator) for separator in ",;\t")
+    kind = "a table" if separators > 1 else "a program or a table"
+    if first_line[:1] in ("{", "["):
+        kind = "a JSON document"
+    elif first_line[:1] == "<":
+        kind = "an XML document"
+    return f"'{shown}…' is the text of {kind}"
+
+
+GIVE_NAME: Final = "give the name of its file"
+_SHOWN_CONTENT: Final = 30
+"""Characters of a text that an error shows."""
+
+
+class ContentError(CampaignError, FileNotFoundError):
+    """The text of a file in the place of the file's name."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(http_problem(422, describe_content(text), GIVE_NAME))
+        self.errno, self.strerror, self.filename = ENOENT, os.strerror(ENOENT), None
+
+    def __str__(self) -> str:
+        """Return what is wrong, and how to correct it."""
+        return str(self.args[0])
+
+
 class FolderError(CampaignError, IsADirectoryError):
     """A folder in the place of a file; the remedy names files of the folder."""
 
@@ -1242,15 +1315,17 @@ def naming_missing_file() -> Iterator[None]:
     """Turn the error of the block for a missing file, or for a folder, into an error with a remedy."""
     try:
         yield
-    except (MissingFileError, MissingFolderError):
+    except (MissingFileError, MissingFolderError, ContentError):
         raise
     except IsADirectoryError as error:
         if not isinstance(error.filename, str):
             raise
         raise FolderError(Path(error.filename)) from None
-    except FileNotFoundError as error:
-        if not isinstance(error.filename, str):
+    except OSError as error:
+        if not isinstance(error.filename, str) or error.errno not in (ENOENT, ENAMETOOLONG):
             raise
+        if is_content(error.filename):
+            raise ContentError(error.filename) from None
         raise MissingFileError(Path(error.filename)) from None
 
 

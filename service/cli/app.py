@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Callable
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -88,6 +90,7 @@ class _Commands(typer.core.TyperGroup):
         if command is not None:
             _refuse_single_dashes(command, rest)
             _refuse_repeated_options(command, rest)
+            _refuse_split_vectors(command, rest)
             _refuse_split_names(rest)
         return name, command, rest
 
@@ -155,6 +158,32 @@ def _refuse_single_dashes(command: Any, words: list[str]) -> None:  # noqa: ANN4
             raise typer.BadParameter("is written with two dashes", param_hint=f"-{name}")
 
 
+_NUMBERS: Final = re.compile(r"(?:[^=,]+=)?[-+]?[.\d][-+.,\deE]*,?")
+"""A word of numbers with commas between them, perhaps behind a name, such as `P1=0,0,120`."""
+
+
+def _refuse_split_vectors(command: Any, words: list[str]) -> None:  # noqa: ANN401 - Typer's Click is private
+    """Refuse the numbers of a vector in several words, of which the parser takes only the first.
+
+    Raises:
+        typer.BadParameter: there is such a vector before `--`.
+    """
+    vectors = {
+        flag
+        for parameter in getattr(command, "params", ())
+        for flag in parameter.opts
+        if re.search(",|NUMBERS", parameter.metavar or "")
+    }
+    for start, flag in enumerate(words[: words.index("--") if "--" in words else None]):
+        if flag not in vectors:
+            continue
+        numbers = list(takewhile(_NUMBERS.fullmatch, words[start + 1 :]))
+        if len(numbers) > 1:
+            text = ",".join(number.strip(",") for number in numbers)
+            reason = f"the numbers are one text, with commas and without blanks: {flag} {text}"
+            raise typer.BadParameter(reason, param_hint=flag)
+
+
 def _refuse_split_names(words: list[str]) -> None:
     """Refuse the words of a file's name that has blanks, but was given without quotes.
 
@@ -162,12 +191,20 @@ def _refuse_split_names(words: list[str]) -> None:
         typer.BadParameter: consecutive words are the name of a file, but the first word is no file.
     """
     for start, first in enumerate(words):
-        if first.startswith("-") or Path(first).exists():
+        if first.startswith("-") or _exists(first):
             continue
         for end in range(start + 2, min(len(words), start + _MOST_WORDS) + 1):
             name = " ".join(words[start:end])
-            if Path(name).is_file():
+            if _exists(name):
                 raise typer.BadParameter(f"a name with blanks needs quotes: {shlex.quote(name)}")
+
+
+def _exists(word: str) -> bool:
+    """Return whether a word names a file or a folder; a long text names none."""
+    try:
+        return Path(word).exists()
+    except OSError:
+        return False
 
 
 _MOST_WORDS: Final = 8

@@ -69,7 +69,10 @@ def simulate(
     ] = 2e-5,
     encoders: Annotated[
         Literal["motor", "secondary"],
-        typer.Option(help="Encoders with which the controller closes the position loop."),
+        typer.Option(
+            help="Encoders with which the controller closes the position loop: `motor` at the motors, "
+            "`secondary` behind the gearboxes."
+        ),
     ] = "motor",
     seed: Annotated[int, typer.Option(min=0, help="Random seed; the same seed gives the same file.")] = 1,
     overwrite: Overwrite = False,
@@ -139,7 +142,7 @@ def rehearse(
     planted = _parse_stiffnesses(stiffness or ())
     if save is not None:
         check_ending(save, [".json"])
-        refuse_existing(save, overwrite=overwrite)
+        refuse_existing(save, overwrite=overwrite, inputs=(file, robot))
     result = do_rehearse(file, robot=robot, stiffness=planted, seed=seed)
     if save is not None:
         result.save(save)

@@ -145,6 +145,9 @@ def _name_wrong_value(error: typer.BadParameter) -> None:
 
     if folder := _FOLDER.fullmatch(error.message):
         error.message = describe_missing_file(Path(literal_eval(folder[1]))) or error.message
+    explanation = getattr(error.param, "help", None)
+    if " is not one of " in error.message and explanation:
+        error.message += f" {explanation}"
     cause = error.__cause__
     if isinstance(cause, ValidationError) and error.param is not None:
         fault = cause.errors()[0]
@@ -273,12 +276,16 @@ def print_known_error(error: Exception, option_names: Mapping[str, str]) -> type
         option_names: options of the command by the name of the argument of Python, such as `robot`.
     """
     from jointstiff.service.problems import (
+        ContentError,
         MissingFolderError,
         ProblemError,
         ServiceError,
+        is_content,
         problem_from_error,
     )
 
+    if isinstance(error, OSError) and isinstance(error.filename, str) and is_content(error.filename):
+        return print_problem(ContentError(error.filename).problem)
     if isinstance(error, OSError) and error.filename is not None and not isinstance(error, ProblemError):
         missing = isinstance(error, FileNotFoundError) and not Path(error.filename).parent.is_dir()
         if missing:

@@ -353,7 +353,7 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
     imported = imported.add_payload(values["payload"])
     imported = imported.add_notes(notes, grounds, may_ask=may_ask)
     _print_answer(imported.answer, as_json=values["as_json"])
-    _write_files(imported, readings, values)
+    _write_files(imported, readings, {**values, "files": files})
 
 
 @dataclass(frozen=True)
@@ -417,16 +417,22 @@ def _write_files(imported: _Imported, readings: _StatedReadings, values: Mapping
     Raises:
         typer.Exit: the readings have errors, something is missing, or a file cannot be written.
     """
-    answer, output, overwrite = imported.answer, values["output"], values["overwrite"]
+    answer, output = imported.answer, values["output"]
+    refuse_existing = partial(
+        cli.refuse_existing, overwrite=values["overwrite"], inputs=cli.list_inputs(values)
+    )
     if values["save_template"] is not None:
         template = answer.template and _build_template(answer.template, readings)
-        _write_template(values["save_template"], answer, template, overwrite=overwrite)
+        _write_template(values["save_template"], answer, template, refuse_existing)
     if has_blocking_findings(answer) and not values["despite_errors"]:
         if output is not None:
-            cli.warn(f"{output} was not written: correct the errors, or use --despite-errors")
+            cli.warn(
+                f"{output} was not written: correct the errors, or use --despite-errors"
+                f"{_describe_actions(answer, output)}"
+            )
         raise typer.Exit(1)
     if output is not None:
-        _write_campaign(output, imported, overwrite=overwrite)
+        _write_campaign(output, imported, refuse_existing)
 
 
 def _complete_grounds(
@@ -933,9 +939,14 @@ def _build_template(template: ImportRequest, readings: _StatedReadings) -> Impor
 
 
 def _write_template(
-    path: Path, answer: ImportAnswer, template: ImportRequest | None, *, overwrite: bool
+    path: Path,
+    answer: ImportAnswer,
+    template: ImportRequest | None,
+    refuse_existing: Callable[[Path], None],
 ) -> None:
     """Write the template of an import, which holds its options, to a JSON file.
+
+    `refuse_existing` refuses a file that must not be replaced.
 
     Raises:
         typer.Exit: information is missing, or the file cannot be written.
@@ -951,14 +962,15 @@ def _write_template(
             f"no template was written, because information is missing: {missing}",
             "add the missing information",
         )
-    cli.refuse_existing(path, overwrite=overwrite)
+    refuse_existing(path)
     cli.write_json(path, template.model_dump(mode="json", exclude_defaults=True))
 
 
-def _write_campaign(path: Path, imported: _Imported, *, overwrite: bool) -> None:
+def _write_campaign(path: Path, imported: _Imported, refuse_existing: Callable[[Path], None]) -> None:
     """Write a campaign file; without a robot, write only the measurement set.
 
     If only unloaded positions or a weight step were read, write these, with the robot if it is known.
+    `refuse_existing` refuses a file that must not be replaced.
 
     Raises:
         typer.Exit: information is missing, or the file cannot be written.
@@ -967,7 +979,7 @@ def _write_campaign(path: Path, imported: _Imported, *, overwrite: bool) -> None
     if cli.has_content(path, written.document):
         typer.echo(f"{path} has this content already; now: {written.next_step}", err=True)
         return
-    cli.refuse_existing(path, overwrite=overwrite)
+    refuse_existing(path)
     cli.write_json(path, written.document)
     typer.echo(f"wrote {path}, {written.name}; now: {written.next_step}", err=True)
 
@@ -1223,6 +1235,15 @@ _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
         typer.prompt, "Template of point names, such as {label}_{target}_{state}", err=True
     ),
 }
+
+
+def _describe_actions(answer: ImportAnswer, output: Path) -> str:
+    """Return the command that applies a joint map that a finding suggests; empty without such a finding."""
+    actions = [finding.action.kind for finding in answer.findings or () if finding.action is not None]
+    if "apply_joint_map" not in actions:
+        return ""
+    command = f"jointstiff identify {output} --apply apply_joint_map"
+    return f" and then `{command}`, which uses the suggested joint map"
 
 
 def has_blocking_findings(answer: ImportAnswer) -> bool:

@@ -222,8 +222,9 @@ class _DeclaredCommand:
         table = output if self.writes_table else None
         named_paths = [table, save, *self.file_options.list_paths(values, source_values)]
         paths = [path for path in named_paths if path]
+        inputs = cli.list_inputs(values)
         for path in paths:
-            cli.refuse_existing(path, overwrite=values.get("overwrite", False))
+            cli.refuse_existing(path, overwrite=values["overwrite"], inputs=inputs)
         return _WrittenFiles(table, save, paths)
 
     def find_passed_options(self, values: _Values) -> dict[str, Any]:
@@ -262,7 +263,8 @@ def build_predict_command() -> Callable[..., None]:
         _refuse_exchanged(file, postures, "FILE POSTURES")
         if values["output"] is not None:
             cli.check_ending(values["output"], [".csv"])
-            cli.refuse_existing(values["output"], overwrite=values["overwrite"])
+            inputs = [file, postures, *cli.list_inputs(values)]
+            cli.refuse_existing(values["output"], overwrite=values["overwrite"], inputs=inputs)
         _show_predictions(_predict(file, postures, values), values)
 
     sources = {"file": (cli.CampaignFile, ...), "postures": (_Postures, ...), "run": (cli.RunFile, None)}
@@ -343,7 +345,8 @@ def build_correct_command() -> Callable[..., None]:
         _refuse_exchanged(Path(file), poses, "CAMPAIGN_OR_ROBOT POSES")
         if values["output"] is not None:
             cli.check_ending(values["output"], [".csv", ".parquet"])
-            cli.refuse_existing(values["output"], overwrite=values["overwrite"])
+            inputs = [file, poses, *cli.list_inputs(values)]
+            cli.refuse_existing(values["output"], overwrite=values["overwrite"], inputs=inputs)
         result = _correct(file, poses, values)
         has_numbers = bool(result.counts.keys() - WITHOUT_NUMBERS)
         if values["output"] is not None and has_numbers:

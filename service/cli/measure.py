@@ -196,7 +196,8 @@ def build_measure_command() -> Callable[..., None]:
                 "simulated:1",
             )
         if values["save"] is not None:
-            cli.refuse_existing(values["save"], overwrite=values["overwrite"])
+            inputs = [source_file, *cli.list_inputs(values)]
+            cli.refuse_existing(values["save"], overwrite=values["overwrite"], inputs=inputs)
         # `gather_stated_fields` needs a value for every field: None for fields without an option here.
         values_of_fields = {name: None for name, _ in field_options(LiveOptions)} | values
         with naming_options(LiveOptions):

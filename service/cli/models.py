@@ -33,7 +33,7 @@ def export(
 ) -> None:
     """Export a model as a table or for a simulator."""
     cli.check_ending(output, _FORMATS, reported=True)
-    cli.refuse_existing(output, overwrite=overwrite)
+    cli.refuse_existing(output, overwrite=overwrite, inputs=(file, run))
     read_or_identify_run(file, run).export(output, "do_not_use" if despite_verdict else None)
     typer.echo(f"{output}: {output.stat().st_size:,} bytes")
 
@@ -62,7 +62,7 @@ def report(
     from jointstiff.service.problems import CampaignError, http_problem
 
     cli.check_ending(output, _REPORTS)
-    cli.refuse_existing(output, overwrite=overwrite)
+    cli.refuse_existing(output, overwrite=overwrite, inputs=(file, run, laboratory))
     job: Any = load(file)
     if not isinstance(job, PresentedJob) or isinstance(job, TabledRun):
         job = read_or_identify_run(file, run)

@@ -58,8 +58,16 @@ def _refuse_missing_files(value: Any) -> Any:  # noqa: ANN401 - of an argument: 
 
 def describe_missing_file(path: Path) -> str | None:
     """Return why a path is no file to read, and which file may be meant; None for a file."""
-    from jointstiff.service.problems import find_similar_file, list_files
+    from jointstiff.service.problems import (
+        GIVE_NAME,
+        describe_content,
+        find_similar_file,
+        is_content,
+        list_files,
+    )
 
+    if is_content(str(path)):
+        return f"{describe_content(str(path))}; {GIVE_NAME}"
     if path.is_dir():
         return f"'{path}' is a folder; give a file in it{list_files(path)}"
     if not path.exists():
@@ -237,11 +245,46 @@ def warn(message: str) -> None:
     console(stderr=True).print(message, style="yellow", markup=False, soft_wrap=True)
 
 
-def refuse_existing(path: Path, *, overwrite: bool) -> None:
-    """Refuse to replace an existing file unless the option --overwrite was given.
+WRITTEN: Final = frozenset({"output", "save", "save_template", "report", "places", "paper", "campaign"})
+"""Names of the options that name a file to write."""
+
+
+def list_inputs(values: Mapping[str, object]) -> list[object]:
+    """Return the values of a command's arguments and options that may name a file to read."""
+    inputs = list[object]()
+    for name, value in values.items():
+        if name not in WRITTEN:
+            inputs += value if isinstance(value, list | tuple) else [value]
+    return inputs
+
+
+def refuse_existing(path: Path, *, overwrite: bool, inputs: Iterable[object] = ()) -> None:
+    """Refuse to replace an input, and an existing file unless the option --overwrite was given.
+
+    Args:
+        path: file to write.
+        overwrite: whether the option --overwrite was given.
+        inputs: values of the command; texts and paths among them may name files that the command reads.
 
     Raises:
         typer.Exit: the file exists.
     """
-    if path.exists() and not overwrite:
+    if not path.exists():
+        return
+    if any(_is_same_file(path, value) for value in inputs):
+        raise print_failure(
+            f"{path} is an input of this command; its content would be lost",
+            "choose another name or another folder for the file to write",
+        )
+    if not overwrite:
         raise print_failure(f"{path} exists", "choose another name, or use --overwrite")
+
+
+def _is_same_file(path: Path, value: object) -> bool:
+    """Return whether a value of a command names a certain regular file, perhaps by another path."""
+    if not isinstance(value, str | Path):
+        return False
+    try:
+        return path.is_file() and path.samefile(value)
+    except (OSError, ValueError):  # a text that names no file
+        return False

@@ -220,14 +220,6 @@ class ArrayReadings:
             MeasurementError: the shape is wrong, or readings under load have neither force nor moment.
         """
         if self.forces is not None:
-            forces = to_number_array(self.forces, "forces")
-            if forces.shape in {(6,), (count, 6)}:
-                raise MeasurementError(
-                    f"`forces` has the shape {forces.shape}: its last three columns seem to be moments",
-                    where="forces",
-                    remedy="give the forces alone, forces[..., :3], and the moments about the load point as "
-                    "`moments`, forces[..., 3:]",
-                )
             return to_vectors(self.forces, count, "forces", rows)
         is_loaded = self.loaded is not None or self.deflections is not None
         if is_loaded and self.moments is None:
@@ -548,6 +540,17 @@ def to_vectors(
         MeasurementError: the array has another shape, or numbers that are not finite; it is called `name`.
     """
     array = to_number_array(value, name)
+    if array.shape in {(6,), (count, 6)} and name in {"forces", "moments"}:
+        first, last = f"{name}[:3]", f"{name}[3:]"
+        if array.ndim == 2:
+            first, last = f"numpy.array({name})[:, :3]", f"numpy.array({name})[:, 3:]"
+        raise MeasurementError(
+            f"`{name}` has the shape {array.shape}: six numbers, a force and a moment?",
+            where=name,
+            remedy="give the force as `forces` and the moment about the load point as `moments`: "
+            f"forces={first}, moments={last} if the force is first, as in a wrench of ROS and in most load "
+            f"cells; forces={last}, moments={first} if the moment is first, as in spatial vectors",
+        )
     has_rows = array.shape == (count, 3)
     used = array[rows] if has_rows and rows is not None else array
     if has_rows:

@@ -131,7 +131,10 @@ def split_header(header: str) -> list[str]:
 
 
 def _list_cells(reading: TargetReading, table: NumberTable) -> list[str]:
-    """Return the cells of the rows of a reading that are alike in all postures, of several rows each."""
+    """Return the cells of the rows of a reading that are alike in all postures, of several rows each.
+
+    Numbers along an axis, such as those of a force, are no words.
+    """
     groups = reading.points.groups
     if groups.count < 2:
         return []
@@ -141,7 +144,9 @@ def _list_cells(reading: TargetReading, table: NumberTable) -> list[str]:
     for column in range(len(table.headers)):
         texts = {table.rows[row].cells[column] for row in rows}
         text = next(iter(texts))
-        if len(texts) == 1 and text and column not in table.ignored:
+        meaning = table.meanings[column]
+        may_be_word = column not in table.ignored and (meaning is None or meaning.axis is None)
+        if len(texts) == 1 and text and may_be_word:
             cells.append(text)
     return cells
 

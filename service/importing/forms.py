@@ -10,7 +10,13 @@ from typing import Final, NamedTuple
 from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.grammar import POINTS, Vocabulary, lacks_number, split_unit
+from jointstiff.service.importing.grammar import (
+    POINTS,
+    Vocabulary,
+    find_state_in_name,
+    lacks_number,
+    split_unit,
+)
 from jointstiff.service.importing.grid import CellKind, Grid, Row, count_numbers, looks_like_a_number
 
 _LEAST_FORMS: Final = 3
@@ -193,9 +199,9 @@ def _name_numbers(row: Row, columns: Sequence[int], above: Sequence[str]) -> Ite
 def _join_groups(above: Sequence[str], cells: Sequence[str]) -> tuple[str, ...]:
     """Return the texts of a row with the groups above them: `ohne Last` above `X`, `Y` gives `ohne Last X`.
 
-    A row with one text is a title or a remark, and no row of groups.
+    A row with one text is a title or a remark, and no row of groups; nor is a field.
     """
-    if sum(map(bool, above)) < 2:
+    if sum(map(bool, above)) < 2 or _is_field(above, cells):
         return tuple(cells)
     joined, group = [], ""
     for column, cell in enumerate(cells):
@@ -203,3 +209,12 @@ def _join_groups(above: Sequence[str], cells: Sequence[str]) -> tuple[str, ...]:
         group = own or (group if cell else "")
         joined.append(f"{group} {cell}".strip())
     return tuple(joined)
+
+
+def _is_field(above: Sequence[str], cells: Sequence[str]) -> bool:
+    """Return whether a row is a field such as `Load`, `12 kg`, and no group above the cells of the next row.
+
+    Below a group, the first cell is empty, or the text of the group tells a state.
+    """
+    filled = [column for column, cell in enumerate(above) if cell]
+    return filled == [0, 1] and bool(cells[0]) and find_state_in_name(above[1], {}) is None

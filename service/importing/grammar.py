@@ -191,6 +191,8 @@ _FORCE_IN_HEADER: Final = re.compile(
     rf"(?<![^\W\d_])(?:(?:{_WORDS_OF_FORCE})(?![^\W\d_])|f[\s_.-]?[xyz]\b)", re.IGNORECASE
 )
 """A word for a force, or `Fx`, among other words of a header."""
+_IN_KG: Final = re.compile(r"(?:[\s_/(\[（]|,\s)(?:kg|кг)[)\]）]?$", re.IGNORECASE)
+"""End of a header of masses, such as `weight_kg`."""
 _PHRASES: Final = [word for word in _STATE_OF if " " in word]
 _STATE_PHRASE: Final = re.compile(
     rf"(?<![^\s_])(?:{_build_alternation(_PHRASES)})\.?(?![^\s_])", re.IGNORECASE
@@ -366,6 +368,11 @@ def is_hung(header: str) -> bool:
     """Return whether a header has a word for a load that hangs, such as `payload`, with any unit or none."""
     base = fold_word(split_unit(header)[0])
     return base in _WORD_LISTS["hung"] or base in _WORD_LISTS["hung in kg"]
+
+
+def is_in_kg(header: str) -> bool:
+    """Return whether a header ends with the unit kg, as that of a load does."""
+    return bool(_IN_KG.search(header))
 
 
 def find_answer(word: str) -> State | None:

@@ -111,7 +111,9 @@ def _find_names(
     if groups.order == "in turn" and len(table.turn) == groups.count > 1:
         row = table.turn[reading.index]
         mass = row.mass if name.mass is None else name.mass
-        name = RowName(None, name.target or row.target, name.state or row.state, mass, row.force)
+        do_rows_differ = len({own.state for own in table.turn}) > 1  # where all have one header
+        state = (row.state if do_rows_differ else None) or name.state or row.state
+        name = RowName(None, name.target or row.target, state, mass, row.force)
     if name.state is None and states is not None:
         name = _name_by_file(name, table, states)
     if name.state is None and options.state is not None:

@@ -276,7 +276,7 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     data = [index for index, row in enumerate(grid.rows) if index >= start and _is_data(row)]
     rows = _fit_rows(grid, data)
     width = len(rows[0].cells)
-    headers = _find_headers(grid, words, options, data[0], width)
+    headers = _complete_headers(_find_headers(grid, words, options, data[0], width), grid, data[0])
     words.add_names_of_table(headers)
     meanings = _find_meanings(headers, words)
     rows, note = fill_down(rows, headers, meanings)
@@ -452,6 +452,22 @@ def _find_headers(
     if len(above) >= width and are_others_ignored:
         return above[:width]
     return ("",) * width
+
+
+def _complete_headers(headers: tuple[str, ...], grid: Grid, first: int) -> tuple[str, ...]:
+    """Return headers with the texts that only the header of a lower block has, such as those of its forces.
+
+    The lower header has the texts of the upper one, which is above the first row of data.
+    """
+    upper = grid.rows[first - 1].cells if first > 0 else ()
+    filled = {column: text for column, text in enumerate(upper) if text}
+    if len(upper) != len(headers) or len(filled) < _LEAST_NUMBERS:
+        return headers
+    for row in grid.rows[first:]:
+        is_header = len(row.cells) == len(headers) and all(row.cells[c] == filled[c] for c in filled)
+        if is_header:
+            return tuple(own or text for own, text in zip(headers, row.cells, strict=True))
+    return headers
 
 
 def _is_ignored(header: str, words: Vocabulary) -> bool:

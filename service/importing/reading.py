@@ -5,6 +5,7 @@ A value that occurs twice, contradicts another value or cannot be used is report
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import degrees, dist, sqrt
@@ -1027,7 +1028,33 @@ def _report_lacking_quantity(
         f"add the {kind} of these labels, spell labels alike in all files, or use `allow_missing` to skip "
         f"them; these labels have no {kind}: {_list_labels(without)}"
     )
+    for dates, numbers in ((without, others), (others, without)):
+        if all(_DATE.fullmatch(each.label) for each in dates) and all(
+            _PARTS_OF_DATE.fullmatch(each.label) for each in numbers
+        ):
+            reason += (
+                f"; a spreadsheet seems to have turned labels such as {quote(numbers[0].label)} into dates "
+                f"such as {quote(dates[0].label)}"
+            )
+            remedy = (
+                "give the column of labels the format of texts in the spreadsheet, and write the labels "
+                f"again: {_list_labels(numbers)}"
+            )
     faults.report(without[0].place, reason, remedy, "allow_missing")
+
+
+_MONTH: Final = (
+    "(?:jan|ene|gen|feb|fév|fev|mar|mär|mrz|apr|avr|abr|may|mai|mag|jun|juin|giu|jul|juil|lug|aug|aoû|ago|sep|set|"
+    "oct|okt|ott|out|nov|dec|dez|déc|dic)[^\\W\\d]{0,7}[.]?"
+)
+_DATE: Final = re.compile(
+    rf"\d{{1,2}}[-. /]{{1,2}}{_MONTH}(?:[-. /]\d{{2,4}})?|{_MONTH}[-. /]\d{{1,4}}"
+    r"|\d{4}-\d\d-\d\d(?:[ T]00:00:00)?|\d{1,2}[./]\d{1,2}[./]\d{4}",
+    re.IGNORECASE,
+)
+"""A date, as spreadsheets show the date that they made of a label."""
+_PARTS_OF_DATE: Final = re.compile(r"\d{1,2}[-./]\d{1,2}")
+"""A label that spreadsheets take as a day and a month."""
 
 
 def _report_other_counts(kind: Kind, observations: list[ObservationRecord], faults: Faults) -> None:

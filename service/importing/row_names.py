@@ -20,10 +20,10 @@ from jointstiff.service.importing.grammar import (
     find_state_in_name,
     find_unit_of_size,
     is_cycle_header,
+    is_in_kg,
     is_load_header,
     is_repeat_header,
     read_states,
-    split_unit,
 )
 from jointstiff.service.importing.grid import looks_like_a_number
 from jointstiff.service.importing.lengths import find_units_of_coordinates
@@ -68,6 +68,7 @@ def name_rows(
     label_column = None if options.by_order else _find_label_column(table)
     state_column = _find_state_column(table, options, label_column)
     target_column = _find_target_column(table, (label_column, state_column))
+    label_column, target_column = _separate_groups(table, label_column, target_column, known_labels)
     masses = _list_masses(table)
     forces = _list_forces(table) or _list_loads(table)
     names = [RowName()] * len(table.rows)
@@ -188,6 +189,37 @@ def _find_label_column(table: NumberTable) -> int | None:
     if cycles is not None:
         return cycles
     return first if is_label else None
+
+
+def _separate_groups(
+    table: NumberTable, label_column: int | None, target_column: int | None, known_labels: Collection[str]
+) -> tuple[int | None, int | None]:
+    """Return the columns of labels and targets, with the groups of named targets as the labels."""
+    groups = None if label_column is None else _find_groups(table, label_column, known_labels)
+    return (label_column, target_column) if groups is None else (groups, label_column)
+
+
+def _find_groups(table: NumberTable, name_column: int, known_labels: Collection[str]) -> int | None:
+    """Return the column of the postures of rows, where a column of names has only targets; None without one.
+
+    Its texts are names of observations in another table, and those of `name_column` are not: each name
+    occurs in several postures, once in each.
+
+    Args:
+        table: table with rows of numbers.
+        name_column: column of names.
+        known_labels: names of the observations in another table; empty if unknown.
+    """
+    known = set(map(omit_zeros, known_labels))
+    names = _list_texts(table, name_column)
+    if not 1 < len(set(names)) <= _MOST_CODES or set(map(omit_zeros, names)) & known:
+        return None
+    for column in range(len(table.headers)):
+        labels = _list_texts(table, column)
+        are_labels = column not in table.ignored and set(map(omit_zeros, labels)) <= known
+        if are_labels and len(set(zip(labels, names, strict=True))) == len(names) > len(set(names)):
+            return column
+    return None
 
 
 def _has_one_text(table: NumberTable, column: int) -> bool:
@@ -358,8 +390,7 @@ def _list_masses(table: NumberTable) -> list[float] | None:
     for column, header in enumerate(table.headers):
         meaning = table.meanings[column]
         is_mass = meaning is not None and meaning.kind == "mass"
-        is_in_kg = meaning is None and (split_unit(header)[1] or "").casefold() == "kg"
-        if not is_mass and not is_in_kg:
+        if not is_mass and not (meaning is None and is_in_kg(header)):
             continue
         masses = [float(mass) for mass in table.table.numbers[:, column]]
         if all(mass >= 0.0 for mass in masses) and 1 < len(set(masses)) <= _MOST_CODES:

@@ -11,7 +11,14 @@ from jointstiff.service.importing.arrays import read_arrays
 from jointstiff.service.importing.encoding import decode
 from jointstiff.service.importing.errors import ImportFileError, quote
 from jointstiff.service.importing.excel import read_workbook
-from jointstiff.service.importing.grid import ARRAYS, JSON, WORKBOOK, ArrayFormat, file_type
+from jointstiff.service.importing.grid import (
+    ARRAYS,
+    JSON,
+    WORKBOOK,
+    ArrayFormat,
+    file_type,
+    looks_like_a_number,
+)
 from jointstiff.service.importing.reading import SourceFile
 
 _LOAD: Final = re.compile(
@@ -96,8 +103,9 @@ def _yield_texts(file: SourceFile) -> Iterator[tuple[str, str]]:
 
 
 def _yield_rows(file: SourceFile) -> Iterator[tuple[str, str]]:
-    """Yield place and text of the rows and comments of all sheets of a workbook."""
+    """Yield place and text of the names, rows and comments of all sheets of a workbook."""
     for sheet in read_workbook(file.name, file.content, None):
+        yield "the name of a sheet", sheet.preview.sheet or ""
         rows = [(row.line, "\t".join(filter(None, row.cells))) for row in sheet.rows]
         rows += [(comment.line, comment.text) for comment in sheet.comments]
         for number, text in rows:
@@ -114,7 +122,8 @@ def _yield_scalars(file: SourceFile, kind: ArrayFormat) -> Iterator[tuple[str, s
 def _read_load(file: str, place: str, text: str, found: re.Match[str]) -> StatedLoad:
     """Return the load that a text states, with the words before the load in its cell or sentence."""
     cells = _CELLS.split(text[max(0, found.start() - _MOST_BEFORE) : found.start()])
-    before = cells[-1] if cells[-1].strip() else " ".join(cells[-2:])  # the cell before a number names it
+    is_cell_before = not cells[-1].strip() and not looks_like_a_number(cells[-2:][0].strip())
+    before = " ".join(cells[-2:]) if is_cell_before else cells[-1]  # words before a number name it
     count = _MOST_WORDS + len(found[0].split())
     words = " ".join((before + found[0]).split()[-count:]).lstrip(_MARKS)
     groups = found.groupdict()

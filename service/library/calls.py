@@ -9,13 +9,22 @@ from functools import wraps
 from os import PathLike
 from typing import Any, Final, NamedTuple, ParamSpec, TypeVar
 
-from jointstiff.service.problems import CampaignError, find_similar_name, http_problem
+from jointstiff.service.problems import (
+    GIVE_NAME,
+    CampaignError,
+    describe_content,
+    find_similar_name,
+    http_problem,
+    is_content,
+)
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
 _HIDDEN: Final = frozenset({"self", "cls", "backend"})
 """First parameters that no caller writes."""
+_NAMED_FILES: Final = ("robot", "loads")
+"""Arguments by name whose texts name files."""
 _LONGEST: Final = 40
 """Greatest length of an argument that a sentence repeats."""
 _AXES: Final = 3
@@ -92,7 +101,15 @@ class _Call(NamedTuple):
                 if "campaign" in described.casefold() and "from_arrays" not in remedy:
                     remedy += "; `jointstiff.Campaign.from_arrays` makes a campaign of arrays"
                 return self._refuse(f"`{first}` is an array", remedy)
-        return self._explain_files() or self._explain_options(bound.get("options"))
+        return self._explain_content() or self._explain_files() or self._explain_options(bound.get("options"))
+
+    def _explain_content(self) -> CallError | None:
+        """Return the error of a file's content in the place of its name; None without one."""
+        named = [self.named[name] for name in _NAMED_FILES if name in self.named]
+        for value in (*self.arguments, *named):
+            if isinstance(value, str) and is_content(value):
+                return self._refuse(describe_content(value), GIVE_NAME)
+        return None
 
     def _explain_files(self) -> CallError | None:
         """Return the error of an argument that is no name of a file, such as a list of names.

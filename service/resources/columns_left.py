@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -17,11 +16,13 @@ from jointstiff.service.importing.grammar import (
     find_unit_of_force,
     fits_header,
     is_hung,
+    is_in_kg,
     looks_like_a_force,
 )
 from jointstiff.service.importing.naming import NamedReading
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.rewriting import KEPT_KINDS
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.table import find_moving_columns
 
@@ -33,8 +34,6 @@ _COORDINATES: Final = 3
 """Coordinates of a position."""
 _SAME_SIZE: Final = 0.01
 """Largest difference of the sizes of forces, as a part of their mean."""
-_IN_KG: Final = re.compile(r"(?:[\s_/(\[（]|,\s)(?:kg|кг)[)\]）]?$", re.IGNORECASE)
-"""End of a header of masses, such as `weight_kg`."""
 _LEAST_FORCE: Final = 2.0
 """Least size of a force; a direction has the size 1."""
 _LEAST_PART_OF_LOAD: Final = 0.3
@@ -88,12 +87,13 @@ def _list_columns_read(proposal: Proposal, table: NumberTable) -> set[int]:
 
 
 def _is_explained(table: NumberTable, column: int) -> bool:
-    """Return whether a column is empty, names rows, is kept, or is ignored by the caller."""
+    """Return whether a column is empty, names rows or their loads, is kept, or is ignored by the caller."""
     is_empty = not any(row.cells[column] for row in table.rows)
     meaning = table.meanings[column]
     is_label = column == 0 and bool(table.labels)
     is_named = meaning is not None and meaning.kind in KEPT_KINDS | (_NAMES - {"ignored"})
-    return is_empty or is_named or is_label or column in table.ignored
+    is_load = is_in_kg(table.headers[column]) and any(name.mass is not None for name in table.turn)
+    return is_empty or is_named or is_label or is_load or column in table.ignored
 
 
 def name_columns_left(left: Sequence[ColumnsLeft], tables: Sequence[NumberTable]) -> Iterator[str]:
@@ -201,17 +201,23 @@ def _shows_no_load(table: NumberTable, column: int) -> bool:
 def find_bare_vector(left: ColumnsLeft) -> tuple[int, int, int] | None:
     """Return the three columns that are left, without headers and adjacent, if they are a vector; else None.
 
-    A direction has the size 1, and is no force.
+    A direction has the size 1, and is no force. Rows without load may have no numbers.
     """
     table = left.table
     if len(left.columns) != _COORDINATES or any(table.headers[column] for column in left.columns):
         return None
     first, second, third = left.columns
-    numbers = table.table.numbers[:, list(left.columns)]
+    numbers = _list_filled(table, left.columns)
     sizes = np.linalg.norm(numbers, axis=1)
-    is_force = bool(np.isfinite(sizes).all()) and sizes.mean() > _LEAST_FORCE
+    is_force = len(sizes) > 0 and bool(np.isfinite(sizes).all()) and sizes.mean() > _LEAST_FORCE
     is_vector = third - first == _COORDINATES - 1 and any(find_moving_columns(numbers))
     return (first, second, third) if is_force and is_vector else None
+
+
+def _list_filled(table: NumberTable, columns: Sequence[int]) -> FloatArray:
+    """Return the numbers (N, m) of some columns in the rows that have any."""
+    numbers = table.table.numbers[:, list(columns)]
+    return numbers[np.isfinite(numbers).any(axis=1)]
 
 
 def find_constant_force(left: ColumnsLeft) -> tuple[int, int, int] | None:
@@ -219,7 +225,7 @@ def find_constant_force(left: ColumnsLeft) -> tuple[int, int, int] | None:
     columns = find_bare_vector(left)
     if columns is None:
         return None
-    sizes = np.linalg.norm(left.table.table.numbers[:, list(columns)], axis=1)
+    sizes = np.linalg.norm(_list_filled(left.table, columns), axis=1)
     return columns if np.ptp(sizes) <= _SAME_SIZE * sizes.mean() else None
 
 
@@ -230,12 +236,11 @@ def describe_likely_force(left: Sequence[ColumnsLeft]) -> str:
     force.
     """
     sentences = [
-        f"{quote(each.table.headers[column])} has {mass:g}{' kg' if _is_in_kg(each.table, column) else ''}: "
-        f"if this load hangs{'' if _is_in_kg(each.table, column) else ' and is in kg'}, "
-        f"`force` is 0,0,-{mass:g} kgf"
+        f"{quote(header)} has {mass:g}{' kg' if is_in_kg(header) else ''}: "
+        f"if this load hangs{'' if is_in_kg(header) else ' and is in kg'}, `force` is 0,0,-{mass:g} kgf"
         for each in left
         for column in each.columns
-        if (mass := _find_mass(each.table, column)) is not None
+        if (mass := _find_mass(each.table, column)) is not None and (header := each.table.headers[column])
     ]
     sentences += [
         f"{quote(each.table.headers[column])} has {size:.4g} {unit} under load: if this force pulls down, "
@@ -246,7 +251,7 @@ def describe_likely_force(left: Sequence[ColumnsLeft]) -> str:
         and (size := _find_size(each.table, column)) > 0.0
     ]
     for each in left:
-        if len(each.columns) == _COORDINATES and not any(each.table.headers):
+        if len(each.columns) == _COORDINATES and not any(each.table.headers[c] for c in each.columns):
             first, _, third = each.columns
             sentences.append(
                 f"columns {first + 1}–{third + 1} of {quote(each.table.name)} are not read and may be "
@@ -259,7 +264,7 @@ def _find_mass(table: NumberTable, column: int) -> float | None:
     """Return the one mass of a column in kg or of a load that hangs, apart from rows with 0; else None."""
     numbers = table.table.numbers[:, column]
     masses = set(numbers[np.isfinite(numbers) & (numbers != 0.0)].tolist())
-    may_be_mass = _is_in_kg(table, column) or is_hung(table.headers[column])
+    may_be_mass = is_in_kg(table.headers[column]) or is_hung(table.headers[column])
     return masses.pop() if may_be_mass and len(masses) == 1 and min(masses) > 0.0 else None
 
 
@@ -271,11 +276,6 @@ def _find_size(table: NumberTable, column: int) -> float:
     has_one_sign = bool((under_load >= 0.0).all() or (under_load <= 0.0).all())
     is_noise = _shows_no_load(table, column)
     return float(np.median(np.abs(under_load))) if under_load.size and has_one_sign and not is_noise else 0.0
-
-
-def _is_in_kg(table: NumberTable, column: int) -> bool:
-    """Return whether a header has the unit kg."""
-    return bool(_IN_KG.search(table.headers[column]))
 
 
 def refuse_single_rows(proposal: Proposal, tables: Sequence[NumberTable]) -> None:

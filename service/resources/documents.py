@@ -28,8 +28,10 @@ from jointstiff.service.conversion.parsing import (
 )
 from jointstiff.service.problems import (
     CampaignError,
+    ContentError,
     as_campaign_error,
     http_problem,
+    is_content,
     naming_missing_file,
     problem_from_error,
     problem_from_faults,
@@ -62,6 +64,8 @@ def read_campaign(campaign: AnyCampaign) -> Campaign:
         if isinstance(campaign, BaseModel):  # a result of another function
             remedy = "give the campaign itself, or the run that `identify` makes of it"
         raise CampaignError(http_problem(422, reason, remedy))
+    if is_content(str(campaign)):
+        raise ContentError(str(campaign))
     path = Path(campaign)
     if not path.exists() and (problem := explain_arm(str(campaign))):
         raise CampaignError(problem)
@@ -383,6 +387,8 @@ def read_robot(text: str, where: str = "robot") -> RobotDocument:
     """
     from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
 
+    if is_content(text):
+        raise ContentError(text)
     file, mark, flange = text.rpartition("#")
     if mark and not Path(text).exists() and Path(file).suffix.lower() in URDF_ENDINGS:
         return parse_document(read_urdf_file(Path(file), flange=flange), RobotDocument)
@@ -414,7 +420,8 @@ def read_plan_source(source: Any) -> Any:  # noqa: ANN401 - robot, campaign or r
     if not isinstance(source, str | PathLike):
         return source
     path = Path(source)
-    if not path.is_file() or path.suffix.lower() in URDF_ENDINGS | CALIBRATION_ENDINGS:
+    is_robot = path.suffix.lower() in URDF_ENDINGS | CALIBRATION_ENDINGS
+    if is_content(str(source)) or is_robot or not path.is_file():
         return read_robot(str(source))
     try:
         is_campaign = bool({"measurement_set", "campaign"} & json.loads(path.read_bytes()).keys())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import permutations
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,22 @@ from jointstiff.solver.mechanics.postures import Postures
 
 _SAME_TURN: Final = 1e-3
 """Largest change of a force by a turn that changes nothing, as a part of the largest force."""
+_NO_FORCE: Final = 0.1
+"""Size of a force in rows without load, at most, as a part of the largest force."""
+_VERTICAL: Final = np.radians(0.3)
+"""Largest angle to z of R0 [rad] of a weight, after a turn that the robot's errors blur."""
+_CLEARLY_TILTED: Final = 3.0
+"""Least ratio of the angles to z of R0 of the two readings of a weight."""
+_LEAST_LEAN: Final = 2.0
+"""Least difference of the logarithms of the likelihood from which deflections rather show the axes."""
+
+
+class JudgedAxes(NamedTuple):
+    """Axes that forces of a file are likely in, where these differ from those of R0."""
+
+    are_of_positions: bool  # whether forces are turned into R0 as the positions are
+    reason: str  # in words
+    change: float  # of a force by the turn, as a part of the largest force
 
 
 class ForceEvidence:
@@ -61,15 +77,50 @@ class ForceEvidence:
         in_posture = [row if row < groups.count else 0 for row in rows]
         return np.nan_to_num(by_posture[:, in_posture])
 
-    def are_in_axes_of_positions(self, forces: FloatArray) -> bool:
-        """Return whether forces (rows, 3) explain the deflections with a margin if they are turned into R0.
+    def judge_axes(self, forces: FloatArray) -> JudgedAxes | None:
+        """Return whether forces (rows, 3) are likely in the axes of the positions, and why.
 
-        They are then in the axes of the instrument, as the positions of the file are.
+        None if both readings are the same, or if the deflections show that the axes are those of R0. Forces
+        that are vertical in one reading only are weights. Else the deflections decide, even without a margin,
+        and without deflections the table: its vectors are in one frame.
         """
         frame = self._proposal.frame
         turned = forces @ frame.rotation.T
-        is_same = np.abs(turned - forces).max() <= _SAME_TURN * np.abs(forces).max(initial=1e-9)
-        return not (is_same or frame.is_mirrored) and self._explain(turned, [forces])
+        size = np.nanmax(np.abs(forces), initial=1e-9)
+        change = float(np.nanmax(np.linalg.norm(turned - forces, axis=1), initial=0.0) / size)
+        if frame.is_mirrored or frame.is_base or change <= _SAME_TURN or self._explain(forces, [turned]):
+            return None
+        if self._explain(turned, [forces]):
+            return JudgedAxes(True, "as the deflections show", change)
+        tilts = {is_turned: _find_tilt(each) for is_turned, each in ((False, forces), (True, turned))}
+        for is_turned, tilt in tilts.items():
+            if tilt <= _VERTICAL and tilts[not is_turned] >= _CLEARLY_TILTED * tilt:
+                return JudgedAxes(is_turned, "as they are then vertical, as a weight is", change)
+        lean = self._measure_lean(turned, forces)
+        if abs(lean) >= _LEAST_LEAN:
+            return JudgedAxes(lean > 0.0, "as the deflections rather show", change)
+        is_one_table = all(each.reading.points.table == self._joints.name for each in self._loaded)
+        reason = "as they are in one table" if is_one_table else "as the positions are in another table"
+        return JudgedAxes(is_one_table, reason, change)
+
+    def _measure_lean(self, forces: FloatArray, others: FloatArray) -> float:
+        """Return by how much the log of the likelihood by forces (rows, 3) is greater than by others."""
+        if self._targets is None:
+            return 0.0
+        unexplained, by_others = (
+            self._targets.measure_unexplained(self._take_rows(each)) for each in (forces, others)
+        )
+        return self._targets.measure_margin(unexplained, by_others)
+
+    def may_be_forces(self, numbers: FloatArray) -> bool:
+        """Return whether the deflections leave it open whether numbers (rows, 3) are forces."""
+        if self._targets is None:
+            return True
+        frame = self._proposal.frame
+        return any(
+            self._targets.measure_unexplained(self._take_rows(each)) <= LARGEST_UNEXPLAINED
+            for each in (numbers, numbers @ frame.rotation.T)
+        )
 
     def are_forces(self, numbers: FloatArray) -> bool:
         """Return whether numbers (rows, 3) are forces in R0, or in the axes of the positions.
@@ -109,3 +160,10 @@ class ForceEvidence:
         first = next(iter(sizes_of_load.values()))
         sizes = [np.abs(sizes_of_load.get(each.load, first))[:, 0] for each in self._loaded]
         return self._targets.are_down(np.stack(sizes, axis=1))
+
+
+def _find_tilt(forces: FloatArray) -> float:
+    """Return the largest angle [rad] of forces (rows, 3) to the axis z; infinite without forces."""
+    sizes = np.linalg.norm(np.nan_to_num(forces), axis=1)
+    x, y, z = forces[sizes > _NO_FORCE * sizes.max(initial=0.0)].T
+    return float(np.arctan2(np.hypot(x, y), np.abs(z)).max()) if len(z) else float("inf")

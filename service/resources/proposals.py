@@ -12,6 +12,7 @@ import numpy as np
 from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
 from jointstiff.schemas.meaning import JointsMeaning, PointsMeaning, TableMeaning
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
+from jointstiff.service.conversion.units import FORCE
 from jointstiff.service.importing.deflections import (
     Deflection,
     add_deflections,
@@ -19,7 +20,7 @@ from jointstiff.service.importing.deflections import (
     list_lone_displacements,
 )
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
-from jointstiff.service.importing.grammar import Vocabulary, find_unit_of_size
+from jointstiff.service.importing.grammar import Vocabulary, find_unit_of_size, is_in_kg
 from jointstiff.service.importing.joining import join_tables
 from jointstiff.service.importing.lengths import convert_columns, unify_lengths
 from jointstiff.service.importing.naming import (
@@ -99,6 +100,8 @@ OPTIONS_OF_FILES: Final = (
 )
 """Options that a template keeps of files that a proposal explains."""
 
+_SAME_WEIGHT: Final = 0.02
+"""Largest difference of a stated force and the weight of a column of masses, as a part of the weight."""
 _LARGEST_WORSENING: Final = 3.0
 """Largest ratio of the residuals of files and of those of their template."""
 _LEAST_ALONG: Final = 0.75
@@ -718,16 +721,30 @@ def _has_masses(
     A force that the caller or a column states takes precedence for one load.
 
     Raises:
-        ImportFileError: several loads have one force.
+        ImportFileError: several loads have one force, or a column of masses has another one.
     """
     masses = list_masses(named)
     joints = next(table for table in tables if table.name == proposal.joints.table)
     has_force = request.force is not None or has_column_of(joints, "force")
-    if len(masses) > 1 and has_force and request.force is not None:
+    if request.force is not None and (len(masses) > 1 or _differs_from_mass(masses, joints, request)):
         listed = " and ".join("another load" if mass is None else f"{mass:g} kg" for mass in masses)
         reason = f"there are readings under {listed}, and `force` states one force for all"
+        if len(masses) == 1:
+            reason = f"there are readings under {listed}, and `force` is not this weight"
         raise ImportFileError(NOWHERE, reason, "omit `force`: the masses are those of the files", "force")
     return None not in masses and bool(masses) and not has_force
+
+
+def _differs_from_mass(masses: Sequence[float | None], joints: NumberTable, request: ImportRequest) -> bool:
+    """Return whether the stated force is not the weight of the one mass of a column in kg."""
+    unit = None if request.units is None else request.units.force
+    has_column = any(map(is_in_kg, joints.headers)) and any(name.mass for name in joints.turn)
+    mass = masses[0] if masses else None
+    if not has_column or mass is None or request.force is None or unit is None:
+        return False
+    weight = mass * FORCE["kgf"]
+    stated = FORCE[unit] * float(np.linalg.norm(request.force))
+    return abs(stated - weight) > _SAME_WEIGHT * weight
 
 
 class _Numbers(NamedTuple):
@@ -1003,13 +1020,23 @@ def _name_forces(
 def _turn_forces(
     proposal: Proposal, tables: Sequence[NumberTable], evidence: ForceEvidence
 ) -> tuple[Sequence[NumberTable], list[str]]:
-    """Return the tables with forces and moments turned into R0, if they are in the axes of the positions."""
+    """Return the tables with forces and moments turned into R0, if they are likely in the positions' axes.
+
+    A note says which axes were taken, wherever the deflections do not show those of R0.
+    """
     joints = next(table for table in tables if table.name == proposal.joints.table)
     columns = list(joints.find_columns_of("force").values())
-    if not evidence.are_in_axes_of_positions(joints.table.numbers[:, columns]):
+    axes = evidence.judge_axes(joints.table.numbers[:, columns])
+    if axes is None:
         return tables, []
+    difference = (
+        f"{axes.reason} (the axes differ by {math.degrees(proposal.frame.turn):.1f}°, "
+        f"the forces by {100.0 * axes.change:.1f} %)"
+    )
+    if not axes.are_of_positions:
+        return tables, [f"the forces taken in axes of R0, {difference}"]
     turned = joints.turn_vectors(("force", "moment"), proposal.frame.rotation)
-    note = "the forces turned into R0 with the positions, as the deflections show"
+    note = f"the forces turned into R0 with the positions, {difference}"
     return [turned if table is joints else table for table in tables], [note]
 
 
@@ -1024,11 +1051,19 @@ def _name_bare_forces(
     joints = next(table for table in tables if table.name == proposal.joints.table)
     left = next(each for each in list_columns_left(proposal, tables) if each.table is joints)
     columns = find_bare_vector(left)
-    if columns is None or not evidence.are_forces(joints.table.numbers[:, list(columns)]):
+    if columns is None:
         return tables, []
+    numbers = joints.table.numbers[:, list(columns)]
     listed = f"columns {columns[0] + 1}–{columns[2] + 1}"
-    if request.force is not None:
-        raise _NoProposalError(f"`force` is stated, but {listed} are the force of each row", "omit `force`")
+    if evidence.are_forces(numbers):
+        if request.force is not None:
+            reason = f"`force` is stated, but {listed} are the force of each row"
+            raise _NoProposalError(reason, "omit `force`")
+    elif request.force is not None and evidence.may_be_forces(numbers):
+        reason = f"`force` is stated, but {listed} without headers may be the force of each row"
+        raise _NoProposalError(reason, "say what these columns are by `header`, which names all columns")
+    else:
+        return tables, []
     named = joints.name_forces(columns)
     note = f"{listed} as the force, as the deflections show"
     return [named if table is joints else table for table in tables], [note]

@@ -432,6 +432,24 @@ def refuse_implausible_bounds(robot: Robot, bounds: Mapping[str, tuple[float | N
             refuse_implausible_stiffness(robot, name, upper, "stiffness_bounds")
 
 
+def refuse_implausible_length(robot: Robot, length: float | None) -> None:
+    """Refuse a characteristic length [m] beyond the arm's reach: it seems to be in mm.
+
+    Raises:
+        RequestError: the length is longer than the arm.
+    """
+    if length is None or length <= robot.reach_bound:
+        return
+    raise RequestError(
+        f"the characteristic length is {length_text(length)}, beyond the arm's reach of "
+        f"{length_text(robot.reach_bound)}",
+        where="characteristic_length",
+        remedy=f"for {length:g} mm give {1e-3 * length:g} where lengths are in m, as in messages and HTTP "
+        f"requests, and {length:g} where they are in mm; or omit `characteristic_length`, which is then the "
+        "length of least condition number",
+    )
+
+
 def refuse_implausible_stiffness(robot: Robot, name: str, value: float, field: str = "stiffness") -> None:
     """Refuse a stated stiffness of a joint that does not exist, or that no joint of an industrial robot has.
 

@@ -45,6 +45,7 @@ _MOST_POSES: Final = 100  # that are compared with each model
 _MOST_REVERSED: Final = 7  # joints of an arm for which all combinations of signs are tried
 _ALIKE: Final = 1.5  # ratio of residuals up to which readings do not distinguish two robots
 _CLEAR_UNCERTAINTIES: Final = 4.0
+_OF_ANOTHER_ARM: Final = {"m": 0.1, "rad": 0.5}  # differences that no arm has from its own nominal model
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,9 +217,10 @@ def report_misfit(rms: float, links: Sequence[LinkComparison]) -> Iterator[Findi
         quantities = ", ".join(
             f"{link.quantity} after {link.joint} ({_describe_sizes(link)})" for link in far
         )
+        is_other_arm = any(abs(link.difference) > _OF_ANOTHER_ARM[link.unit] for link in far)
         yield Finding(
             code="target_off_model",
-            weight="use_with_care",
+            weight="do_not_use" if is_other_arm else "use_with_care",
             where="links",
             message="links differ from the nominal model by more than "
             f"{length_text(LARGEST_LENGTH_DIFFERENCE)} or {LARGEST_ANGLE_DIFFERENCE:g} rad: {quantities}",

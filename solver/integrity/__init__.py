@@ -72,7 +72,7 @@ _FOLLOWS: Final[Mapping[FindingCode, frozenset[FindingCode]]] = {
     "deflection_implausibly_large": _UNIT,
     "deflection_implausibly_small": _UNIT,
     "sigma_suspect": _UNIT,
-    "joint_outside_limits": _JOINTS,
+    "joint_outside_limits": _JOINTS | _UNIT,
 }
 """Code of a finding about numbers alone → mistakes of the whole set that cause it."""
 

@@ -12,10 +12,11 @@ other parts than the joints bend.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from scipy import special
@@ -50,7 +51,7 @@ from jointstiff.solver.integrity.mistakes import (
 )
 from jointstiff.solver.integrity.mixed_units import find_mixed_units
 from jointstiff.solver.integrity.order import inspect_order
-from jointstiff.solver.integrity.permuted_loads import find_permuted_loads
+from jointstiff.solver.integrity.permuted_loads import find_order_of_loads, report_order_of_loads
 from jointstiff.solver.integrity.turned_forces import (
     describe_axes,
     find_axes_of_forces,
@@ -921,6 +922,8 @@ SMALLEST_RESIDUAL: Final = 5e-6
 _LEAST_SHIFTED: Final = 3
 """Least number of successive rows that a shift must explain: one row may match its neighbour by chance, and
 two rows may be exchanged."""
+_SHOWN_LABELS: Final = 4
+"""Number of labels that a finding about their order names."""
 _MOST_SHIFTED: Final = 3
 """Greatest shift of the loads against the readings that is searched, in rows."""
 _SAME_STEP: Final = 0.01
@@ -1143,7 +1146,9 @@ def _find_mistaken_loads(view: View, block: RegressorBlock, springs: Springs) ->
         )
         if mistaken is not None:
             return mistaken
-    return find_permuted_loads(view, block.measurements) or _find_series_of_forces(view, block, springs)
+    if found := find_order_of_loads(view, block.measurements):
+        return report_order_of_loads(view, block.measurements, found)
+    return _find_series_of_forces(view, block, springs)
 
 
 def _find_series_of_forces(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
@@ -1209,42 +1214,101 @@ def _find_exchanged_by_springs(view: View, block: RegressorBlock, springs: Sprin
     )
 
 
-def _find_forces_of_other_rows(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
-    """Return the finding about loads that are shifted against the readings, or in reverse order.
+@dataclass(frozen=True, eq=False)
+class _OrderOfLoads:
+    """An order of the loads that a mistake of bookkeeping makes, and how to undo it."""
 
-    All rows of loads are shifted alike, as if a row was missing at the beginning or at the end. None is
-    returned if no order of the loads leaves a small share unexplained.
+    rows: IndexArray  # (N,) row of the load that belongs to each row
+    cause: str
+    remedy: str
+    shift: int = 0  # number of rows by which the loads are shifted
+
+
+def _list_orders_of_loads(labels: Sequence[str]) -> list[_OrderOfLoads]:
+    """Return the orders of loads that mistakes of bookkeeping make: sorted labels, shifts, reverse order.
+
+    An order that two mistakes make is listed once.
     """
-    measurements, rows = block.measurements, np.arange(len(block.measurements))
-    loads = np.hstack([measurements.force, measurements.moment])
-    if len(rows) < LEAST_OBSERVATIONS_OF_TURN or np.allclose(loads, loads[0]):
-        return None
+    rows = np.arange(len(labels))
+    orders = []
+    by_text = _rank(list(labels))
+    by_number = _rank([_split_at_numbers(label) for label in labels])
+    for ranks, order in ((by_text, "as text"), (by_number, "by their numbers")):
+        first = ", ".join(f"'{labels[i]}'" for i in np.argsort(ranks)[:_SHOWN_LABELS])
+        orders.append(
+            _OrderOfLoads(
+                ranks,
+                f"the forces are in the order of the labels sorted {order} ({first}, …), but the readings "
+                "are not",
+                "match the forces with the observations by label, not by position; in Python, "
+                "`table.loc[labels]` orders a table by its labels, and `groupby(…, sort=False)` keeps the "
+                "order of the log",
+            )
+        )
     most = min(_MOST_SHIFTED, (len(rows) - 1) // 2)
-    orders = {shift: np.roll(rows, -shift) for shift in sorted(range(-most, most + 1), key=abs) if shift} | {
-        0: rows[::-1]
-    }
-    fits = {
-        shift: Springs.fit(get_whole_block(view.robot, _reorder_loads(measurements, order)))
-        for shift, order in orders.items()
-    }
-    best = min(fits, key=lambda shift: fits[shift].unexplained)
-    unexplained = fits[best].unexplained
-    others = [fit.unexplained for shift, fit in fits.items() if shift != best]
-    is_better = unexplained < BETTER * min([springs.unexplained, *others]) and fits[best].work > 0.0
-    if not is_better or unexplained > UNEXPLAINED:
+    for shift in sorted(range(-most, most + 1), key=abs):
+        count = "one row" if abs(shift) == 1 else f"{abs(shift)} rows"
+        side = "after" if shift > 0 else "before"
+        orders.append(
+            _OrderOfLoads(
+                np.roll(rows, -shift),
+                f"the forces are shifted by {count} against the readings",
+                f"shift the forces by {count}: the force of each observation is {count} {side} its own row",
+                abs(shift),
+            )
+        )
+    orders.append(
+        _OrderOfLoads(rows[::-1], "the forces are in reverse order", "reverse the order of the forces")
+    )
+    by_rows = {tuple(order.rows.tolist()): order for order in reversed(orders)}
+    del by_rows[tuple(rows.tolist())]  # as posted
+    return list(by_rows.values())
+
+
+def _rank(keys: Sequence[Any]) -> IndexArray:
+    """Return the position (N,) of each of N keys after sorting; equal keys keep their order."""
+    ranks = np.empty(len(keys), dtype=np.int_)
+    ranks[sorted(range(len(keys)), key=keys.__getitem__)] = np.arange(len(keys))
+    return ranks
+
+
+def _split_at_numbers(label: str) -> list[tuple[int, str]]:
+    """Split a label into texts and numbers, so that 'c2' is sorted before 'c10'."""
+    parts = re.split(r"([0-9]+)", label)
+    parts[1::2] = [number.lstrip("0") for number in parts[1::2]]
+    return [(len(part) * (i % 2), part) for i, part in enumerate(parts)]
+
+
+def _find_forces_of_other_rows(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
+    """Return the finding about loads in another order than the readings, which a mistake of bookkeeping made.
+
+    The loads are in the order of sorted labels, shifted alike as if a row was missing at the beginning or at
+    the end, or in reverse order. None is returned if no order of the loads leaves a small share unexplained.
+    A shift that explains much less than the best of all orders is not reported, but this order.
+    """
+    measurements = block.measurements
+    loads = np.hstack([measurements.force, measurements.moment])
+    if len(loads) < LEAST_OBSERVATIONS_OF_TURN or np.allclose(loads, loads[0]):
         return None
-    if best == 0:
-        cause, remedy = "the forces are in reverse order", "reverse the order of the forces"
-    else:
-        count = "one row" if abs(best) == 1 else f"{abs(best)} rows"
-        side = "after" if best > 0 else "before"
-        cause = f"the forces are shifted by {count} against the readings"
-        remedy = f"shift the forces by {count}: the force of each observation is {count} {side} its own row"
+    orders = _list_orders_of_loads(measurements.labels)
+    fits = [
+        Springs.fit(get_whole_block(view.robot, _reorder_loads(measurements, order.rows))) for order in orders
+    ]
+    best = min(range(len(fits)), key=lambda trial: fits[trial].unexplained)
+    fit, order = fits[best], orders[best]
+    others = [other.unexplained for other in fits if other is not fit]
+    is_better = fit.unexplained < BETTER * min([springs.unexplained, *others]) and fit.work > 0.0
+    if not is_better or fit.unexplained > UNEXPLAINED:
+        return None
+    if fit.unexplained > WORTH_A_SEARCH and (found := find_order_of_loads(view, measurements)):
+        is_of_some_rows = (found.order == order.rows).sum() < len(loads) - order.shift
+        if is_of_some_rows and found.after < BETTER * fit.unexplained:
+            return report_order_of_loads(view, measurements, found)
     return view.build_finding(
         "observations_out_of_order",
-        f"{cause}: joint compliances leave {100.0 * springs.unexplained:.3g} % of the deflections "
-        f"unexplained, and with the forces in that order {100.0 * unexplained:.3g} %",
-        f"{remedy}; {PAST_DO_NOT_USE}",
+        f"{order.cause}: joint compliances leave {100.0 * springs.unexplained:.3g} % of the deflections "
+        f"unexplained, and with the forces in that order {100.0 * fit.unexplained:.3g} %",
+        f"{order.remedy}; {PAST_DO_NOT_USE}",
         "do_not_use",
     )
 

@@ -109,7 +109,7 @@ class Hypothesis:
     remedy: str  #: the proposed correction
     rows: IndexArray  #: (M,) positions of the corrected rows among the rows that are checked
     length: float = 1.0  #: factor on the positions
-    unit: Unit | None = None  #: true unit of the numbers, for a mistaken unit that a set can declare
+    units: tuple[Unit, ...] = ()  #: true units of the numbers, for mistaken units that a set can declare
     correction: JointCorrection | None = None  #: for a mistake that another joint map corrects
     cause: str = ""  #: the mistake in words, if the change does not say it
     exchanged: tuple[str, ...] = ()  #: names of two joints whose columns are exchanged
@@ -137,14 +137,28 @@ def propose_unit_mistakes(joints: FloatArray, prismatic: BoolArray) -> Iterator[
         ("rad", from_radians, 1.0, "all angles taken as radians"),
     ]
     for unit, corrected, length_factor, change in units:
-        code = OTHER_UNITS[unit][2]
-        yield Hypothesis(code, corrected, change, "", rows, length_factor, unit)
+        code = OTHER_UNITS[unit].code
+        yield Hypothesis(code, corrected, change, "", rows, length_factor, (unit,))
     for true_unit, declared, factor in _CENTIMETRES_AND_INCHES:
         corrected = joints * np.where(prismatic, factor, 1.0)
         change = f"all lengths multiplied by {factor:g}"
         remedy = f"multiply all lengths by {factor:g}: {true_unit} to {declared}; {PAST_DO_NOT_USE}"
         cause = f"the lengths seem to be in {true_unit}, not in {declared} as declared"
         yield Hypothesis("length_unit_suspect", corrected, change, remedy, rows, factor, cause=cause)
+
+
+def _propose_both_units(joints: FloatArray, prismatic: BoolArray) -> Iterator[Hypothesis]:
+    """Yield the hypotheses that all lengths and all angles were given in other units."""
+    by_unit = {each.units[0]: each for each in propose_unit_mistakes(joints, prismatic) if each.units}
+    pairs: list[tuple[Unit, Unit]] = [("mm", "deg"), ("mm", "rad"), ("m", "deg"), ("m", "rad")]
+    for length, angle in pairs:
+        lengths, angles = by_unit[length], by_unit[angle]
+        yield replace(
+            lengths,
+            joints=np.where(prismatic, lengths.joints, angles.joints),
+            change=f"{lengths.change} and {angles.change}",
+            units=(length, angle),
+        )
 
 
 def propose_angle_mistakes(
@@ -275,10 +289,11 @@ def find_best_trial(view: View, sample: IndexArray) -> Trial:
     """
     joints = view.measurements.joints
     units = propose_unit_mistakes(joints[sample], view.robot.prismatic)
+    both = _propose_both_units(joints[sample], view.robot.prismatic)
     angles = propose_angle_mistakes(joints, sample, view.robot.joint_names)
     countings = propose_countings(joints[sample], view.robot)
     return max(
-        (_try(view, sample, hypothesis) for hypothesis in (*units, *angles, *countings)),
+        (_try(view, sample, hypothesis) for hypothesis in (*units, *both, *angles, *countings)),
         key=lambda trial: trial.rank,
     )
 
@@ -310,8 +325,8 @@ def report_trial(view: View, trial: Trial, agreeing: BoolArray, rows: IndexArray
         f"observations; with {hypothesis.change}, in {explained.sum()} of {len(explained)}, "
         f"within {length_text(float(trial.distances[explained].max()))}"
     )
-    if hypothesis.unit is not None:
-        return view.suspect_other_unit(hypothesis.unit, effect)
+    if hypothesis.units:
+        return view.suspect_other_units(hypothesis.units, effect)
     if hypothesis.cause:
         effect = f"{hypothesis.cause}: {effect}"
     action = None

@@ -55,6 +55,9 @@ def find_mixed_units(view: View, rows: IndexArray, seen_from_flange: FloatArray)
         rows: (M,) indices of rows with positions.
         seen_from_flange: (M, T, 3) targets of these rows in the flange frame, as given [m].
     """
+    position = view.measurements.position[rows][np.isfinite(seen_from_flange[..., 0])]
+    if position.std(axis=0).max() <= LARGEST_MODEL_ERROR:
+        return None  # targets that hardly move keep their places under any angles
     trials = []
     for hypothesis in propose_unit_mistakes(view.measurements.joints[rows], view.robot.prismatic):
         trial = _split_rows(view, rows, seen_from_flange, hypothesis)
@@ -70,19 +73,20 @@ def find_mixed_units(view: View, rows: IndexArray, seen_from_flange: FloatArray)
         f"{best.explained} of {len(rows)} observations, within {length_text(best.farthest)}"
     )
     count = f"{len(changed)} of {len(rows)} observations ({names})"
-    if hypothesis.unit is None:
+    if not hypothesis.units:
         return view.build_finding(
             hypothesis.code,
             f"in {count}, {hypothesis.cause}: {message_of_fit}",
             f"multiply the lengths of these observations alone by {hypothesis.length:g}",
             "do_not_use",
         )
-    quantity, other, code = OTHER_UNITS[hypothesis.unit]
+    (unit,) = hypothesis.units
+    quantity, other, code = OTHER_UNITS[unit]
     return view.build_finding(
         code,
-        f"the {quantity}s of {count} seem to be in {hypothesis.unit}, and those of all others in {other}: "
+        f"the {quantity}s of {count} seem to be in {unit}, and those of all others in {other}: "
         f"{message_of_fit}",
-        f"correct the {quantity}s of these observations alone: {_CONVERSIONS[hypothesis.unit]}",
+        f"correct the {quantity}s of these observations alone: {_CONVERSIONS[unit]}",
         "do_not_use",
     )
 

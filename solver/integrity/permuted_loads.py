@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from jointstiff.schemas.finding import Finding
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.integrity.values import View
 from jointstiff.solver.mechanics.block import get_whole_block
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -105,8 +105,18 @@ class _LoadsInRows:
         return guesses
 
 
-def find_permuted_loads(view: View, measurements: Measurements) -> Finding | None:
-    """Return the finding that the loads belong to other rows; None unless another order explains far more.
+@dataclass(frozen=True, eq=False)
+class FoundOrder:
+    """The order of the loads of N observations in which joints explain the deflections best."""
+
+    order: IndexArray  #: (N,) row of the load that fits each row
+    is_other: BoolArray  #: (N,) whether the fitting load differs from that of the row
+    before: float  #: unexplained share of the deflections as posted
+    after: float  #: unexplained share with the loads in this order
+
+
+def find_order_of_loads(view: View, measurements: Measurements) -> FoundOrder | None:
+    """Search the order of loads that explains the deflections; None unless it explains far more than posted.
 
     Args:
         view: measurement set.
@@ -129,22 +139,28 @@ def find_permuted_loads(view: View, measurements: Measurements) -> Finding | Non
     shares = [trials.measure_unexplained(order, trials.fit(order)) for order in orders]
     best = int(np.argmin(shares))
     after, order = shares[best], orders[best]
-    other = np.abs(loads[order] - loads).max(axis=1) > _SAME * np.abs(loads).max()
-    if after > min(_EXPLAINED, _BETTER * before) or not other.any():
+    is_other = np.abs(loads[order] - loads).max(axis=1) > _SAME * np.abs(loads).max()
+    if after > min(_EXPLAINED, _BETTER * before) or not is_other.any():
         return None
     if trials.measure_unexplained_by_exchanged_states() < after:
         return None  # another check names the rows with exchanged states
+    return FoundOrder(order, is_other, before, after)
+
+
+def report_order_of_loads(view: View, measurements: Measurements, found: FoundOrder) -> Finding:
+    """Return the finding that the loads belong to other rows, with some rows and the loads that fit them."""
     sorted_by = _find_sorted_quantity(measurements.force)
     cause = "the forces belong to other rows"
     if sorted_by:
         cause = f"the forces are sorted by {sorted_by}, but the readings are not"
-    labels = measurements.labels
-    named = [f"'{labels[i]}' fits the force of '{labels[order[i]]}'" for i in np.flatnonzero(other)[:_SHOWN]]
+    labels, count = measurements.labels, len(measurements)
+    shown = np.flatnonzero(found.is_other)[:_SHOWN]
+    named = [f"'{labels[i]}' fits the force of '{labels[found.order[i]]}'" for i in shown]
     return view.build_finding(
         "observations_out_of_order",
-        f"{cause}: joint compliances leave {100.0 * before:.3g} % of the deflections unexplained, and with "
-        f"the forces of {int(other.sum())} of {count} observations in another order {100.0 * after:.3g} %: "
-        f"{', '.join(named)}",
+        f"{cause}: joint compliances leave {100.0 * found.before:.3g} % of the deflections unexplained, and "
+        f"with the forces of {int(found.is_other.sum())} of {count} observations in another order "
+        f"{100.0 * found.after:.3g} %: {', '.join(named)}",
         f"match the forces with the observations again, row by row; {PAST_DO_NOT_USE}",
         "do_not_use",
     )

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -24,13 +24,22 @@ from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import PAST_DO_NOT_USE, figure, length_text
 
-OTHER_UNITS: Final[dict[Unit, tuple[str, Unit, FindingCode]]] = {
-    "mm": ("length", "m", "length_unit_suspect"),
-    "m": ("length", "mm", "length_unit_suspect"),
-    "deg": ("angle", "rad", "angle_unit_suspect"),
-    "rad": ("angle", "deg", "angle_unit_suspect"),
+
+class OtherUnit(NamedTuple):
+    """What it means that numbers seem to have a unit that was not declared."""
+
+    quantity: str
+    declared: Unit
+    code: FindingCode
+
+
+OTHER_UNITS: Final[dict[Unit, OtherUnit]] = {
+    "mm": OtherUnit("length", "m", "length_unit_suspect"),
+    "m": OtherUnit("length", "mm", "length_unit_suspect"),
+    "deg": OtherUnit("angle", "rad", "angle_unit_suspect"),
+    "rad": OtherUnit("angle", "deg", "angle_unit_suspect"),
 }
-"""Unit that the numbers seem to have → quantity, unit that was declared instead, and code of the finding."""
+"""Unit that the numbers seem to have → what it means."""
 LENGTH_UNITS: Final = (
     ("mm", "m", 1000.0),
     ("cm", "m", 100.0),
@@ -156,16 +165,29 @@ class View:
             unit: unit that the numbers seem to have.
             effect: evidence in words.
         """
-        quantity, declared, code = OTHER_UNITS[unit]
-        remedy = f"set `units.{quantity}` to {unit}"
-        if quantity in self.header_units:
-            remedy = f"change the unit of {quantity}s in the headers from {declared} to {unit}"
+        return self.suspect_other_units((unit,), effect)
+
+    def suspect_other_units(self, units: Sequence[Unit], effect: str) -> Finding:
+        """Build the finding that lengths, angles or both seem to have other units than the declared ones.
+
+        Args:
+            units: units that the numbers seem to have, lengths first. An action converts a single unit.
+            effect: evidence in words.
+        """
+        causes, remedies = [], []
+        for unit in units:
+            quantity, declared, _ = OTHER_UNITS[unit]
+            causes.append(f"the {quantity}s seem to be in {unit}, not in {declared} as declared")
+            remedy = f"set `units.{quantity}` to {unit}"
+            if quantity in self.header_units:
+                remedy = f"change the unit of {quantity}s in the headers from {declared} to {unit}"
+            remedies.append(remedy)
         return self.build_finding(
-            code,
-            f"the {quantity}s seem to be in {unit}, not in {declared} as declared: {effect}",
-            f"{remedy}; {PAST_DO_NOT_USE}",
+            OTHER_UNITS[units[0]].code,
+            f"{', and '.join(causes)}: {effect}",
+            f"{' and '.join(remedies)}; {PAST_DO_NOT_USE}",
             "do_not_use",
-            AdvisedAction.of("convert_units", unit=unit),
+            AdvisedAction.of("convert_units", unit=units[0]) if len(units) == 1 else None,
         )
 
     @cached_property

@@ -44,12 +44,16 @@ class FramePlacement:
         return bool(np.linalg.det(self.rotation) < 0.0)
 
     @property
+    def turn(self) -> float:
+        """Angle [rad] of the axes against those of R0."""
+        cosine_of_turn = 0.5 * (float(np.trace(self.rotation)) - 1.0)
+        return float(np.arccos(np.clip(cosine_of_turn, -1.0, 1.0)))
+
+    @property
     def is_base(self) -> bool:
         """Return whether the frame is R0, up to the errors of a model."""
-        cosine_of_turn = 0.5 * (float(np.trace(self.rotation)) - 1.0)
-        turn = float(np.arccos(np.clip(cosine_of_turn, -1.0, 1.0)))
         distance_of_origin = float(np.linalg.norm(self.origin))
-        return turn < _BASE_ANGLE and distance_of_origin < _BASE_DISTANCE
+        return self.turn < _BASE_ANGLE and distance_of_origin < _BASE_DISTANCE
 
     def to_base(self, points: FloatArray) -> FloatArray:
         """Return positions (..., 3) of the file in R0 [m]."""

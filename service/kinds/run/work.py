@@ -8,7 +8,7 @@ from jointstiff.schemas.run import RunRequest, RunResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.kinds.work import Arrays, Span, Work
 from jointstiff.service.resources.inputs import Inputs
-from jointstiff.service.runs.verdicts import refuse_implausible_bounds
+from jointstiff.service.runs.verdicts import refuse_implausible_bounds, refuse_implausible_length
 from jointstiff.solver.own_weight.run import choose_own_weight_if_unloaded
 from jointstiff.solver.run import Identification
 
@@ -23,6 +23,7 @@ class RunWork(Work):
             RequestError: the readings cannot support the request.
         """
         refuse_implausible_bounds(prepared.robot, request.stiffness_bounds)
+        refuse_implausible_length(prepared.robot, request.characteristic_length)
         request = choose_own_weight_if_unloaded(prepared.robot, prepared.measurements, request)
         self.robot_id, self.input_hash = prepared.robot_id, prepared.run_hash(request)
         self.details = {"request": request}

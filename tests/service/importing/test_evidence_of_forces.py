@@ -16,11 +16,15 @@ ARM = "ABB IRB 4600-60/2.05"
 POINT = np.array([0.0, 0.0, 0.12])
 STATED = {"encoders": "motor", "load_point": [0, 0, 120], "length_unit": "mm"}
 TURN = Rotation.from_euler("zyx", [122.0, 3.0, -2.0], degrees=True)
+TILT = Rotation.from_euler("yx", [2.0, -1.5], degrees=True)
 PLACED = np.array([2.4, -1.1, 0.3])
 
 
-def measure(forces, seed=5):
-    """Return joints [deg], and positions (N, 2) of one target [m] of an arm whose joints are springs."""
+def measure(forces, seed=5, error=1e-5):
+    """Return joints [deg], and positions (N, 2) of one target [m] of an arm whose joints are springs.
+
+    `error` is the standard deviation of a coordinate [m].
+    """
     robot = next(each for each in catalogue_robots() if each.name == ARM).robot
     generator = np.random.default_rng(seed)
     q = generator.uniform(-1.1, 1.1, (len(forces), robot.n))
@@ -31,12 +35,12 @@ def measure(forces, seed=5):
     twist = compliances * np.einsum("nij,ni->nj", load, forces)
     shift = np.einsum("nij,nj->ni", postures.jacobian_at(place)[:, 0], twist)
     positions = np.stack([place[:, 0], place[:, 0] + shift], axis=1)
-    noise = 1e-5 * generator.standard_normal(positions.shape)
+    noise = error * generator.standard_normal(positions.shape)
     return np.degrees(robot.joint_map.controller_angles(q)), positions + noise
 
 
-def in_tracker(positions):
-    return TURN.inv().apply((positions - PLACED).reshape(-1, 3)).reshape(positions.shape)
+def in_tracker(positions, turn=TURN):
+    return turn.inv().apply((positions - PLACED).reshape(-1, 3)).reshape(positions.shape)
 
 
 def pull(seed=2, count=14):
@@ -84,6 +88,34 @@ def test_forces_in_axes_of_r0_stay_where_positions_are_turned(tmp_path):
     assert read_forces(proposed) == pytest.approx(forces, abs=1e-3)
 
 
+HEADERS_OF_FORCE = ["Fx [N]", "Fy [N]", "Fz [N]"]
+
+
+@pytest.mark.parametrize("axes", ["R0", "tracker"])
+def test_a_weight_beside_positions_of_a_tilted_tracker_is_vertical_in_r0_and_the_axes_are_said(
+    axes, tmp_path
+):
+    forces = np.tile([0.0, 0.0, -900.0], (14, 1))
+    joints, positions = measure(forces, error=1e-4)
+    written = forces if axes == "R0" else TILT.inv().apply(forces)
+    rows = write_rows(joints, in_tracker(positions, TILT), written)
+    proposed = propose(table([*HEADERS, *HEADERS_OF_FORCE], rows), tmp_path)
+    said = "taken in axes of R0" if axes == "R0" else "turned into R0 with the positions"
+    assert f"the forces {said}, as they are then vertical, as a weight is" in str(proposed)
+    assert "(the axes differ by 2.5°, the forces by 4.4 %)" in str(proposed)
+    assert read_forces(proposed) == pytest.approx(forces, abs=3.0)
+
+
+def test_forces_in_the_table_of_a_tilted_tracker_are_never_taken_in_some_axes_silently(tmp_path):
+    forces = np.tile([500.0, 300.0, -600.0], (14, 1))
+    joints, positions = measure(forces, error=1e-4)
+    rows = write_rows(joints, in_tracker(positions, TILT), TILT.inv().apply(forces))
+    proposed = propose(table([*HEADERS, *HEADERS_OF_FORCE], rows), tmp_path)
+    assert "the forces turned into R0 with the positions, as " in str(proposed)
+    assert "(the axes differ by 2.5°" in str(proposed)
+    assert read_forces(proposed) == pytest.approx(forces, abs=5.0)
+
+
 @pytest.mark.parametrize("axes", ["R0", "tracker"])
 def test_columns_without_headers_along_the_deflections_are_forces_whose_unit_is_the_only_question(
     axes, tmp_path
@@ -115,6 +147,42 @@ def test_one_force_is_refused_where_columns_are_the_force_of_each_row(tmp_path):
     stated = {"force": (900.0 * along / np.linalg.norm(along)).tolist(), "units": {"force": "N"}}
     with pytest.raises(js.CampaignError, match="columns 13–15 are the force of each row"):
         propose(table([], write_rows(joints, positions, forces)), tmp_path, **stated)
+
+
+def write_blocks(joints, positions, forces):
+    """Return rows without load above those under load, which have forces in columns without headers."""
+    texts = [[*JOINTS, "X", "Y", "Z", "", "", ""]]
+    for state, others in enumerate((np.full_like(forces, np.nan), forces)):
+        rows = np.column_stack([joints, 1e3 * positions[:, state], others])
+        texts += [["" if np.isnan(each) else f"{each:.4f}" for each in row] for row in rows]
+    names = [
+        "pose",
+        *(f"P{n}" for n in range(1, len(joints) + 1)),
+        *(f"P{n}" for n in range(1, len(joints) + 1)),
+    ]
+    states = ["state", *("unloaded" for _ in joints), *("loaded" for _ in joints)]
+    return (
+        "\n".join(";".join(row) for row in zip(names, states, *zip(*texts, strict=True), strict=True)) + "\n"
+    )
+
+
+def test_the_force_of_rows_under_load_in_columns_without_headers_is_read(tmp_path):
+    forces = pull()
+    joints, positions = measure(forces)
+    proposed = propose(write_blocks(joints, positions, forces), tmp_path, units={"force": "N"})
+    assert "columns 12–14 as the force, as the deflections show" in str(proposed)
+    assert read_forces(proposed) == pytest.approx(forces, abs=1e-3)
+
+
+def test_one_force_is_refused_beside_columns_that_may_be_the_force_of_rows_under_load(tmp_path):
+    forces = pull(count=5)
+    joints, positions = measure(forces)
+    joints, positions = np.vstack([joints] * 2), np.vstack([positions] * 2)
+    forces = np.vstack([forces] * 2)
+    joints[5:], positions[5:] = (each for each in measure(forces[:5], seed=8))
+    stated = {"force": [0, 0, -900], "units": {"force": "N"}}
+    with pytest.raises(js.CampaignError, match=r"columns 12–14.*(may be|are) the force of each row"):
+        propose(write_blocks(joints, positions, forces), tmp_path, **stated)
 
 
 def sizes(direction, count=14):

@@ -10,6 +10,7 @@ import scipy.io
 from support.strange_files import JOINTS, both, digits, joint_rows, judge, simulate, table, wide
 
 import jointstiff as js
+from jointstiff.service.problems import http_problem
 
 ARM = "KUKA KR 210 R2700 extra"
 CAMPAIGN = simulate(ARM, seed=3, postures=14)
@@ -368,3 +369,62 @@ def test_many_masses_in_words_are_no_load(tmp_path):
     ]
     files = {"a.csv": table(["Pose", *(f"{joint} [deg]" for joint in JOINTS), "Remark", *POINTS], rows)}
     assert accept(files, tmp_path).missing[0].endswith("(N, kN, kgf, lbf)")
+
+
+def test_a_load_in_words_is_quoted_without_the_number_of_the_cell_before(tmp_path):
+    rows = [
+        [*row, load]
+        for row, load in zip(wide(CAMPAIGN, UNLOADED, LOADED), ["160 kg", *[""] * 13], strict=True)
+    ]
+    headers = ["Pose", *(f"{joint} [deg]" for joint in JOINTS), *POINTS, "Remark"]
+    (missing,) = propose({"a.csv": table(headers, rows)}, tmp_path).accept().missing
+    assert 'says "160 kg"' in missing
+    assert "`force` is 0,0,-160 kgf" in missing
+
+
+def test_a_refusal_without_the_force_shows_the_likely_force_whole(tmp_path):
+    rows = wide(CAMPAIGN, UNLOADED, LOADED)
+    headers = ["Pose", *(f"{joint} [deg]" for joint in JOINTS), *POINTS]
+    name = "a long name of a file of readings of a robot in a cell.csv"
+    (missing,) = propose({name: f"# Last: 150 kg\n{table(headers, rows)}"}, tmp_path).accept().missing
+    refused = http_problem(422, f"nothing was written, because information is missing: {missing}")
+    assert refused.detail.endswith("`force` is 0,0,-150 kgf")
+
+
+@pytest.mark.parametrize(
+    "header", ["load_kg", "payload_kg", "carga_kg", "last_kg", "mass_kg", "Zuladung (kg)"]
+)
+def test_loads_in_kg_of_the_rows_of_a_posture_are_several_loads(header, tmp_path):
+    more = LOADED + (LOADED - UNLOADED)
+    rows = [
+        [f"P{number}", load, *digits(joints), *digits(place)]
+        for number, (joints, *places) in enumerate(
+            zip(CAMPAIGN.joints, UNLOADED, LOADED, more, strict=True), 1
+        )
+        for load, place in zip(("0", "10", "20"), places, strict=True)
+    ]
+    text = table(["pose", header, *(f"{joint}_deg" for joint in JOINTS), "x_mm", "y_mm", "z_mm"], rows)
+    proposed = propose({"a.csv": text}, tmp_path)
+    assert "not read" not in str(proposed)
+    answer = proposed.accept()
+    assert answer.measurement_set.units.force == "kgf"
+    forces = {tuple(each.force) for each in answer.measurement_set.observations}
+    assert sorted(np.round([force[2] for force in forces], 1)) == pytest.approx([-20.0, -10.0])
+    assert len(answer.measurement_set.observations) == 2 * len(CAMPAIGN.joints)
+
+
+@pytest.mark.parametrize(("newtons", "is_weight"), [(98.1, True), (900.0, False)])
+def test_a_stated_force_is_refused_if_a_column_of_masses_has_another_weight(newtons, is_weight, tmp_path):
+    rows = [
+        [f"P{number}", load, *digits(joints), *digits(place)]
+        for number, (joints, *places) in enumerate(zip(CAMPAIGN.joints, UNLOADED, LOADED, strict=True), 1)
+        for load, place in zip(("0", "10"), places, strict=True)
+    ]
+    header = ["pose", "load_kg", *(f"{joint}_deg" for joint in JOINTS), "x_mm", "y_mm", "z_mm"]
+    stated = {"force": [0, 0, -newtons], "units": {"force": "N"}}
+    files = {"a.csv": table(header, rows)}
+    if is_weight:
+        assert read_force(files, tmp_path, **stated) == pytest.approx([0.0, 0.0, -newtons])
+        return
+    with pytest.raises(js.CampaignError, match="under 10 kg, and `force` is not this weight"):
+        propose(files, tmp_path, **stated)

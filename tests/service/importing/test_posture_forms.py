@@ -98,6 +98,23 @@ def test_forms_of_postures_are_read_as_one_table(write, tmp_path):
     assert "10 forms were read as postures" in answer.files[0].assumptions
 
 
+@pytest.mark.parametrize("gap", [[], [[]]])
+def test_fields_of_two_texts_in_a_form_are_no_groups_of_its_columns(gap, tmp_path):
+    def add_fields(posture, rows):
+        joints = [["Giunti [°]", *JOINTS], [None, *angles_of(posture)]]
+        return [
+            ["Posizione", posture + 1],
+            ["Robot", "KR-210"],
+            ["Carico", "12 kg"],
+            *gap,
+            *joints,
+            *rows[9:],
+        ]
+
+    answer = propose(write_sheets(add_fields), tmp_path).accept()
+    assert judge(CAMPAIGN, answer.measurement_set.model_dump(mode="json")) == []
+
+
 def test_a_sheet_that_is_no_form_is_named(tmp_path):
     answer = propose(write_sheets(), tmp_path).accept()
     assert "the sheet 'Info' has no table, and was not read" in answer.files[0].assumptions

@@ -61,14 +61,14 @@ def write_csv(rows):
     return "\n".join(";".join(row) for row in rows).encode() + b"\n"
 
 
-def write_workbook(rows):
+def write_workbook(rows, *, are_merged=True):
     book = openpyxl.Workbook()
     sheet = book.active
     for row in rows:
         sheet.append(
             [float(cell) if cell.lstrip("-").replace(".", "", 1).isdigit() else cell for cell in row]
         )
-    for first in range(2, sheet.max_row, 2):
+    for first in range(2, sheet.max_row, 2) if are_merged else ():
         for column in range(1, 8):
             sheet.merge_cells(start_row=first, end_row=first + 1, start_column=column, end_column=column)
     output = io.BytesIO()
@@ -284,3 +284,16 @@ def test_a_size_of_a_force_is_offered_as_the_force(tmp_path):
     stated = {name: value for name, value in STATED.items() if name != "force"}
     answer = js.read(tmp_path / "a.csv", robot=ARM, length_unit="mm", **stated).accept()
     assert any("`force` is 0,0,-50 N" in each for each in answer.missing)
+
+
+def test_the_header_of_a_lower_block_names_columns_that_the_upper_header_leaves_open(tmp_path):
+    names = ["Punto", *(f"J{i}" for i in range(1, 7)), *"XYZ"]
+    rows = [["SIN CARGA"], [*names, "", "", ""]]
+    rows += [[*names_of(n), *cells(place), "", "", ""] for n, place in enumerate(FIRST)]
+    rows += [["CON CARGA"], [*names, "Fx", "Fy", "Fz"]]
+    rows += [[*names_of(n), *cells(place + SAG), "0", "7.5", "-100"] for n, place in enumerate(FIRST)]
+    (tmp_path / "a.xlsx").write_bytes(write_workbook(rows, are_merged=False))
+    stated = {**STATED, "force": None}
+    shifts, observations = shifts_of(js.read(tmp_path / "a.xlsx", robot=ARM, length_unit="mm", **stated))
+    assert np.allclose(shifts["T1"], SAG, atol=2e-3)
+    assert all(each.force == (0.0, 7.5, -100.0) for each in observations)

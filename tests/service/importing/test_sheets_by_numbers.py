@@ -67,3 +67,24 @@ def test_a_sheet_that_may_have_readings_is_never_left_out(tmp_path):
     again = [HEADER, *numbers(LOADED[::-1] - [0.0, 3.0, 1.0])]
     with pytest.raises(js.CampaignError, match="Second day"):
         propose(tmp_path, Poses=POSTURES, Readings=READINGS, **{"Second day": again})
+
+
+def group(positions):
+    """Return the rows of three targets in each posture, as a tracker's software writes them."""
+    rows = [
+        [f"P{posture}", f"N{target}", *map(float, digits(1e3 * place))]
+        for posture, places in enumerate(positions, 1)
+        for target, place in enumerate(places, 1)
+    ]
+    return [["Group", "Name", "X (mm)", "Y (mm)", "Z (mm)"], *rows]
+
+
+@pytest.mark.parametrize("missing", [(), (5,), (5, 20)])
+def test_groups_of_points_in_sheets_of_states_are_postures_even_if_points_are_missing(missing, tmp_path):
+    loaded = [row for number, row in enumerate(group(CAMPAIGN.loaded)) if number not in missing]
+    sheets = {"Joints": POSTURES, "Unloaded": group(CAMPAIGN.unloaded), "Loaded 0.9 kN": loaded}
+    proposed = propose(tmp_path, **sheets)
+    assert "sheets 'Joints', 'Unloaded', 'Loaded 0.9 kN' read" in str(proposed)
+    readings = [each for row in proposed.accept().measurement_set.observations for each in row.readings]
+    assert {each.target for each in readings} == {"N1", "N2", "N3"}
+    assert len(readings) == 3 * len(CAMPAIGN.joints) - len(missing)

@@ -249,3 +249,62 @@ def test_the_load_of_a_plan_is_stated_in_the_words_of_the_terminal(document):
 def test_files_in_a_list_are_given_one_by_one(tmp_path):
     answer = refused(js.import_files, ["a.csv", "b.csv"])
     assert "`list` in place of the name of a file; remedy: give each file as an argument of its own" in answer
+
+
+@pytest.mark.parametrize("door", ["message", "keyword"])
+def test_a_characteristic_length_in_another_unit_is_refused_with_the_length_that_works(door):
+    document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+    by_length = {"method": "complete_pose", "weighting": "characteristic_length"}
+
+    def identify(length):
+        if door == "keyword":
+            return js.identify(document, characteristic_length=length, **by_length)
+        return js.identify(document, js.RunOptions(characteristic_length=length, **by_length))
+
+    wrong, right = (0.25, 250) if door == "keyword" else (250, 0.25)
+    with pytest.raises(js.CampaignError) as refused:
+        identify(wrong)
+    assert "0.25 where lengths are in m, as in messages and HTTP requests, and 250" in str(refused.value)
+    assert identify(right).result.characteristic_length == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("order", ["force first", "moment first"])
+@pytest.mark.parametrize("rows", [1, 2])
+def test_six_numbers_as_forces_are_split_into_forces_and_moments(order, rows):
+    run = js.identify(simulate_campaign(default_arm(), load="pull", configurations=12, seed=1))
+    posture, force, moment = [0, -20, 30, 0, 45, 0], [0, 0, -800], [0, 10, 0]
+    postures = posture if rows == 1 else [posture] * rows
+    wrench = force + moment if order == "force first" else moment + force
+    forces = wrench if rows == 1 else [wrench] * rows
+    with pytest.raises(js.CampaignError) as refused:
+        run.predict(postures, forces=forces, at=(0, 0, 120))
+    advice = str(refused.value).partition("as `moments`: ")[2].split("; ")
+    call = advice[order == "moment first"].partition(" if the ")[0]
+    split = eval(f"dict({call})", {"forces": forces, "numpy": np})  # noqa: S307 - our own text
+    expected = run.predict(posture, forces=force, moments=moment, at=(0, 0, 120))
+    found = run.predict(postures, **split, at=(0, 0, 120))
+    assert len(found.cases) == rows
+    assert found.cases[0].model_dump() == expected.cases[0].model_dump()
+
+
+@pytest.mark.parametrize("call", ["correct", "compensate", "map"])
+def test_six_numbers_as_force_are_a_force_and_a_moment(call, tmp_path):
+    run = js.identify(simulate_campaign(default_arm(), load="pull", configurations=12, seed=1))
+    (tmp_path / "a.src").write_text("DEF a()\nEND\n")
+    six, area = (0, 0, -800, 0, 0, 0), [[1400, -200, 600], [1800, 200, 600]]
+    calls = {
+        "correct": lambda: js.correct(run, [[1500, 0, 900, 0, 180, 0]], force=six, tool=[0, 0, 200, 0, 0, 0]),
+        "compensate": lambda: js.compensate(run, tmp_path / "a.src", force=six, accuracy_option="off"),
+        "map": lambda: js.map(run, force=six, area=area, grid=[2, 2, 1], place=[0, 0, 250]),
+    }
+    with pytest.raises(js.CampaignError, match="if these are a force and a moment"):
+        calls[call]()
+
+
+def test_the_words_for_encoders_are_explained():
+    document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+    document["measurement_set"]["encoders"] = "absolute"
+    with pytest.raises(
+        js.CampaignError, match=r"`motor` if .* at the motors, `secondary` if .* behind the gear"
+    ):
+        js.identify(document)

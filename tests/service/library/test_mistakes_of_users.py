@@ -274,7 +274,7 @@ MISTAKES = {
     "joints None": (*of_joints(lambda _: None), r"joints.*shape"),
     "forces with moments": (
         *of_arrays({"forces": np.ones((8, 6))}, {"forces": np.ones((8, 3)), "moments": np.ones((8, 3))}),
-        r"last three columns seem to be moments.*forces\[..., 3:\]",
+        r"a force and a moment\?.*moments=numpy.array\(forces\)\[:, 3:\]",
     ),
     "prior as a pair": (
         *option(

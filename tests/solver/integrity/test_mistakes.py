@@ -94,6 +94,16 @@ def loaded_of_another_row(m):
     return replace(m, deflection=np.roll(m.position + m.deflection, 1, axis=0) - m.position)
 
 
+def of_both(factor, convert):
+    """Return the change of all lengths, those in the flange frame too, and of all angles."""
+    return lambda m: replace(
+        turned(convert)(m),
+        position=factor * m.position,
+        deflection=factor * m.deflection,
+        load_point=factor * m.load_point,
+    )
+
+
 def deflections_as_loaded(m):
     return replace(m, deflection=m.deflection - m.position)
 
@@ -105,6 +115,9 @@ MISTAKES = {
     "a scale of 1.01": (moved(lambda p: 1.01 * p), "lengths_differ", "times those of the robot's model"),
     "degrees as radians": (turned(np.rad2deg), ANGLE, "in deg, not in rad"),
     "radians as degrees": (turned(np.deg2rad), ANGLE, "in rad, not in deg"),
+    "mm and degrees as m and radians": (
+        of_both(1000.0, np.rad2deg), LENGTH, "in mm, not in m as declared, and the angles seem to be in deg"
+    ),
     "rolled by one": (turned(lambda q: np.roll(q, 1, axis=0)), ROWS, "the row after"),
     "rolled by five": (turned(lambda q: np.roll(q, 5, axis=0)), ROWS, "the row that is 5 rows after"),
     "joints reversed": (turned(lambda q: q[:, ::-1]), SWAPPED, "the joints in reverse order"),
@@ -161,9 +174,19 @@ def test_a_mistake_of_the_whole_set_is_named_by_its_cause_alone(mistake, arm):
     make, code, words = MISTAKES[mistake]
     known = ROBOTS[arm]
     measurements = make(readings_on(known.robot, seed=11, configurations=14))
-    (cause,) = name_cause(known, measurements, degrees=mistake == "radians as degrees")
+    (cause,) = name_cause(known, measurements, degrees=mistake.endswith("degrees"))
     assert cause.code == code
     assert words.format(*known.robot.joint_names) in cause.message
+
+
+@pytest.mark.parametrize("arm", [arm for arm in ARMS if "TX2-60" not in arm])
+def test_lengths_in_m_and_angles_in_radians_are_named_together(arm):
+    """The smallest arm is left out: its targets hardly move in these units, and keep their places."""
+    known = ROBOTS[arm]
+    mistaken = of_both(1e-3, np.deg2rad)(readings_on(known.robot, seed=11, configurations=14))
+    (cause,) = name_cause(known, mistaken, degrees=True)
+    assert "in m, not in mm as declared, and the angles seem to be in rad, not in deg" in cause.message
+    assert cause.remedy.startswith("set `units.length` to m and set `units.angle` to rad")
 
 
 @pytest.mark.parametrize("arm", ARMS)
@@ -252,7 +275,7 @@ def test_a_mistake_is_named_without_loads_too(mistake):
     make, code, words = MISTAKES[mistake]
     known = ROBOTS[ARMS[0]]
     mistaken = without_loads(make(readings_on(known.robot, seed=11, configurations=14)))
-    (cause,) = name_cause_without_loads(known, mistaken, degrees=mistake == "radians as degrees")
+    (cause,) = name_cause_without_loads(known, mistaken, degrees=mistake.endswith("degrees"))
     assert cause.code == code
     assert words.format(*known.robot.joint_names) in cause.message
 
@@ -395,7 +418,7 @@ def test_no_mistake_has_a_wrong_cause_in_any_campaign(mistake, arm):
             damaged = measurements.position.copy()
             damaged[3] += 0.3
             measurements = replace(measurements, position=damaged)
-        causes = name_cause(known, make(measurements), degrees=mistake == "radians as degrees")
+        causes = name_cause(known, make(measurements), degrees=mistake.endswith("degrees"))
         assert {cause.code for cause in causes if cause.where is None} <= {code}, (seed, causes)
 
 

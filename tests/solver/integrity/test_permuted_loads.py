@@ -69,3 +69,47 @@ def test_readings_that_no_order_of_the_forces_explains_are_not_accused(campaign)
             turned = random.permutation(np.subtract(reading["loaded"], reading["unloaded"]))
             reading["loaded"] = [*np.add(reading["unloaded"], turned * random.choice([-1, 1], 3))]
     assert find_orders(changed) == []
+
+
+def label_rows(document, labels):
+    changed = json.loads(json.dumps(document))
+    for row, label in zip(changed["measurement_set"]["observations"], labels, strict=True):
+        row["label"] = label
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("rows_by", "forces_by", "words"),
+    [
+        ("number", "text", "sorted as text ('c1', 'c10', 'c11', 'c12', …)"),
+        ("text", "number", "by their numbers"),
+    ],
+)
+def test_forces_in_the_order_of_sorted_labels_are_matched_by_label(campaign, rows_by, forces_by, words):
+    numbered = [f"c{i}" for i in range(1, 15)]
+    orders = {"number": numbered, "text": sorted(numbered)}
+    labels = orders[rows_by]
+    campaign = label_rows(campaign, labels)
+    force_of = dict(zip(labels, list_forces(campaign).tolist(), strict=True))
+    mistaken = permute_forces(campaign, [labels.index(label) for label in orders[forces_by]])
+    (finding,) = find_orders(mistaken)
+    assert words in finding.message
+    assert finding.remedy.startswith("match the forces with the observations by label, not by position")
+    posted = dict(zip(orders[forces_by], list_forces(mistaken).tolist(), strict=True))
+    assert posted == force_of  # the remedy: each label gets its own force
+    assert find_orders(campaign) == []
+
+
+def test_a_shift_that_an_order_beats_is_not_proposed(campaign):
+    """Labels without numbers: most rows are three rows late, as after sorting by another name."""
+    order = [0, *range(10, 14), *range(1, 10)]
+    (finding,) = find_orders(permute_forces(campaign, order))
+    assert "shifted" not in finding.message
+    assert "in another order" in finding.message
+
+
+@pytest.mark.parametrize("shift", [-1, 2])
+def test_forces_late_by_some_rows_are_still_a_shift(campaign, shift):
+    order = np.roll(np.arange(14), shift)
+    (finding,) = find_orders(permute_forces(campaign, order))
+    assert finding.message.startswith("the forces are shifted by")
