@@ -30,6 +30,7 @@ from jointstiff.service.importing.grid import (
     is_plain_number,
     looks_like_a_number,
 )
+from jointstiff.service.importing.loads import find_load
 
 _MAX_TITLE_ROWS: Final = 20
 """Rows above a header."""
@@ -337,11 +338,17 @@ def _combine_with_groups(
 
     A group holds for its column and for the filled columns to its right: `P10 loaded [mm]` above `x`, `y`
     gives `P10 loaded x [mm]` and `P10 loaded y [mm]`. A cell that is a header by itself, such as `label`, is
-    not combined with a group to its left.
+    not combined with a group to its left. Behind joints or coordinates, a group ends before other columns.
     """
     texts, group = [], ""
+    kind = ""  # of the last column of the group, if the group is known with the cell below it
     for upper_cell, lower_cell in zip(upper, lower, strict=True):
         group = upper_cell or (group if lower_cell else "")
+        meaning = words.find(f"{group} {lower_cell}") or words.find(lower_cell)
+        own_kind = "" if meaning is None or meaning.axis is None else meaning.kind
+        if not upper_cell and kind and not own_kind:
+            group = ""
+        kind = own_kind
         is_joint_number = lower_cell.isdigit() and grammar.is_joint(group)
         if looks_like_a_number(lower_cell) and not is_joint_number:
             return None
@@ -467,8 +474,12 @@ class Columns:
 
     @property
     def are_all_named(self) -> bool:
-        """Return whether the headers alone name all rows and numbers: only cells can be at fault."""
-        return self.whole and not self.faulty and "name" in self.texts
+        """Return whether the headers alone name all rows and numbers: only cells can be at fault.
+
+        A load in the name of a target, such as `300 lb T1 x`, is not understood from headers alone.
+        """
+        has_load = any(find_load(quantity.target or "") is not None for quantity in self.quantities)
+        return self.whole and not self.faulty and "name" in self.texts and not has_load
 
 
 def _have_whole_rows(quantities: Collection[Quantity]) -> bool:
