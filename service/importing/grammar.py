@@ -212,6 +212,8 @@ _COORDINATE: Final = re.compile(r"([dδΔ]?)([xyz])", re.IGNORECASE)
 _AXIS_AND_WORD: Final = re.compile(r"([xyz])(\w+)|(\w+)([xyz])", re.IGNORECASE)
 _WORDS_FOR_KG: Final = frozenset(("kg", "кг", "公斤", "千克", "킬로그램", "キログラム"))
 _MASS_IN_KG: Final = re.compile(r"(.*)[ _]kg", re.IGNORECASE)
+_SIGN: Final = re.compile(r"[-–—:|·,;]+")
+"""A sign between words, such as that of `No load - T1`."""
 _TRANSLATIONS: Final = frozenset(("tx", "ty", "tz"))
 """Coordinates if they are in a unit of length; else they may be moments."""
 
@@ -729,6 +731,10 @@ def _classify_words(base: str, state_words: Mapping[str, State]) -> _Words:
             words.kinds.add(_KINDS[word])
         elif word not in _WORD_LISTS["coordinates"]:
             words.others.append(token)
+    while words.others and _SIGN.fullmatch(words.others[0][0]):
+        del words.others[0]
+    while words.others and _SIGN.fullmatch(words.others[-1][0]):
+        del words.others[-1]
     return words
 
 

@@ -712,6 +712,23 @@ def _find_marks(
     return first_cells, sure_marks
 
 
+def find_mark_of_texts(grid: Grid, rows: Sequence[Row], columns: Collection[int]) -> DecimalMark | None:
+    """Return the decimal mark of numbers that a sheet has as texts; None unless the texts show one mark.
+
+    A cell of numbers with decimals, which has a point, leaves the mark open.
+    """
+    cells = [(row, column) for row, column in product(rows, columns) if row.kinds]
+    are_texts = [row.kinds[column] == "text" for row, column in cells if row.kinds]
+    has_decimals = any(
+        not is_text and "." in row.cells[column]
+        for is_text, (row, column) in zip(are_texts, cells, strict=True)
+    )
+    first_cells, sure_marks = _find_marks(grid, rows, columns, are_thousands_separated=False)
+    if has_decimals or not any(are_texts) or set(first_cells) != sure_marks or len(sure_marks) != 1:
+        return None
+    return "comma" if "," in sure_marks else "point"
+
+
 def _decide_mark_of_texts(
     grid: Grid, rows: Iterable[Row], columns: Collection[int], stated_mark: DecimalMark | None
 ) -> DecimalMark:

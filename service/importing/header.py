@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -30,6 +30,7 @@ from jointstiff.service.importing.grid import (
     is_plain_number,
     looks_like_a_number,
 )
+from jointstiff.service.importing.loads import find_load
 
 _MAX_TITLE_ROWS: Final = 20
 """Rows above a header."""
@@ -337,11 +338,17 @@ def _combine_with_groups(
 
     A group holds for its column and for the filled columns to its right: `P10 loaded [mm]` above `x`, `y`
     gives `P10 loaded x [mm]` and `P10 loaded y [mm]`. A cell that is a header by itself, such as `label`, is
-    not combined with a group to its left.
+    not combined with a group to its left. Behind joints or coordinates, a group ends before other columns.
     """
     texts, group = [], ""
+    kind = ""  # of the last column of the group, if the group is known with the cell below it
     for upper_cell, lower_cell in zip(upper, lower, strict=True):
         group = upper_cell or (group if lower_cell else "")
+        meaning = words.find(f"{group} {lower_cell}") or words.find(lower_cell)
+        own_kind = "" if meaning is None or meaning.axis is None else meaning.kind
+        if not upper_cell and kind and not own_kind:
+            group = ""
+        kind = own_kind
         is_joint_number = lower_cell.isdigit() and grammar.is_joint(group)
         if looks_like_a_number(lower_cell) and not is_joint_number:
             return None
@@ -447,6 +454,7 @@ class Columns:
     notes: tuple[str, ...] = ()  # what was assumed, in words
     probe: bool = False  # whether `target` may be the instrument's reflector instead of a target
     faulty: bool = False  # whether a header is not understood, or the columns do not fit together
+    are_rows_numbered: bool = False  # whether the rows have no names, and their order is that of observations
 
     @property
     def needed(self) -> frozenset[str]:
@@ -466,8 +474,20 @@ class Columns:
 
     @property
     def are_all_named(self) -> bool:
-        """Return whether the headers alone name all rows and numbers: only cells can be at fault."""
-        return self.whole and not self.faulty and "name" in self.texts
+        """Return whether the headers alone name all rows and numbers: only cells can be at fault.
+
+        A load in the name of a target, such as `300 lb T1 x`, is not understood from headers alone.
+        """
+        has_load = any(find_load(quantity.target or "") is not None for quantity in self.quantities)
+        return self.whole and not self.faulty and "name" in self.texts and not has_load
+
+
+def _have_whole_rows(quantities: Collection[Quantity]) -> bool:
+    """Return whether each row has the joints, and positions whose headers name target and state."""
+    positions = [quantity for quantity in quantities if quantity.kind == "position"]
+    has_joints = any(quantity.kind == "joint" for quantity in quantities)
+    are_named = all(quantity.target is not None and quantity.state is not None for quantity in positions)
+    return has_joints and bool(positions) and are_named
 
 
 def _find_state_words(points: Sequence[Quantity]) -> tuple[str, ...]:
@@ -543,12 +563,13 @@ class ColumnReader:
         self._words, self._options, self._faults = words, options, faults
         self._notes: list[str] = []
 
-    def understand(self, axes_unit: str | None, *, state_in_name: bool) -> Columns:
+    def understand(self, axes_unit: str | None, *, state_in_name: bool, are_arrays: bool = False) -> Columns:
         """Return the columns with their meanings, `unknown` for a header that is not understood.
 
         Args:
             axes_unit: unit of x, y and z that a comment of the file states; None without such a comment.
             state_in_name: whether the name of the file has a word for a state.
+            are_arrays: whether the columns are those of arrays, which have one row for each observation.
         """
         fault_count = len(self._faults.found)
         rotation = self._find_quaternion()
@@ -561,9 +582,14 @@ class ColumnReader:
         for index, meaning in enumerate(meanings):
             text_columns.setdefault(meaning.kind, index)
         quantities: dict[Quantity, tuple[int, ...]] = {}
+        are_rows_numbered = self._options.by_order and "name" not in text_columns
         if "unknown" not in kinds:
             quantities = self._group_by_quantity(meanings)
-            self._check_names_and_loads(text_columns, quantities)
+            if are_arrays and "name" not in text_columns:
+                are_rows_numbered = are_rows_numbered or _have_whole_rows(quantities)
+            if "name" not in text_columns and not are_rows_numbered:
+                self._report_missing_names()
+            self._check_quantities(quantities)
             self._check_points(text_columns, quantities)
         return Columns(
             meanings=tuple(meanings_with_units),
@@ -573,6 +599,7 @@ class ColumnReader:
             notes=tuple(self._notes),
             probe=bool(rotation) or bool(kinds & {"deleted", "uncertainty"}),
             faulty="unknown" in kinds or len(self._faults.found) > fault_count,
+            are_rows_numbered=are_rows_numbered,
         )
 
     def _is_state_named(self, meanings: Sequence[Meaning]) -> bool:
@@ -789,17 +816,15 @@ class ColumnReader:
             remedy = "write x, y and z alike, or give their meaning in `columns`"
             self._faults.report(place, reason, remedy, grammar.UNKNOWN)
 
-    def _check_names_and_loads(
-        self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]
-    ) -> None:
-        """Report a fault unless there are columns of names and numbers, and one statement of the load."""
+    def _report_missing_names(self) -> None:
+        """Report that no column has names of the rows."""
+        remedy = 'add a column with the header "label" or "name", or use `by_order` to number the rows of each file'
         place = self._heading.place()
-        if "name" not in texts and not self._options.by_order:
-            remedy = (
-                'add a column with the header "label" or "name", or use `by_order` to number the rows of '
-                "each file"
-            )
-            self._faults.report(place, "no column names the observations or points", remedy, "by_order")
+        self._faults.report(place, "no column names the observations or points", remedy, "by_order")
+
+    def _check_quantities(self, quantities: Mapping[Quantity, tuple[int, ...]]) -> None:
+        """Report a fault unless there are columns of numbers, and one statement of the load."""
+        place = self._heading.place()
         if not quantities:
             remedy = "correct the header, or give `columns`"
             self._faults.report(place, "no column with numbers is recognised", remedy)

@@ -15,6 +15,7 @@ from jointstiff.schemas.imports import ImportOptions
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.lengths import find_units_of_coordinates
 from jointstiff.service.importing.numbers import NumberTable
+from jointstiff.service.importing.repeats import MOST_REPEAT, are_repeats, measure_distance
 from jointstiff.service.importing.row_key import RowName
 from jointstiff.service.importing.row_names import (
     LEAST_BETWEEN_TARGETS,
@@ -27,8 +28,6 @@ from jointstiff.service.importing.row_names import (
 )
 from jointstiff.solver.arrays import BoolArray
 
-_MOST_REPEAT = 1e-4
-"""Greatest distance [m] of a repeated coordinate from the mean of all repeats."""
 _LARGEST_RADIANS = 6.6
 """Largest joint in radians; larger numbers are degrees."""
 _MOST_NAMED = 3
@@ -61,6 +60,14 @@ class _NamedTable:
         """Names of the rows of a posture, in order of appearance, without labels."""
         return tuple(dict.fromkeys(name._replace(label=None) for name in self.names))
 
+    @property
+    def rows_of_name(self) -> dict[RowName, list[int]]:
+        """Name → rows that have it, in order of appearance."""
+        rows: dict[RowName, list[int]] = {}
+        for row, name in enumerate(self.names):
+            rows.setdefault(name, []).append(row)
+        return rows
+
 
 def join_tables(tables: Sequence[NumberTable], options: ImportOptions) -> JoinedTables:
     """Put the rows of all tables in the order of the observations of the table of joints, by their names.
@@ -90,9 +97,16 @@ def join_tables(tables: Sequence[NumberTable], options: ImportOptions) -> Joined
 def _name(table: NumberTable, options: ImportOptions, labels: Sequence[str] = ()) -> _NamedTable:
     """Return a table with the names of its rows."""
     named = _NamedTable(table, _name_after_unloading(name_rows(table, options, labels)))
-    if (options.mean_of_repeats or has_repeats(table)) and len(named.keys) > 1:
+    is_mean_stated = options.mean_of_repeats or has_repeats(table)
+    if len(named.keys) > 1 and (is_mean_stated or _has_clear_repeats(named)):
         named = _average_repeats(named)
     return _equal_joints(named, options.joint_tolerance)
+
+
+def _has_clear_repeats(named: _NamedTable) -> bool:
+    """Return whether rows with the same names, all with a label and a state, are repeats by their numbers."""
+    have_names = all(name.label is not None and name.state is not None for name in named.names)
+    return have_names and are_repeats(named.table, list(named.rows_of_name.values()))
 
 
 def _spell_as(named: _NamedTable, labels: Sequence[str]) -> _NamedTable:
@@ -255,9 +269,7 @@ def _average_repeats(named: _NamedTable) -> _NamedTable:
     Raises:
         ImportFileError: a repeated position is far from the mean.
     """
-    rows_of_name: dict[RowName, list[int]] = {}
-    for row, name in enumerate(named.names):
-        rows_of_name.setdefault(name, []).append(row)
+    rows_of_name = named.rows_of_name
     if len(rows_of_name) == len(named.names):
         return named
     table, numbers = named.table, named.table.table.numbers
@@ -291,9 +303,8 @@ def _refuse_far_repeats(table: NumberTable, rows: Sequence[int], sizes_of_units:
         sizes_of_units: size of the unit [m] of each column of coordinates.
     """
     for column, size in sizes_of_units.items():
-        numbers = table.table.numbers[rows, column]
-        farthest = size * float(np.abs(numbers - numbers.mean()).max())
-        if farthest > _MOST_REPEAT:
+        farthest = measure_distance(table, rows, column, size)
+        if farthest > MOST_REPEAT:
             raise ImportFileError(
                 table.grid.place(table.rows[rows[0]], column),
                 f"repeated readings are {1e3 * farthest:.2g} mm from their mean",

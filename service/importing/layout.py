@@ -39,6 +39,7 @@ _LEAST_HEADERS: Final = 3
 """Texts of a header that show that a row repeats it."""
 _REMARK: Final = re.compile(r"(?=.*[^\W\d])(?:.*\S\s+\S|[^\W\d]\w*:)")
 """Text of a remark: two words at least, or a word with a colon."""
+_FORMATS_OF_ARRAYS: Final = frozenset(("mat", "npz", "hdf5"))
 _MANY_DECIMALS: Final = 6
 """Number of decimals after which a further, missing decimal does not matter."""
 
@@ -78,13 +79,17 @@ def understand_table(
     if options.layouts:
         _check_template(options, headers, heading.place(), faults)
     column_reader = ColumnReader(heading, rows, vocabulary, options, faults)
-    columns = column_reader.understand(stated.axes_unit, state_in_name=_has_state_in_name(grid, options))
+    columns = column_reader.understand(
+        stated.axes_unit,
+        state_in_name=_has_state_in_name(grid, options),
+        are_arrays=grid.preview.format in _FORMATS_OF_ARRAYS,
+    )
     _check_units(grid.file, remarks, columns, faults)
     unsure_number = _check_end_of_file(grid, rows, faults)
     rows, note_on_cells = fill_down(rows, headers, columns.meanings)
     notes_on_rows += [note_on_cells] if note_on_cells else []
     notes = [*grid.preview.assumptions, *heading.notes, *notes_on_rows, *columns.notes]
-    kept = _drop_deleted_rows(grid, rows, columns, faults, numbered=_numbers_rows(options, columns))
+    kept = _drop_deleted_rows(grid, rows, columns, faults, numbered=columns.are_rows_numbered)
     notes += _describe_rows_and_units(options, columns, stated, deleted_count=len(rows) - len(kept))
     numbers = _decide_number_format(grid, kept, columns, options, faults)
     notes += numbers.notes
@@ -107,11 +112,6 @@ def _has_state_in_name(grid: Grid, options: ImportOptions) -> bool:
     return any(grammar.contains_state_word(name, options.state_words) for name in names)
 
 
-def _numbers_rows(options: ImportOptions, columns: Columns) -> bool:
-    """Return whether the rows are numbered, as they have no names and the option `by_order` permits it."""
-    return options.by_order and "name" not in columns.texts
-
-
 def _describe_rows_and_units(
     options: ImportOptions, columns: Columns, stated: _StatedFrame, deleted_count: int
 ) -> list[str]:
@@ -124,8 +124,9 @@ def _describe_rows_and_units(
         deleted_count: number of rows that a column marks as deleted.
     """
     notes = []
-    if _numbers_rows(options, columns):
-        notes.append("rows were numbered, the first as observation 1, as `by_order` requires")
+    if columns.are_rows_numbered:
+        reason = "as `by_order` requires" if options.by_order else "as no array names them"
+        notes.append(f"rows were numbered, the first as observation 1, {reason}")
     if deleted_count:
         notes.append(f"rows marked as deleted were omitted: {deleted_count}")
     if stated.frame is not None:

@@ -31,15 +31,23 @@ def guess_unit(size: float) -> LengthUnit:
 def find_units_of_coordinates(table: NumberTable) -> dict[int, float]:
     """Return the size of the unit [m] of each column of coordinates.
 
-    Coordinates are columns that headers name as positions, or of numbers of hundreds of millimetres.
+    Coordinates are columns that headers name as positions, or of numbers of hundreds of millimetres. Whole
+    numbers below an unknown header count rows.
     """
     sizes = {}
     for column, meaning in enumerate(table.meanings):
         unit = guess_unit(find_size(table, [column]))
         is_position = meaning is not None and meaning.kind == "position"
-        if is_position or (meaning is None and unit == "mm"):
+        if is_position or (meaning is None and unit == "mm" and not _is_whole(table, column)):
             sizes[column] = METRES[unit]
     return sizes
+
+
+def _is_whole(table: NumberTable, column: int) -> bool:
+    """Return whether a column has whole numbers only."""
+    numbers = table.table.numbers[:, column]
+    known = numbers[np.isfinite(numbers)]
+    return bool((known == np.round(known)).all())
 
 
 def unify_lengths(tables: Sequence[NumberTable]) -> list[NumberTable]:

@@ -1,4 +1,4 @@
-"""Masses of loads in words, such as `50 kg` in a cell, in a header, in a title or in the name of a file."""
+"""Masses of loads in words, such as `50 kg` or `300 lb` in a cell, header, title or name of a file."""
 
 from __future__ import annotations
 
@@ -7,13 +7,20 @@ from typing import Final
 
 from jointstiff.schemas.imports import State
 
-_LOAD: Final = re.compile(r"(?<![\d.,])(\d{1,5}(?:[.,]\d{1,3})?)[\s_]?kg(?![^\W\d_])", re.IGNORECASE)
+_LOAD: Final = re.compile(
+    r"(?<![\d.,])(\d{1,5}(?:[.,]\d{1,3})?)[\s_]?(?:(kg)|lbs?)(?![^\W\d_])", re.IGNORECASE
+)
+_POUND: Final = 0.45359237
+"""Mass of a pound [kg]."""
 
 
 def find_load(text: str) -> float | None:
     """Return the mass [kg] that a text states; None without a mass, or with several."""
     masses = _LOAD.findall(text)
-    return float(masses[0].replace(",", ".")) if len(masses) == 1 else None
+    if len(masses) != 1:
+        return None
+    ((number, is_in_kg),) = masses
+    return float(number.replace(",", ".")) * (1.0 if is_in_kg else _POUND)
 
 
 def remove_load(text: str) -> str:

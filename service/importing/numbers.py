@@ -31,6 +31,7 @@ from jointstiff.service.importing.grid import (
     Row,
     count_numbers,
     decide_decimal_mark,
+    find_mark_of_texts,
     has_separated_thousands,
     looks_like_a_number,
     read_number,
@@ -250,7 +251,7 @@ def read_number_tables(
             sheet = grid.preview.sheet if len(grids) > 1 else None
             name = f"{grid.file}, {sheet}" if sheet else grid.file
             tables.append(_read_table(grid, name, options, joints))
-            notes += _note_rows_left(tables[-1])
+            notes += [*_note_rows_left(tables[-1]), *_note_decimal_commas(tables[-1], options)]
         if any(map(is_mass_table, grids)):
             masses.append(file)
         elif not with_numbers:
@@ -287,6 +288,8 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     stated_mark = options.decimal_mark
     if stated_mark is None and _shows_decimal_commas(rows, columns, joint_columns):
         stated_mark = "comma"
+    if stated_mark is None and grid.preview.format != "text":
+        stated_mark = find_mark_of_texts(grid, rows, columns)
     mark, _ = decide_decimal_mark(grid, rows, columns, stated_mark, are_thousands_separated=is_separated)
     read = partial(_read_cell, mark=mark, are_thousands_separated=is_separated)
     numbers = np.array([[read(cell) for cell in row.cells] for row in rows])
@@ -394,6 +397,12 @@ def _note_rows_left(table: NumberTable) -> list[str]:
     quoted = ", ".join(f"{row.line} ({quote(row.cells[0])})" for row in left[:_MOST_LISTED])
     more = f" and {len(left) - _MOST_LISTED} more" if len(left) > _MOST_LISTED else ""
     return [f"{table.name}: rows of numbers outside the table were not read: {quoted}{more}"]
+
+
+def _note_decimal_commas(table: NumberTable, options: ImportOptions) -> list[str]:
+    """Return the note that the texts of a sheet were read with decimal commas, if nobody states the mark."""
+    is_assumed = table.grid.preview.format != "text" and options.decimal_mark is None
+    return [f"{table.name}: texts read with a decimal comma"] if is_assumed and table.mark == "comma" else []
 
 
 def _find_start(grid: Grid, words: Vocabulary, options: ImportOptions) -> int:

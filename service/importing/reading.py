@@ -255,6 +255,11 @@ def _describe_weight_step(step: StepReadings) -> dict[str, object]:
     }
 
 
+def _names_targets(layout: Layout) -> bool:
+    """Return whether headers or a column of a table name targets."""
+    return "target" in layout.columns.texts or any(each.target for each in layout.columns.quantities)
+
+
 class _Reader:
     """Reader of all files of an import, one after the other."""
 
@@ -319,7 +324,9 @@ class _Reader:
         Raises:
             ImportFileError: the names of sheet and file contradict each other, or a template is invalid.
         """
-        names = NameReader(layout, self._options, self._notes)
+        without_target = [each for each in self._layouts if "target" in each.columns.needed]
+        is_only = len(without_target) == 1 and not any(map(_names_targets, self._layouts))
+        names = NameReader(layout, self._options, self._notes, has_one_target=is_only)
         allow_missing = self._options.allow_missing
         return RowReader(layout, names, self._times_and_roundings, allow_missing=allow_missing)
 

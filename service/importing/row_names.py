@@ -133,7 +133,7 @@ def are_far_apart(table: NumberTable, groups: Sequence[Sequence[int]], least: fl
     for group in groups:
         positions = np.array([size * numbers[group, column] for column, size in sizes_of_units.items()])
         distances = [
-            float(np.abs(positions[:, first] - positions[:, second]).max(initial=0.0))
+            float(np.fmax.reduce(np.abs(positions[:, first] - positions[:, second]), initial=0.0))
             for first, second in combinations(range(len(group)), 2)
         ]
         if min(distances) < least:

@@ -42,6 +42,8 @@ from jointstiff.service.tables.labels import fold_word
 
 _FIELD: Final = re.compile(r"\{([^{}]*)\}")
 _FIELDS: Final = ("label", "target", "state", "any")
+_ONLY_TARGET: Final = "T1"
+"""Name of a target that neither headers nor names give."""
 _POINT_NAME_COLUMNS: Final[tuple[Kind, ...]] = ("collection", "group", "name")
 """Columns that make the name of a point."""
 _MIN_STATE_LETTERS: Final = 4
@@ -156,8 +158,14 @@ def check_name(text: str) -> None:
 class NameReader:
     """Reader of label, target and state of each row: from columns, the point's name, the file's name."""
 
-    def __init__(self, layout: Layout, options: ImportOptions, notes: list[str]) -> None:
-        """Prepare to read the names of rows; assumptions are added to `notes`."""
+    def __init__(
+        self, layout: Layout, options: ImportOptions, notes: list[str], *, has_one_target: bool = False
+    ) -> None:
+        """Prepare to read the names of rows; assumptions are added to `notes`.
+
+        `has_one_target` tells whether a target that nothing names is the only one of all files.
+        """
+        self._has_one_target = has_one_target
         self._grid, self._notes, self._state_words = layout.grid, notes, options.state_words
         self._stated_state = options.state
         self._word_of_state: dict[State, str] = {}  # the word that rows of the table have for each state
@@ -307,11 +315,13 @@ class NameReader:
         """
         if lacking not in self._parts_from_file:
             found = self._split_table_name(lacking)
-            parts = found.parts
+            parts, source = found.parts, found.source
+            if parts is None and self._has_one_target and lacking == {"target"}:
+                parts, source = NameParts(target=_ONLY_TARGET), "as nothing names the only target"
             if parts is None or any(getattr(parts, kind) is None for kind in lacking):
                 raise self._build_lacking_error(lacking)
             found_text = " and ".join(f"{kind} {getattr(parts, kind)}" for kind in sorted(lacking))
-            self._note_once(f"{self._grid.file}: {found_text} {found.source}")
+            self._note_once(f"{self._grid.file}: {found_text} {source}")
             self._parts_from_file[lacking] = parts
         return self._parts_from_file[lacking]
 
