@@ -187,8 +187,10 @@ def _name_by_file(name: RowName, table: NumberTable, states: Mapping[str, State]
 def _name_targets(readings: Sequence[TargetReading], found: Sequence[RowName]) -> list[str]:
     """Return the target of each reading: its name, else that of another reading at its place, else a number.
 
-    Several names at one place, none with a state, are words for states that are not known.
+    Several names at one place, none with a state, are words for states that are not known. A name that has
+    words beside those of another name with a state, as `payload A1` beside `A1`, has a word for a state, too.
     """
+    found = _omit_words_of_states(readings, found)
     names_of_number: dict[int, set[str]] = {}
     is_state_known: dict[int, bool] = {}
     for reading, name in zip(readings, found, strict=True):
@@ -202,6 +204,21 @@ def _name_targets(readings: Sequence[TargetReading], found: Sequence[RowName]) -
         are_states = len(names) > 1 and not is_state_known[reading.target]
         targets.append(by_place if are_states or name.target is None else name.target)
     return targets
+
+
+def _omit_words_of_states(readings: Sequence[TargetReading], found: Sequence[RowName]) -> list[RowName]:
+    """Return names without a state, with the shorter name of a reading at the same place that has one."""
+    with_state: dict[int, list[str]] = {}
+    for reading, name in zip(readings, found, strict=True):
+        if name.state is not None and name.target is not None:
+            with_state.setdefault(reading.target, []).append(name.target)
+    shortened = []
+    for reading, name in zip(readings, found, strict=True):
+        words = set(split_words(name.target or ""))
+        parts = [target for target in with_state.get(reading.target, ()) if set(split_words(target)) < words]
+        is_open = name.state is None and len(set(parts)) == 1
+        shortened.append(name._replace(target=parts[0]) if is_open else name)
+    return shortened
 
 
 def _list_complementary(targets: Sequence[str], found: Sequence[RowName]) -> set[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -232,12 +232,28 @@ class NumberFiles:
     notes: tuple[str, ...] = ()  # rows of numbers that are not read
 
 
+GridReader = Callable[[SourceFile, ImportOptions], Sequence[Grid]]
+"""Reader of a file as tables of cells."""
+
+
+def read_tables(file: SourceFile, options: ImportOptions) -> list[Grid]:
+    """Return the tables of a file as `read_grids` reads them for a proposal.
+
+    Raises:
+        ImportFileError: the file is no table.
+    """
+    return read_grids(file, options, every_length=True)
+
+
 def read_number_tables(
-    files: Sequence[SourceFile], options: ImportOptions, joints: Sequence[str]
+    files: Sequence[SourceFile],
+    options: ImportOptions,
+    joints: Sequence[str],
+    read: GridReader = read_tables,
 ) -> NumberFiles:
     """Read the tables of numbers of all files.
 
-    `joints` are the names of the robot's joints, which columns may have.
+    `joints` are the names of the robot's joints, which columns may have; `read` reads a file as tables.
 
     Raises:
         ImportFileError: a file is no table, or its numbers are ambiguous.
@@ -245,7 +261,7 @@ def read_number_tables(
     tables, masses, without, notes = list[NumberTable](), list[SourceFile](), list[str](), list[str]()
     for file in _join_postures(files, options):
         words = Vocabulary(options, joints)
-        grids = [turn_table(grid, words) for grid in read_grids(file, options, every_length=True)]
+        grids = [turn_table(grid, words) for grid in read(file, options)]
         with_numbers = [grid for grid in grids if not is_mass_table(grid) and any(map(_is_data, grid.rows))]
         for grid in with_numbers:
             sheet = grid.preview.sheet if len(grids) > 1 else None

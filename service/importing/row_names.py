@@ -65,7 +65,7 @@ def name_rows(
         options: words for states, and the template of names of points.
         known_labels: names of the observations in another table, which are parts of the names of points.
     """
-    label_column = None if options.by_order else _find_label_column(table)
+    label_column = None if options.by_order else _find_label_column(table, known_labels)
     state_column = _find_state_column(table, options, label_column)
     target_column = _find_target_column(table, (label_column, state_column))
     label_column, target_column = _separate_groups(table, label_column, target_column, known_labels)
@@ -168,13 +168,17 @@ def _are_texts(texts: Sequence[str]) -> bool:
     return all(text and not looks_like_a_number(text) for text in texts)
 
 
-def _find_label_column(table: NumberTable) -> int | None:
+def _find_label_column(table: NumberTable, known_labels: Collection[str] = ()) -> int | None:
     """Return the column of names of observations or points; None without one.
 
+    A column with more of the known labels, and no other text, comes before a column of names of points.
     Without a header that says so, the first column has names if its cells are texts, or if they are whole
     numbers below a header that is not known. A column with one text, such as a collection, may be before it.
     """
     named = table.find_column("name")
+    of_known = _find_column_of_labels(table, known_labels)
+    if of_known is not None and named is not None and _has_more_texts(table, of_known, named):
+        return of_known
     if named is not None and len(set(_list_texts(table, named))) >= _LEAST_LABELS:
         return named
     first = 0
@@ -220,6 +224,22 @@ def _find_groups(table: NumberTable, name_column: int, known_labels: Collection[
         if are_labels and len(set(zip(labels, names, strict=True))) == len(names) > len(set(names)):
             return column
     return None
+
+
+def _find_column_of_labels(table: NumberTable, labels: Collection[str]) -> int | None:
+    """Return the first column whose cells are most of the known labels, and no other text; else None."""
+    known = set(labels)
+    columns = (
+        column
+        for column in range(len(table.headers) if known else 0)
+        if column not in table.ignored and known >= set(_list_texts(table, column))
+    )
+    return next((each for each in columns if 2 * len(set(_list_texts(table, each))) > len(known)), None)
+
+
+def _has_more_texts(table: NumberTable, column: int, other: int) -> bool:
+    """Return whether a column has more different texts than another one."""
+    return len(set(_list_texts(table, column))) > len(set(_list_texts(table, other)))
 
 
 def _has_one_text(table: NumberTable, column: int) -> bool:
@@ -373,12 +393,16 @@ def _list_state_words(texts: Sequence[str], words: Mapping[str, State]) -> dict[
 def _find_target_column(table: NumberTable, others: tuple[int | None, int | None]) -> int | None:
     """Return the column of names of targets; None without one, or if there is a single name.
 
-    It is the first one if another column counts the postures. `others` are the columns of labels and states.
+    It is the first one if another column counts the postures, and the column of names of points if another
+    one has more names. `others` are the columns of labels and states.
     """
     column = table.find_column("target")
     label_column, _ = others
     if column is None and label_column and is_cycle_header(table.headers[label_column]):
         column = 0
+    named = table.find_column("name")
+    if column is None and label_column is not None and named is not None:
+        column = named if _has_more_texts(table, label_column, named) else None
     if column is None or column in others:
         return None
     count = len(set(_list_texts(table, column)))

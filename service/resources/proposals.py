@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -30,7 +31,7 @@ from jointstiff.service.importing.naming import (
     list_state_words,
     name_readings,
 )
-from jointstiff.service.importing.numbers import NumberTable, read_number_tables
+from jointstiff.service.importing.numbers import GridReader, NumberTable, read_number_tables, read_tables
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 from jointstiff.service.importing.rewriting import (
     has_column_of,
@@ -39,6 +40,7 @@ from jointstiff.service.importing.rewriting import (
     write_deflections,
     write_readings,
 )
+from jointstiff.service.importing.stencils import read_stencils
 from jointstiff.service.importing.uncertainties import add_uncertainties
 from jointstiff.service.importing.unread import (
     advise_on_files_without_rows,
@@ -238,12 +240,11 @@ def propose_import(
     known = list(robots)
     try:
         try:
-            return _propose(files, request, known, template)
-        except _NoProposalError as error:
-            is_sheet_open = error.fault is not None and error.fault.option == "sheet"
-            if not is_sheet_open or request.sheet is not None:
+            return _propose_tables(files, request, known, template)
+        except _UnreadError as error:
+            if template is not None:
                 raise
-            return _propose_by_sheets(files, request, known, error)
+            return _propose_by_stencils(files, request, known, error)
     except _NoProposalError as error:
         return NoProposal(error.reason, error.remedy, error.fault)
 
@@ -262,19 +263,69 @@ class _UnfinishedError(_NoProposalError):
     """Error that the robot explains columns of files, but that a person must state more."""
 
 
+class _UnreadError(_NoProposalError):
+    """Error that no table of the files has a meaning: a file is no table, or its columns do not fit."""
+
+
+def _propose_tables(
+    files: Sequence[SourceFile],
+    request: ImportRequest,
+    robots: Sequence[KnownRobot],
+    template: TableMeaning | None,
+) -> ProposedImport:
+    """Return the proposal of the robots for the tables of files; arguments as of `propose_import`.
+
+    Raises:
+        _NoProposalError: no meaning fits, or a person cannot accept the meaning that fits.
+    """
+    try:
+        return _propose(files, request, robots, template)
+    except _NoProposalError as error:
+        is_sheet_open = error.fault is not None and error.fault.option == "sheet"
+        if not is_sheet_open or request.sheet is not None:
+            raise
+        return _propose_by_sheets(files, request, robots, error)
+
+
+def _propose_by_stencils(
+    files: Sequence[SourceFile],
+    request: ImportRequest,
+    robots: Sequence[KnownRobot],
+    unread: _UnreadError,
+) -> ProposedImport:
+    """Return the proposal for the repeated places of files, of which the columns may be the postures.
+
+    `unread` is the error that no table of the files has a meaning.
+
+    Raises:
+        _NoProposalError: no meaning fits, or a person cannot accept the meaning that fits.
+    """
+    for are_turned in (False, True):
+        try:
+            return _propose(files, request, robots, read=partial(read_stencils, are_turned=are_turned))
+        except _UnfinishedError:
+            raise
+        except (_NoProposalError, ImportFileError):
+            continue
+    raise unread
+
+
 def _propose(
     files: Sequence[SourceFile],
     request: ImportRequest,
     robots: Sequence[KnownRobot],
     template: TableMeaning | None = None,
+    read: GridReader = read_tables,
 ) -> ProposedImport:
     """Return the proposal of the robots for files; arguments as of `propose_import`.
+
+    `read` reads a file as tables.
 
     Raises:
         _NoProposalError: no meaning fits, or a person cannot accept the meaning that fits.
     """
     names = robots[0].robot.joint_names if len(robots) == 1 else ()
-    numbers = _read_numbers(files, request, names)
+    numbers = _read_numbers(files, request, names, read)
     if template is None:
         proposed = _propose_importable(numbers, request, robots)
     else:
@@ -673,10 +724,10 @@ def _find_proposal(
     if found.best is None:
         words = Vocabulary(request, robots[0].robot.joint_names)
         if turned := describe_turned_table([each.grid for each in tables], words):
-            raise _NoProposalError(
+            raise _UnreadError(
                 f"{found.reason}; {turned}", "give each posture a row: exchange rows and columns"
             )
-        raise _NoProposalError(found.reason)
+        raise _UnreadError(found.reason)
     if reason := _find_contradiction(found.best, request):
         raise _NoProposalError(reason)
     return _order_by_forces(found.best, tables)
@@ -755,25 +806,31 @@ class _Numbers(NamedTuple):
     masses: tuple[SourceFile, ...]  # files with the masses of the robot's bodies
 
 
-def _read_numbers(files: Sequence[SourceFile], request: ImportRequest, joints: Sequence[str]) -> _Numbers:
-    """Return the tables of numbers of the files with their rows in one order; `joints` are names of joints.
+def _read_numbers(
+    files: Sequence[SourceFile], request: ImportRequest, joints: Sequence[str], read: GridReader
+) -> _Numbers:
+    """Return the tables of numbers of the files with their rows in one order.
+
+    `joints` are names of joints, and `read` reads a file as tables.
 
     Raises:
         _NoProposalError: a file cannot be read or has no rows of numbers, or names of rows or headers do not
             fit.
     """
     try:
-        found = read_number_tables(files, request, joints)
+        found = read_number_tables(files, request, joints, read)
     except ImportFileError as fault:
+        if fault.option == "sheet":
+            raise _UnreadError(str(fault), fault=fault) from fault
         is_settled_by_option = fault.option is not None
         if is_settled_by_option:
             raise _NoProposalError(str(fault), fault=fault) from fault
-        raise _describe_fault(fault) from fault
+        raise _describe_fault(fault, _UnreadError) from fault
     if not found.tables:
-        raise _NoProposalError("the files have no rows of numbers")
+        raise _UnreadError("the files have no rows of numbers")
     if found.without:
         reason = f"{', '.join(found.without)} has no rows of numbers"
-        raise _NoProposalError(reason, advise_on_files_without_rows(files, found.without))
+        raise _UnreadError(reason, advise_on_files_without_rows(files, found.without))
     try:
         refuse_unknown_headers(found.tables, request)
         words = Vocabulary(request, joints)
@@ -784,10 +841,12 @@ def _read_numbers(files: Sequence[SourceFile], request: ImportRequest, joints: S
     return _Numbers(tables, [*found.notes, *joined.notes, *notes], found.masses)
 
 
-def _describe_fault(fault: ImportFileError) -> _NoProposalError:
-    """Return the error that a fault of files, at its place, forbids a proposal."""
+def _describe_fault(
+    fault: ImportFileError, kind: type[_NoProposalError] = _NoProposalError
+) -> _NoProposalError:
+    """Return the error, of a kind, that a fault of files, at its place, forbids a proposal."""
     place = "" if fault.place == NOWHERE else f"{fault.place}: "
-    return _NoProposalError(f"{place}{fault.reason}", fault.remedy, fault)
+    return kind(f"{place}{fault.reason}", fault.remedy, fault)
 
 
 def import_or_propose(
