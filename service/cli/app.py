@@ -158,8 +158,10 @@ def _refuse_single_dashes(command: Any, words: list[str]) -> None:  # noqa: ANN4
             raise typer.BadParameter("is written with two dashes", param_hint=f"-{name}")
 
 
-_NUMBERS: Final = re.compile(r"(?:[^=,]+=)?[-+]?[.\d][-+.,\deE]*,?")
-"""A word of numbers with commas between them, perhaps behind a name, such as `P1=0,0,120`."""
+_NUMBERS: Final = re.compile(r"(?:(?!-)[^=,]+=)?[-+]?[.\d][-+.,\deE]*,?")
+"""A word of numbers with commas between them, perhaps behind a name, such as `P1=0,0,120`.
+
+An option such as `--load-point=0,0,120` is no such word."""
 
 
 def _refuse_split_vectors(command: Any, words: list[str]) -> None:  # noqa: ANN401 - Typer's Click is private

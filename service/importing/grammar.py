@@ -644,6 +644,7 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
         ImportFileError: the header is not understood.
     """
     words = _classify_words(_join_phrases(_STATE_PHRASE, base), state_words)
+    words.drop_signs_at_ends()
     if "deflection" in words.states:
         words.states.discard("loaded")  # a displacement is one under load
     is_gauge = words.names_gauge
@@ -682,6 +683,13 @@ class _Words:
     states: set[State]  # states that words name
     kinds: set[Kind]  # kinds that words name; none for a position
     others: list[re.Match[str]]  # remaining words, which make the name of the target
+
+    def drop_signs_at_ends(self) -> None:
+        """Leave out signs without letters before and behind the name of the target."""
+        while self.others and _SIGN.fullmatch(self.others[0][0]):
+            del self.others[0]
+        while self.others and _SIGN.fullmatch(self.others[-1][0]):
+            del self.others[-1]
 
     @property
     def target(self) -> str | None:
@@ -731,10 +739,6 @@ def _classify_words(base: str, state_words: Mapping[str, State]) -> _Words:
             words.kinds.add(_KINDS[word])
         elif word not in _WORD_LISTS["coordinates"]:
             words.others.append(token)
-    while words.others and _SIGN.fullmatch(words.others[0][0]):
-        del words.others[0]
-    while words.others and _SIGN.fullmatch(words.others[-1][0]):
-        del words.others[-1]
     return words
 
 

@@ -26,6 +26,11 @@ def test_a_named_vector_and_a_quoted_vector():
     assert "one text" not in refused("compensate pull.json path.src -o out.src --start '10 -5 10 5 45 3'")
 
 
+def test_an_option_behind_a_vector_is_no_part_of_the_vector():
+    answer = refused("plan robot.json --target P10=147,55,50 --load-point=-60,20,180")
+    assert "one text" not in answer
+
+
 def test_words_of_a_choice_are_explained():
     answer = refused("import a.csv --encoders absolute")
     assert "not one of 'motor', 'secondary'. Encoders with which the controller closes the position" in answer
