@@ -248,12 +248,19 @@ class ArrayReadings:
         return labels
 
     def _refuse_transposed_joints(self, joints: FloatArray) -> None:
-        """Refuse joints whose columns, not rows, are as many as the rows of the readings."""
+        """Refuse joints whose columns, not rows, are as many as an axis of the readings has elements."""
         read = self.deflections if self.unloaded is None else self.unloaded
-        rows = len(read) if isinstance(read, np.ndarray | list) else len(joints)
-        if len(joints) != rows == joints.shape[1]:
+        arrays = list(read.values()) if isinstance(read, Mapping) else [read]
+        lengths = set[int]()
+        for array in arrays:
+            if isinstance(array, np.ndarray):
+                lengths.update(array.shape)
+            elif isinstance(array, list):
+                lengths.add(len(array))
+        rows, columns = joints.shape
+        if columns in lengths and rows not in lengths:
             raise MeasurementError(
-                f"`joints` has {len(joints)} rows, but {rows} observations were read",
+                f"`joints` has {rows} rows, but {columns} observations were read",
                 where="joints",
                 remedy="give a row for each observation, as in `joints.T`",
             )
@@ -418,6 +425,9 @@ def _arrange_by_target(
     if array.shape != (count, len(names), components):
         target_count = len(names) if are_named else None
         other_order = _exchange_axes(name, array, (count, target_count, components))
+        if other_order is not None and isinstance(value, Mapping):
+            of_each = f"{{target: array.T for target, array in {name}.items()}}"
+            other_order = other_order._replace(call=of_each)
         other_order = other_order or _split_rows(name, array, count, target_count, components)
         wanted = f"{components} numbers for each of {count} observations and {len(names)} targets"
         raise _make_shape_error(name, array, wanted, other_order)

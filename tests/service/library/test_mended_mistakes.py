@@ -71,6 +71,23 @@ def test_transposed_forces_and_rows_of_single_readings_are_arranged(document, ar
     assert answer.endswith("target after target; remedy: give unloaded.reshape(12, 3, 3)")
 
 
+def test_arrays_that_are_all_transposed_are_named_one_after_another(document, arrays):
+    """A column for each posture, as of MATLAB; readings by target."""
+    turned = {"joints": arrays["joints"].T, "forces": arrays["forces"].T}
+    for state in ("unloaded", "loaded"):
+        turned[state] = {f"P{t}": each.T for t, each in enumerate(np.moveaxis(arrays[state], 1, 0))}
+    answer = refused(document, arrays, **turned)
+    assert "`joints` has 6 rows, but 12 observations were read" in answer
+    turned["joints"] = arrays["joints"]
+    for state in ("unloaded", "loaded"):
+        answer = refused(document, arrays, **(turned | {"forces": arrays["forces"]}))
+        assert answer.endswith(f"remedy: give {{target: array.T for target, array in {state}.items()}}")
+        turned[state] = {target: array.T for target, array in turned[state].items()}
+    assert refused(document, arrays, **turned).endswith("remedy: give forces.T")
+    turned["forces"] = arrays["forces"]
+    assert js.Campaign.from_arrays(document["robot"], **(arrays | turned))
+
+
 @pytest.mark.parametrize("name", ["joints", "forces"])
 def test_an_observation_that_lacks_numbers_is_named_and_left_out(document, arrays, name):
     lacking = arrays[name].copy()
