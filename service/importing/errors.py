@@ -51,10 +51,16 @@ class ImportFileError(Exception):
         self.remedy = remedy  # what to do
         self.option = option  # import option that would settle the question; None if no option does
         self.words = words  # words of the files that the option has to explain
+        self.is_of_document = False  # whether the file as a whole is a document, and no table
 
     def __str__(self) -> str:
         place = str(self.place)
         return f"{place + ': ' if place else ''}{self.reason}; {self.remedy}"
+
+    def mark_document(self) -> ImportFileError:
+        """State that the file as a whole is a document, and no table; return this error."""
+        self.is_of_document = True
+        return self
 
     def add_place(self, place: Place) -> ImportFileError:
         """Set the place of this error if it has none; return this error."""

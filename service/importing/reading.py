@@ -655,7 +655,7 @@ def _build_type_error(file: SourceFile, kind: str) -> ImportFileError:
         if isinstance(document, dict) and "model" in document:
             kind = "a robot"
             remedy = "give this file as the robot of readings: `jointstiff import READINGS --robot FILE`"
-    return ImportFileError(Place(file.name), f"the file is {kind}, not a table", remedy)
+    return ImportFileError(Place(file.name), f"the file is {kind}, not a table", remedy).mark_document()
 
 
 def detect_delimiter(file: SourceFile) -> Delimiter | None:

@@ -17,6 +17,7 @@ from jointstiff.service.importing.grid import remove_thousands_separators
 from jointstiff.service.importing.naming import NamedReading, Uncertainty
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.importing.yaml_rows import is_named_yaml
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.table import METRES, AngleUnit
@@ -66,7 +67,7 @@ def write_readings(
     for columns in cases:
         empty = [""] * len(columns["label"])  # for a target that was not read under this load
         writer.writerows(zip(*(columns.get(head, empty) for head in headers), strict=True))
-    return SourceFile(tables[0].grid.file, text.getvalue().encode())
+    return SourceFile(_name_table(tables[0]), text.getvalue().encode())
 
 
 def write_deflections(
@@ -89,7 +90,13 @@ def write_deflections(
             columns.append([f"{each.target} deflection {axis} [mm]", *cells])
     text = io.StringIO()
     csv.writer(text, delimiter=";", lineterminator="\n").writerows(zip(*columns, strict=True))
-    return SourceFile(joints.grid.file, text.getvalue().encode())
+    return SourceFile(_name_table(joints), text.getvalue().encode())
+
+
+def _name_table(table: NumberTable) -> str:
+    """Return the name of the written table: that of the file, unless this is the name of YAML."""
+    name = table.grid.file
+    return f"{table.stem}.csv" if is_named_yaml(name) else name
 
 
 def list_masses(named: Sequence[NamedReading]) -> list[float | None]:

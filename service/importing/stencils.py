@@ -71,7 +71,6 @@ class _Line:
     line: int
     cells: tuple[_Cell, ...]
     text: str  # as it is written
-    context: tuple[str, ...] = ()  # words of the line above that has no number
 
     @property
     def numbers(self) -> list[_Cell]:
@@ -108,7 +107,7 @@ def read_stencils(file: SourceFile, options: ImportOptions, *, are_turned: bool 
     With `are_turned`, the columns of a table with names before its numbers are the postures.
 
     Raises:
-        ImportFileError: the file cannot be read, or numbers that differ have no place in a table.
+        ImportFileError: the file cannot be read.
     """
     kind = file_type(file.content, file.name)
     if kind in grid.WORKBOOKS:
@@ -119,7 +118,8 @@ def read_stencils(file: SourceFile, options: ImportOptions, *, are_turned: bool 
         lines = list(_list_lines(file))
     else:
         return read_grids(file, options, every_length=True)
-    found = _Stencils(file.name, lines, is_sheet=kind in grid.WORKBOOKS)
+    is_sheet = kind in grid.WORKBOOKS
+    found = _Stencils(file.name, lines, is_sheet=is_sheet, allow_missing=options.allow_missing)
     return found.build_grids(are_turned=are_turned) or read_grids(file, options, every_length=True)
 
 
@@ -190,14 +190,13 @@ def _walk(value: Any, path: tuple[str, ...], depth: int) -> Iterator[tuple[tuple
 
 
 def _list_lines(file: SourceFile) -> Iterator[_Line]:
-    """Yield the lines of a text as numbers and words; a line without a number is the context of the next.
+    """Yield the lines of a text as numbers and words.
 
     Raises:
         ImportFileError: the file is not plain text.
     """
     text, _ = decode(file.name, file.content)
     has_points = len(_POINT.findall(text)) >= len(_COMMA.findall(text))
-    context: tuple[str, ...] = ()
     for number, line in enumerate(_LINE_END.split(text), 1):
         shown = line[:_MOST_CHARACTERS]
         shown = shown.replace(",", " , ") if has_points else shown
@@ -210,12 +209,8 @@ def _list_lines(file: SourceFile) -> Iterator[_Line]:
             )
             for column, match in enumerate(_TOKEN.finditer(shown))
         )
-        if not cells:
-            continue
-        found = _Line("", number, cells, line[:_MOST_CHARACTERS].strip(), context)
-        if not found.numbers:
-            context = tuple(_DIGITS.sub("#", word) for word in found.words)
-        yield found
+        if cells:
+            yield _Line("", number, cells, line[:_MOST_CHARACTERS].strip())
 
 
 # ---- runs and records
@@ -224,17 +219,14 @@ def _list_lines(file: SourceFile) -> Iterator[_Line]:
 class _Stencils:
     """Lines of a file by their stencils."""
 
-    def __init__(self, file: str, lines: Sequence[_Line], *, is_sheet: bool) -> None:
+    def __init__(self, file: str, lines: Sequence[_Line], *, is_sheet: bool, allow_missing: bool) -> None:
         self._file, self._lines, self._is_sheet = file, lines, is_sheet
+        self._allow_missing = allow_missing  # whether a record may lack a line
         self._literals = _list_literals(lines)
         self._read: set[int] = set()  # indices of the lines that are read
 
     def build_grids(self, *, are_turned: bool) -> list[Grid]:
-        """Return the tables of runs and records.
-
-        Raises:
-            ImportFileError: numbers that differ have no place in a table.
-        """
+        """Return the tables of runs and records; none beside a damaged row of a run."""
         least = _COORDINATES * 2 if are_turned else LEAST_POSTURES
         runs = [run for run in self._list_runs() if len(run) >= least]
         recurring = Counter(self._find_shape(self._lines[run.start]) for run in runs)
@@ -353,10 +345,9 @@ class _Stencils:
         return _Table(lines[0].section, [_LABEL, *_number_alike(headers)], rows)
 
     def _read_records(self, used: set[int]) -> _Table | None:
-        """Return the table of records: of the sheets of forms, or of lines that recur; None without records.
+        """Return the table of records, of sheets or of lines that recur; None without records.
 
-        Raises:
-            ImportFileError: numbers that differ have no place in a table.
+        None, too, if a record lacks a line that others have, unless readings may be missing.
         """
         rest = [number for number in range(len(self._lines)) if number not in used]
         records = self._split_into_records(rest)
@@ -370,6 +361,9 @@ class _Stencils:
         places = [place for place, count in counts.items() if count >= _LEAST_PART * len(kept)]
         places = [place for place in places if not self._is_idle(place, values)]
         moving = [place for place in places if _differs(place, values)]
+        are_complete = len(kept) == len(placed) and all(place in each for each in values for place in places)
+        if not are_complete and not self._allow_missing:
+            return None
         is_possible = len(kept) >= LEAST_POSTURES and len(moving) >= 2 * _COORDINATES
         if not is_possible or len(places) >= limits.MAX_COLUMNS:
             return None
@@ -383,16 +377,14 @@ class _Stencils:
             )
             for number, label, each in zip(kept, labels, values, strict=True)
         ]
-        stencils = {stencil for stencil, _, _ in places}
-        for number in kept:
-            own = [(line, self._find_stencil(self._lines[line])) for line in records[number]]
-            self._read.update(line for line, stencil in own if stencil in stencils)
+        for number, each in zip(kept, values, strict=True):
+            self._read.update(each[place].number for place in places if place in each)
             self._read.update(records[number][:1])
         return _Table("", [_LABEL, *headers], rows, len(placed) - len(kept))
 
     def _is_idle(self, place: _Place, records: Sequence[dict[_Place, _Value]]) -> bool:
         """Return whether a place has one number without a word before it, such as the number of an axis."""
-        cell, line, _ = next(each[place] for each in records if place in each)
+        cell, line, *_ = next(each[place] for each in records if place in each)
         return not line.list_words_before(cell) and not _differs(place, records)
 
     def _split_into_records(self, rest: Sequence[int]) -> list[list[int]]:
@@ -411,7 +403,7 @@ class _Stencils:
         return [list(rest[start:end]) for start, end in pairwise([*starts, len(rest)])]
 
     def _find_stencil(self, line: _Line) -> tuple[object, ...]:
-        """Return the context, the words without the digits that differ, and the places of numbers."""
+        """Return the words of a line without the digits that differ, and its places of numbers."""
         words = tuple(
             ""
             if cell.is_number or cell.is_value
@@ -421,20 +413,22 @@ class _Stencils:
             for cell in line.cells
         )
         columns = tuple(cell.column for cell in line.numbers) if self._is_sheet else ()
-        return (line.context, words, columns)
+        return (words, columns)
 
     def _place(self, record: Sequence[int]) -> dict[_Place, _Value]:
-        """Return place → value of a record."""
+        """Return place → value of a record; in a text, a line without a number is the context of the next."""
         counts: Counter[tuple[object, ...]] = Counter()
         values = {}
+        context: tuple[str, ...] = ()
         for number in record:
             line = self._lines[number]
             if not line.values:
+                context = () if self._is_sheet else tuple(line.words)
                 continue
-            stencil = self._find_stencil(line)
+            stencil = (context, *self._find_stencil(line))
             for index, cell in enumerate(line.cells):
                 if cell in line.values:
-                    values[stencil, counts[stencil], index] = _Value(cell, line, number)
+                    values[stencil, counts[stencil], index] = _Value(cell, line, number, context)
             counts[stencil] += 1
         return values
 
@@ -456,7 +450,7 @@ class _Stencils:
 
     def _name(self, place: _Place, records: Sequence[dict[_Place, _Value]]) -> str:
         """Return the words of a place: those before it in its line, and those above it in a sheet."""
-        cell, line, number = next(each[place] for each in records if place in each)
+        cell, line, number, context = next(each[place] for each in records if place in each)
         if self._is_sheet:
             before = line.list_words_before(_find_first_of_group(line, cell))
             return _join_words([*before, *self._find_above(number, cell.column, line.section)])
@@ -471,7 +465,7 @@ class _Stencils:
             words = [*title, "xyz"[values.index(cell)]]
         else:
             words = [*title, str(values.index(cell) + 1)]
-        words = words if title else [*line.context, *words]
+        words = [*context, *words]
         return _add_unit(_strip_marks(words), cell.unit)
 
     def _find_above(self, number: int, column: int, section: str) -> list[str]:
@@ -525,7 +519,7 @@ class _Stencils:
             )
             notes = [f"{len(table.rows)} repeated rows of {quote(table.describe())} were read as a table"]
             if table.left:
-                notes.append(f"{table.left} records with other rows were left out")
+                notes.append(f"records with other rows were left out: {table.left}")
             if number == 1 and (numbers_left := [line for line in left if line.numbers]):
                 listed = ", ".join(quote(line.text[:40]) for line in numbers_left[:_MOST_LISTED])
                 more = (
@@ -559,6 +553,7 @@ class _Value(NamedTuple):
     cell: _Cell
     line: _Line
     number: int
+    context: tuple[str, ...]  # words of the line without a number above it, in its record
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ def read_yaml_rows(file: str, content: bytes) -> Grid | None:
     """
     text, encoding = decode(file, content)
     has_fields = len(_FIELD.findall(text[:_MOST_LENGTH])) >= LEAST_ROWS
-    is_named = has_fields and file.lower().endswith(_ENDINGS)
+    is_named = has_fields and is_named_yaml(file)
     if not (is_named or _looks_like_yaml(text)) or read_joint_states(text):
         return None
     try:
@@ -68,8 +68,13 @@ def read_yaml_rows(file: str, content: bytes) -> Grid | None:
         return build_grid_of_objects(file, encoding, objects, "YAML")
     if is_named:
         reason = f"the YAML has no list of {LEAST_ROWS} objects or more, one for each posture"
-        raise ImportFileError(Place(file), reason, _SAVE_AS_TABLE)
+        raise ImportFileError(Place(file), reason, _SAVE_AS_TABLE).mark_document()
     return None
+
+
+def is_named_yaml(file: str) -> bool:
+    """Return whether the name of a file has an ending of YAML."""
+    return file.lower().endswith(_ENDINGS)
 
 
 def _looks_like_yaml(text: str) -> bool:

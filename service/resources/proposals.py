@@ -307,7 +307,29 @@ def _propose_by_stencils(
             raise
         except (_NoProposalError, ImportFileError):
             continue
+    _refuse_lacking_lines(files, request, robots)
     raise unread
+
+
+def _refuse_lacking_lines(
+    files: Sequence[SourceFile], request: ImportRequest, robots: Sequence[KnownRobot]
+) -> None:
+    """Refuse files whose repeated places have a meaning, but are not in all blocks, sheets or objects.
+
+    Raises:
+        _UnfinishedError: there is such a meaning.
+    """
+    if request.allow_missing:
+        return
+    lacking = request.model_copy(update={"allow_missing": True})
+    try:
+        proposed = _propose(files, lacking, robots, read=read_stencils)
+    except (_NoProposalError, ImportFileError):
+        return
+    raise _UnfinishedError(
+        f"{proposed.sentence}, but a posture lacks lines that the others have",
+        "complete this posture, or use `allow_missing` to leave out what is missing",
+    )
 
 
 def _propose(
@@ -820,12 +842,11 @@ def _read_numbers(
     try:
         found = read_number_tables(files, request, joints, read)
     except ImportFileError as fault:
-        if fault.option == "sheet":
-            raise _UnreadError(str(fault), fault=fault) from fault
         is_settled_by_option = fault.option is not None
+        kind = _UnreadError if fault.is_of_document or fault.option == "sheet" else _NoProposalError
         if is_settled_by_option:
-            raise _NoProposalError(str(fault), fault=fault) from fault
-        raise _describe_fault(fault, _UnreadError) from fault
+            raise kind(str(fault), fault=fault) from fault
+        raise _describe_fault(fault, kind) from fault
     if not found.tables:
         raise _UnreadError("the files have no rows of numbers")
     if found.without:
