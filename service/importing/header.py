@@ -823,7 +823,10 @@ class ColumnReader:
 
     def _report_missing_names(self) -> None:
         """Report that no column has names of the rows."""
-        remedy = 'add a column with the header "label" or "name", or use `by_order` to number the rows of each file'
+        remedy = (
+            'add a column with the header "label" or "name", or use `by_order` to number the rows of each '
+            "file"
+        )
         place = self._heading.place()
         self._faults.report(place, "no column names the observations or points", remedy, "by_order")
 
