@@ -22,6 +22,8 @@ _IN_MICROMETRES: Final = re.compile(
     rf"(.*\w['′]?)[\s_/]*(?:[\s_/]|\[|\()\s?(?:{_SPELLINGS})\s?[\])]?", re.IGNORECASE
 )
 """A header with its unit, as in `dX [µm]`, `ΔX/µm` or `dx_um`."""
+_INITIAL: Final = re.compile(r"([xyz])[\s_]?0", re.IGNORECASE)
+"""A coordinate before the load, next to its displacement."""
 MICROMETRE: Final = "µm"
 SIZES: Final[Mapping[str, float]] = {**{str(unit): size for unit, size in METRES.items()}, MICROMETRE: 1e-6}
 """Unit of a displacement or an uncertainty → its size [m]."""
@@ -47,6 +49,8 @@ def add_deflections(tables: Sequence[NumberTable], words: Vocabulary) -> tuple[l
         ImportFileError: displacements without a unit may be in two units.
     """
     changed, notes = list(tables), list[str]()
+    if any(_list_displacements(table, words) for table in tables):
+        changed = [_name_initial(table) for table in tables]
     for number, table in enumerate(tables):
         for found in _list_displacements(table, words):
             others = [other for other in range(len(tables)) if other != number]
@@ -60,6 +64,24 @@ def add_deflections(tables: Sequence[NumberTable], words: Vocabulary) -> tuple[l
                 notes.append(note)
                 break
     return changed, notes
+
+
+def _name_initial(table: NumberTable) -> NumberTable:
+    """Return a table whose columns `X0`, `Y0` and `Z0`, beside a displacement, are positions without load."""
+    meanings = list(table.meanings)
+    column_of_axis: dict[int, int] = {}
+    for column, header in enumerate(table.headers):
+        found = _INITIAL.fullmatch(split_unit(header)[0].strip())
+        meaning = meanings[column]
+        if found is not None and (meaning is None or meaning.quantity.target == "0"):
+            column_of_axis["xyz".index(found[1].casefold())] = column
+    if len(column_of_axis) != len("xyz"):
+        return table
+    for axis, column in column_of_axis.items():
+        unit = split_unit(table.headers[column])[1]
+        known = unit if unit in METRES else None
+        meanings[column] = Meaning(Quantity("position", None, "unloaded"), axis, known)
+    return replace(table, meanings=tuple(meanings))
 
 
 def _add_found(

@@ -359,6 +359,14 @@ def find_unit_of_force(header: str) -> str | None:
     return known[1] if known is not None and known[0] == "force" else find_unit_of_size(header)
 
 
+def find_force_at_end(header: str) -> str | None:
+    """Return the unit of force that a header ends with, as in `pull newton` or `F [N]`; None without one."""
+    base, unit = split_unit(header)
+    _, ending = _split_unit_suffix(base) or (base, None)
+    known = find_known_unit(unit or ending or "")
+    return known[1] if known is not None and known[0] == "force" else None
+
+
 def looks_like_a_force(header: str) -> bool:
     """Return whether a header has a word for a force or a wrench, or a unit of force."""
     base, unit = split_unit(header)
@@ -644,7 +652,6 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
         ImportFileError: the header is not understood.
     """
     words = _classify_words(_join_phrases(_STATE_PHRASE, base), state_words)
-    words.drop_signs_at_ends()
     if "deflection" in words.states:
         words.states.discard("loaded")  # a displacement is one under load
     is_gauge = words.names_gauge
@@ -683,13 +690,6 @@ class _Words:
     states: set[State]  # states that words name
     kinds: set[Kind]  # kinds that words name; none for a position
     others: list[re.Match[str]]  # remaining words, which make the name of the target
-
-    def drop_signs_at_ends(self) -> None:
-        """Leave out signs without letters before and behind the name of the target."""
-        while self.others and _SIGN.fullmatch(self.others[0][0]):
-            del self.others[0]
-        while self.others and _SIGN.fullmatch(self.others[-1][0]):
-            del self.others[-1]
 
     @property
     def target(self) -> str | None:
@@ -739,7 +739,16 @@ def _classify_words(base: str, state_words: Mapping[str, State]) -> _Words:
             words.kinds.add(_KINDS[word])
         elif word not in _WORD_LISTS["coordinates"]:
             words.others.append(token)
+    _strip_signs(words.others)
     return words
+
+
+def _strip_signs(tokens: list[re.Match[str]]) -> None:
+    """Remove the signs before the first word, and behind the last."""
+    while tokens and _SIGN.fullmatch(tokens[-1][0]):
+        tokens.pop()
+    while tokens and _SIGN.fullmatch(tokens[0][0]):
+        tokens.pop(0)
 
 
 def _split_stated_word(word: str, state_words: Mapping[str, State]) -> tuple[str, State] | None:

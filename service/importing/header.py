@@ -6,6 +6,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from types import MappingProxyType
 from typing import Final, Literal, NamedTuple
 
@@ -272,11 +273,15 @@ def _refuse_data_above(grid: Grid, header: _PossibleHeader, line: int) -> None:
 def _yield_possible_headers(grid: Grid, words: Vocabulary) -> Iterator[_PossibleHeader]:
     """Yield each possible header; of those that begin in the same row, those with more rows come first."""
     rows = grid.rows[: _MAX_TITLE_ROWS + _MAX_HEADER_ROWS + 1]
+    usual_step = max(1, grid.rows[-1].line - grid.rows[-2].line) if len(grid.rows) > 1 else 1
     for start in range(min(_MAX_TITLE_ROWS + 1, len(rows))):
         if start and count_numbers(rows[start - 1]) >= _MIN_NUMBERS:
             return
         for count in range(min(_MAX_HEADER_ROWS, len(rows) - start), 0, -1):
-            texts = _merge_rows([row.cells for row in rows[start : start + count]], words)
+            own = rows[start : start + count]
+            if any(after.line - before.line > usual_step for before, after in pairwise(own)):
+                continue  # an empty row is between a title and the header
+            texts = _merge_rows([row.cells for row in own], words)
             if texts is not None:
                 yield _PossibleHeader(start, count, texts)
 

@@ -22,6 +22,7 @@ from jointstiff.service.importing.grammar import (
     Meaning,
     Quantity,
     Vocabulary,
+    find_force_at_end,
     find_unit_of_size,
     is_planned,
     is_statistic,
@@ -146,6 +147,18 @@ class NumberTable:
         ]
         return sizes[0] if len(sizes) == 1 and kinds.isdisjoint(("force", "mass")) else None
 
+    def find_size_along_directions(self) -> int | None:
+        """Return the only column of numbers, without a known header, that ends with a unit of force."""
+        columns = [
+            column
+            for column, header in enumerate(self.headers)
+            if self.meanings[column] is None
+            and column not in self.ignored
+            and find_force_at_end(header) is not None
+            and np.isfinite(self.table.numbers[:, column]).all()
+        ]
+        return columns[0] if len(columns) == 1 else None
+
     def find_directions(self) -> int | None:
         """Return the only column whose cells are directions such as `+X` or `-Z`; None without one."""
         columns = [
@@ -177,7 +190,10 @@ class NumberTable:
         numbers = np.hstack([self.table.numbers, forces])
         return replace(
             self,
-            headers=(*self.headers, *(f"{meaning} [{unit}]" for meaning in meanings)),
+            headers=(
+                *self.headers,
+                *(f"{meaning} [{unit}]" if unit else f"{meaning}" for meaning in meanings),
+            ),
             meanings=(*self.meanings, *meanings),
             rows=rows,
             table=replace(self.table, numbers=numbers, others=others),

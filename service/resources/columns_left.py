@@ -32,6 +32,8 @@ _MOST_NAMED: Final = 8
 """Most columns that a sentence names."""
 _COORDINATES: Final = 3
 """Coordinates of a position."""
+_UNIT_VECTOR: Final = 2e-3
+"""Largest difference of the size of a unit vector from 1."""
 _SAME_SIZE: Final = 0.01
 """Largest difference of the sizes of forces, as a part of their mean."""
 _LEAST_FORCE: Final = 2.0
@@ -212,6 +214,21 @@ def find_bare_vector(left: ColumnsLeft) -> tuple[int, int, int] | None:
     is_force = len(sizes) > 0 and bool(np.isfinite(sizes).all()) and sizes.mean() > _LEAST_FORCE
     is_vector = third - first == _COORDINATES - 1 and any(find_moving_columns(numbers))
     return (first, second, third) if is_force and is_vector else None
+
+
+def find_sizes_along_vectors(left: ColumnsLeft) -> tuple[int, tuple[int, int, int]] | None:
+    """Return the column of sizes of a force and the three of its unit vector, if nothing else is left.
+
+    The unit vectors have the size 1, and the header of the sizes has a word for a force.
+    """
+    table = left.table
+    sizes = [column for column in left.columns if looks_like_a_force(table.headers[column])]
+    others = [column for column in left.columns if column not in sizes]
+    if len(sizes) != 1 or len(others) != _COORDINATES or others[-1] - others[0] != _COORDINATES - 1:
+        return None
+    vectors, numbers = table.table.numbers[:, others], table.table.numbers[:, sizes[0]]
+    are_units = bool(np.abs(np.linalg.norm(vectors, axis=1) - 1.0).max() < _UNIT_VECTOR)
+    return (sizes[0], (others[0], others[1], others[2])) if are_units and (numbers >= 0.0).all() else None
 
 
 def _list_filled(table: NumberTable, columns: Sequence[int]) -> FloatArray:

@@ -21,7 +21,7 @@ from jointstiff.service.importing.deflections import (
     list_lone_displacements,
 )
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
-from jointstiff.service.importing.grammar import Vocabulary, find_unit_of_size, is_in_kg
+from jointstiff.service.importing.grammar import Vocabulary, find_force_at_end, is_in_kg
 from jointstiff.service.importing.joining import join_tables
 from jointstiff.service.importing.lengths import convert_columns, unify_lengths
 from jointstiff.service.importing.naming import (
@@ -52,6 +52,7 @@ from jointstiff.service.resources.columns_left import (
     find_bare_vector,
     find_constant_force,
     find_contradiction,
+    find_sizes_along_vectors,
     leave_positions,
     list_columns_left,
     list_other_columns,
@@ -1087,14 +1088,49 @@ def _name_forces(
     found, notes = _name_constant_force(proposal, tables, request)
     if not notes:
         found, notes = _name_bare_forces(proposal, tables, request, evidence)
+    if not notes:
+        found, notes = _name_forces_along_vectors(proposal, named, tables, request, evidence)
     if notes:
         found, further = _turn_forces(proposal, found, evidence)
         return found, [*notes, *further]
     found, notes = _name_force_of_size(proposal, named, tables, request)
     if notes or request.force is not None:
         return found, notes
+    found, notes = _name_masses_of_readings(proposal, named, tables)
+    if notes:
+        return found, notes
     left = list_columns_left(proposal, tables, named)
     return take_sizes_as_weights(left, proposal, named, tables, evidence)
+
+
+def _name_masses_of_readings(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable]
+) -> tuple[Sequence[NumberTable], list[str]]:
+    """Return the tables, with the masses in a table of readings as weights in the table of joints.
+
+    The table of joints has no load, and all readings of a posture have one mass, which is not in their names.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    loaded = [each for each in named if each.state == "loaded"]
+    with_mass = [table for table in tables if table is not joints and has_column_of(table, "mass")]
+    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
+    if has_load or len(with_mass) != 1 or any(each.mass is not None for each in loaded):
+        return tables, []
+    (table,) = with_mass
+    column = table.find_column("mass") or 0
+    masses = [
+        each.reading.points.groups.split(table.table.numbers[:, [column]])[:, each.reading.index, 0]
+        for each in loaded
+        if each.reading.points.table == table.name
+    ]
+    if not masses or not all((own > 0.0).all() and np.array_equal(own, masses[0]) for own in masses):
+        return tables, []
+    groups = proposal.joints.groups
+    is_in_blocks = groups.order == "in blocks"
+    of_rows = np.tile(masses[0], groups.count) if is_in_blocks else np.repeat(masses[0], groups.count)
+    with_weights = joints.add_forces(np.outer(of_rows, [0.0, 0.0, -1.0]), "kgf")
+    note = f"{quote(table.headers[column])} of {table.name} as weights along −z of R0"
+    return [with_weights if each is joints else each for each in tables], [note]
 
 
 def _turn_forces(
@@ -1149,6 +1185,30 @@ def _name_bare_forces(
     return [named if table is joints else table for table in tables], [note]
 
 
+def _name_forces_along_vectors(
+    proposal: Proposal,
+    named: Sequence[NamedReading],
+    tables: Sequence[NumberTable],
+    request: ImportRequest,
+    evidence: ForceEvidence,
+) -> tuple[Sequence[NumberTable], list[str]]:
+    """Return the tables, with sizes along unit vectors as the force if they explain the deflections."""
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    left = next(each for each in list_columns_left(proposal, tables, named) if each.table is joints)
+    columns = find_sizes_along_vectors(left)
+    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
+    if columns is None or has_load or request.force is not None:
+        return tables, []
+    size, vector = columns
+    forces = joints.table.numbers[:, [size]] * joints.table.numbers[:, list(vector)]
+    if not evidence.are_forces(forces):
+        return tables, []
+    unit = find_force_at_end(joints.headers[size])
+    along = joints.add_forces(forces, unit, (size, *vector))
+    note = f"{quote(joints.headers[size])} along the unit vectors of columns {vector[0] + 1}–{vector[2] + 1}"
+    return [along if table is joints else table for table in tables], [f"{note}, as the deflections show"]
+
+
 def _name_constant_force(
     proposal: Proposal, tables: Sequence[NumberTable], request: ImportRequest
 ) -> tuple[Sequence[NumberTable], list[str]]:
@@ -1199,12 +1259,14 @@ def _name_force_of_size(
         _NoProposalError: there are several forces, whose direction the targets do not show.
     """
     joints = next(table for table in tables if table.name == proposal.joints.table)
+    directions = joints.find_directions()
     column = joints.find_size_of_force()
+    if column is None and directions is not None:
+        column = joints.find_size_along_directions()
     if column is None or request.force is not None:
         return tables, []
     header = quote(joints.headers[column])
     sizes = joints.table.numbers[:, column]
-    directions = joints.find_directions()
     if directions is not None:
         along, note = _name_force_along_directions(proposal, named, joints, (directions, column))
         return [along if table is joints else table for table in tables], [note]
@@ -1248,7 +1310,7 @@ def _name_force_along_directions(
             "write the force in columns `Fx [N]`, `Fy [N]` and `Fz [N]` in axes of R0",
         )
     note = f"{quote(joints.headers[size])} along the directions of {header} in R0, as the targets move"
-    unit = find_unit_of_size(joints.headers[size])
+    unit = find_force_at_end(joints.headers[size])
     return joints.add_forces(forces, unit, columns), note
 
 

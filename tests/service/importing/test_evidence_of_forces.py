@@ -209,3 +209,25 @@ def test_sizes_of_a_force_along_another_direction_are_asked(direction, tmp_path)
     joints, positions = measure(forces)
     proposed = propose(table([*HEADERS, "Kraft [N]"], write_rows(joints, positions, size)), tmp_path)
     assert proposed.accept().missing_fields == ["force"]
+
+
+VECTOR = ["force_mag [N]", "cable_dir x", "cable_dir y", "cable_dir z"]
+
+
+def test_a_size_along_unit_vectors_is_the_force_that_the_deflections_show(tmp_path):
+    forces = pull()
+    sizes = np.linalg.norm(forces, axis=1, keepdims=True)
+    joints, positions = measure(forces)
+    vectors = TURN.inv().apply(forces / sizes)
+    rows = write_rows(joints, in_tracker(positions), sizes, vectors)
+    proposed = propose(table([*HEADERS, *VECTOR], rows), tmp_path)
+    assert "'force_mag [N]' along the unit vectors of columns 14–16, as the deflections show" in str(proposed)
+    assert read_forces(proposed) == pytest.approx(forces, abs=5.0)
+
+
+def test_a_size_along_unit_vectors_that_the_deflections_contradict_is_no_force(tmp_path):
+    forces = pull()
+    sizes = np.linalg.norm(forces, axis=1, keepdims=True)
+    joints, positions = measure(forces)
+    rows = write_rows(joints, positions, sizes, np.roll(forces / sizes, 3, axis=0))
+    assert "along the unit vectors" not in str(propose(table([*HEADERS, *VECTOR], rows), tmp_path))
