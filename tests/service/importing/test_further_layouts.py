@@ -238,9 +238,15 @@ def test_a_sheet_with_a_column_for_each_posture_is_read(form, tmp_path):
     assert_read({"t.xlsx": sheet(rows)}, tmp_path, campaign)
 
 
-def test_a_refused_sheet_that_looks_transposed_is_named_so(tmp_path):
+def test_a_transposed_sheet_with_rows_of_remarks_is_read(tmp_path):
     remarks = [[f"Remark {n}", *["ok"] * COUNT] for n in range(5)]
-    said = refuse({"t.xlsx": sheet([POSES, *LETTERS, *remarks])}, tmp_path, YASKAWA.arm)
+    assert_read({"t.xlsx": sheet([POSES, *LETTERS, *remarks])}, tmp_path, YASKAWA)
+
+
+def test_a_refused_sheet_that_looks_transposed_is_named_so(tmp_path):
+    """The sheet is of another arm."""
+    remarks = [[f"Remark {n}", *["ok"] * COUNT] for n in range(5)]
+    said = refuse({"t.xlsx": sheet([POSES, *LETTERS, *remarks])}, tmp_path, ARM)
     assert "the first column of t.xlsx names joints, so that the table looks transposed" in said
 
 
