@@ -46,6 +46,7 @@ from jointstiff.service.importing.unread import (
 )
 from jointstiff.service.resources.columns_left import (
     ColumnsLeft,
+    confirms_joints,
     describe_likely_force,
     find_bare_vector,
     find_constant_force,
@@ -354,7 +355,10 @@ def _complete(found_meaning: _FoundMeaning, request: ImportRequest) -> ProposedI
     left = list_columns_left(proposal, tables, named)
     joints = next(table for table in tables if table.name == proposal.joints.table)
     notes = [*numbers.notes, *force_notes, *_note_force(joints), *_note_uncertainties(named)]
-    notes += [*note_mean_of_joints(proposal, joints), *name_columns_left(left, tables)]
+    confirming = [each for each in left if confirms_joints(each.table, proposal, joints)]
+    unread = [each for each in left if each not in confirming]
+    notes += [*note_mean_of_joints(proposal, joints), *name_columns_left(unread, tables)]
+    notes += [f"{each.table.name} has the same joints" for each in confirming]
     try:
         refuse_single_rows(proposal, tables)
         refuse_columns_left(left, proposal, named, tables)
