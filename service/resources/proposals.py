@@ -12,7 +12,7 @@ import numpy as np
 from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
 from jointstiff.schemas.meaning import JointsMeaning, PointsMeaning, TableMeaning
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
-from jointstiff.service.conversion.units import FORCE
+from jointstiff.service.conversion.units import FORCE, KGF
 from jointstiff.service.importing.deflections import (
     Deflection,
     add_deflections,
@@ -712,10 +712,18 @@ def _build_import(
     table = write_readings(proposal, named, tables, with_masses=with_masses)
     options = request.model_copy(update={**_clear_headers(), **_clear_names(), **_state_units(request)})
     meaning = _build_meaning(proposal, named, tables)
+    if with_masses:
+        notes = (*notes, _describe_weights(list_masses(named)))
     if with_masses and len(list_masses(named)) > 1:
         notes = (*notes, "each load is an observation, with the same readings without load")
     previews = tuple(preview_tables(proposal, named, tables))
     return ProposedImport(proposal, tuple(named), table, options, meaning, tuple(notes), previews=previews)
+
+
+def _describe_weights(masses: Iterable[float | None]) -> str:
+    """Return the forces that are taken of loads [kg] in names, in words."""
+    forces = [f"loaded {mass:g} kg: force 0, 0, −{KGF * mass:.4g} N" for mass in masses if mass is not None]
+    return ", ".join(forces)
 
 
 def _has_masses(
