@@ -405,6 +405,10 @@ def read_lists(file: str, content: bytes) -> Grid | None:
     return None if lists is None else _build_grid_of_records(file, encoding, lists)
 
 
+_LEAST_CELLS: Final = 3
+"""Cells of a line that shows that blanks separate numbers."""
+
+
 def find_delimiter(file: str, lines: Sequence[NumberedLine], *, are_marks_literal: bool = False) -> Delimiter:
     """Find the delimiter: tab or semicolon if most of the last lines have one, else comma or whitespace.
 
@@ -431,7 +435,22 @@ def find_delimiter(file: str, lines: Sequence[NumberedLine], *, are_marks_litera
             "give `delimiter`, or use semicolons as delimiter",
             "delimiter",
         )
-    return possible[0] if possible else "comma"
+    if possible:
+        return possible[0]
+    return "whitespace" if _are_numbers_between_blanks(last_lines) else "comma"
+
+
+def _are_numbers_between_blanks(lines: Sequence[str]) -> bool:
+    """Return whether most lines are numbers between blanks, as in columns of a fixed width with empty cells.
+
+    Numbers between commas have no blanks, or a comma before each blank.
+    """
+    of_numbers = [
+        line
+        for line in lines
+        if len(cells := line.split()) >= _LEAST_CELLS and all(map(looks_like_a_number, cells))
+    ]
+    return 2 * len(of_numbers) > len(lines)
 
 
 def _list_delimiters(file: str, lines: Sequence[NumberedLine], *, are_marks_literal: bool) -> list[Delimiter]:

@@ -32,6 +32,8 @@ _MOST_NAMED: Final = 8
 """Most columns that a sentence names."""
 _COORDINATES: Final = 3
 """Coordinates of a position."""
+_SAME_JOINT: Final = np.radians(0.01)
+"""Largest difference of a joint [rad] between two logs of the same postures."""
 _UNIT_VECTOR: Final = 2e-3
 """Largest difference of the size of a unit vector from 1."""
 _SAME_SIZE: Final = 0.01
@@ -122,6 +124,22 @@ def leave_positions(left: Sequence[ColumnsLeft], named: Sequence[NamedReading]) 
     return is_file_left or len({each.state for each in named}) == 1
 
 
+def confirms_joints(table: NumberTable, proposal: Proposal, joints: NumberTable) -> bool:
+    """Return whether a table has the columns of the table of joints, and the same joints in the same rows.
+
+    Such a table is a log of the joints in another state. Joints are the same within `_SAME_JOINT`; other
+    numbers do not change, or only increase, as times do.
+    """
+    if table is joints or table.headers != joints.headers or len(table.rows) != len(joints.rows):
+        return False
+    numbers, columns = table.table.numbers, list(proposal.joints.columns)
+    limit = _SAME_JOINT if proposal.joints.unit == "rad" else np.degrees(_SAME_JOINT)
+    are_same = bool((np.abs(numbers[:, columns] - joints.table.numbers[:, columns]) <= limit).all())
+    is_moving = find_moving_columns(numbers)
+    others = [column for column in range(numbers.shape[1]) if is_moving[column] and column not in columns]
+    return are_same and bool((np.diff(numbers[:, others], axis=0) >= 0.0).all())
+
+
 def refuse_columns_left(
     left: Sequence[ColumnsLeft],
     proposal: Proposal,
@@ -137,7 +155,7 @@ def refuse_columns_left(
     joints = next(table for table in tables if table.name == proposal.joints.table)
     postures = len(joints.rows) // proposal.joints.groups.count
     for each in left:
-        if each.is_whole:
+        if each.is_whole and not confirms_joints(each.table, proposal, joints):
             raise _build_file_error(each.table, joints, postures)
     if len({each.state for each in named}) > 1:
         return

@@ -13,7 +13,7 @@ import numpy as np
 from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
 from jointstiff.schemas.meaning import JointsMeaning, PointsMeaning, TableMeaning
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
-from jointstiff.service.conversion.units import FORCE
+from jointstiff.service.conversion.units import FORCE, KGF
 from jointstiff.service.importing.deflections import (
     Deflection,
     add_deflections,
@@ -48,6 +48,7 @@ from jointstiff.service.importing.unread import (
 )
 from jointstiff.service.resources.columns_left import (
     ColumnsLeft,
+    confirms_joints,
     describe_likely_force,
     find_bare_vector,
     find_constant_force,
@@ -427,7 +428,10 @@ def _complete(found_meaning: _FoundMeaning, request: ImportRequest) -> ProposedI
     left = list_columns_left(proposal, tables, named)
     joints = next(table for table in tables if table.name == proposal.joints.table)
     notes = [*numbers.notes, *force_notes, *_note_force(joints), *_note_uncertainties(named)]
-    notes += [*note_mean_of_joints(proposal, joints), *name_columns_left(left, tables)]
+    confirming = [each for each in left if confirms_joints(each.table, proposal, joints)]
+    unread = [each for each in left if each not in confirming]
+    notes += [*note_mean_of_joints(proposal, joints), *name_columns_left(unread, tables)]
+    notes += [f"{each.table.name} has the same joints" for each in confirming]
     try:
         refuse_single_rows(proposal, tables)
         refuse_columns_left(left, proposal, named, tables)
@@ -781,10 +785,18 @@ def _build_import(
     table = write_readings(proposal, named, tables, with_masses=with_masses)
     options = request.model_copy(update={**_clear_headers(), **_clear_names(), **_state_units(request)})
     meaning = _build_meaning(proposal, named, tables)
+    if with_masses:
+        notes = (*notes, _describe_weights(list_masses(named)))
     if with_masses and len(list_masses(named)) > 1:
         notes = (*notes, "each load is an observation, with the same readings without load")
     previews = tuple(preview_tables(proposal, named, tables))
     return ProposedImport(proposal, tuple(named), table, options, meaning, tuple(notes), previews=previews)
+
+
+def _describe_weights(masses: Iterable[float | None]) -> str:
+    """Return the forces that are taken of loads [kg] in names, in words."""
+    forces = [f"loaded {mass:g} kg: force 0, 0, −{KGF * mass:.4g} N" for mass in masses if mass is not None]
+    return ", ".join(forces)
 
 
 def _has_masses(

@@ -37,6 +37,7 @@ def write(path, groups):
 def test_states_and_loads_above_targets_are_those_of_one_target(tmp_path, form):
     write(tmp_path / "a.csv", GROUPS[form])
     proposal = js.read(tmp_path / "a.csv", robot=ARM, **STATED)
+    assert "loaded 13.6078 kg: force 0, 0, −133.4 N" in str(proposal)
     observations = proposal.accept().campaign.measurement_set.observations
     assert len(observations) == len(READINGS.joints)
     for own in observations:

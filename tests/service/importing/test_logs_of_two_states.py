@@ -1,0 +1,66 @@
+"""A log of the joints for each state, and columns of yes and no below a header of a load."""
+
+import numpy as np
+import pytest
+from support.catalogue_arms import build_nominal_robots, readings_on
+
+import jointstiff as js
+
+ARM = "Universal Robots UR10e"
+ROBOT = next(known.robot for known in build_nominal_robots() if known.name == ARM)
+READINGS = readings_on(ROBOT, seed=31, configurations=12)
+FIRST = 1e3 * READINGS.position[:, 0]
+SAG = np.array([0.01, 0.02, -0.5])
+STATED = {"encoders": "motor", "load_point": [0, 0, 100], "force": [0, 0, -100], "units": {"force": "N"}}
+
+
+def write(folder, name, *blocks, first=0.0):
+    table = np.column_stack([first + np.arange(len(READINGS.joints)), *blocks])
+    lines = [",".join(f"{value:.6f}" for value in row) for row in table.tolist()]
+    (folder / name).write_text("\n".join(lines) + "\n")
+    return folder / name
+
+
+def log(folder, change=0.0):
+    return [
+        write(folder, "free_joints.csv", READINGS.joints),
+        write(folder, "free_points.csv", FIRST),
+        write(folder, "loaded_joints.csv", READINGS.joints + change, first=900.0),
+        write(folder, "loaded_points.csv", FIRST + SAG, first=900.0),
+    ]
+
+
+def shifts_of(proposal):
+    observations = proposal.accept().campaign.measurement_set.observations
+    return [np.subtract(each.loaded, each.unloaded) for own in observations for each in own.readings]
+
+
+def test_a_second_log_of_the_same_joints_confirms_the_first(tmp_path):
+    proposal = js.read(*log(tmp_path), robot=ARM, **STATED)
+    assert "loaded_joints.csv has the same joints" in str(proposal)
+    assert np.allclose(shifts_of(proposal), SAG, atol=2e-3)
+
+
+def test_a_second_log_of_other_joints_is_refused(tmp_path):
+    with pytest.raises(js.CampaignError):
+        js.read(*log(tmp_path, change=0.01), robot=ARM, **STATED)
+
+
+@pytest.mark.parametrize(
+    ("header", "no", "yes"),
+    [
+        ("Chargement", "non", "oui"),
+        ("Carga", "não", "sim"),
+        ("Obciążenie", "nie", "tak"),
+        ("Нагрузка", "нет", "да"),
+    ],
+)
+def test_no_and_yes_below_a_load_are_states_in_several_languages(tmp_path, header, no, yes):
+    rows = [["Nr", *(f"J{k}" for k in range(1, 7)), header, "X", "Y", "Z"]]
+    for number, (angles, place) in enumerate(zip(np.rad2deg(READINGS.joints), FIRST, strict=True), 1):
+        for word, shift in ((no, 0.0), (yes, SAG)):
+            rows.append([str(number), *(f"{each:.3f}" for each in angles), word])
+            rows[-1] += [f"{each:.4f}" for each in place + shift]
+    (tmp_path / "a.csv").write_text("\n".join(";".join(row) for row in rows) + "\n")
+    proposal = js.read(tmp_path / "a.csv", robot=ARM, **STATED)
+    assert np.allclose(shifts_of(proposal), SAG, atol=2e-3)
