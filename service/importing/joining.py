@@ -81,7 +81,7 @@ def join_tables(tables: Sequence[NumberTable], options: ImportOptions) -> Joined
     labels = () if first is None else _name(first, options).labels
     named = [_name(table, options, () if table is first else labels) for table in tables]
     named = [_spell_as(each, labels) for each in named]
-    joined = [each for each in named if labels and set(each.labels) & set(labels)]
+    joined = [each for each in named if _shares_labels(each, labels)]
     kept = _choose_labels(joined, labels)
     arranged = []
     for each in named:
@@ -148,6 +148,18 @@ def _choose_first(tables: Sequence[NumberTable], options: ImportOptions) -> Numb
     """Return the table whose observations give the order: that of most columns with names of rows."""
     named = [table for table in tables if _name(table, options).labels]
     return max(named, key=lambda table: table.table.size[1], default=None)
+
+
+def _shares_labels(named: _NamedTable, labels: Sequence[str]) -> bool:
+    """Return whether rows of a table have names of the observations.
+
+    Points of several states that are numbered throughout, such as 1 to 20 of 10 observations, do not: half of
+    their numbers, or more, are no observation, and they are a multiple of the observations.
+    """
+    own = set(named.labels)
+    common = own & set(labels)
+    is_numbered_throughout = len(own) > len(labels) > 0 and len(own) % len(labels) == 0
+    return bool(common) and not (is_numbered_throughout and 2 * len(common) <= len(own))
 
 
 def _choose_labels(joined: Sequence[_NamedTable], labels: Sequence[str]) -> tuple[str, ...]:
