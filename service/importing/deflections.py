@@ -67,7 +67,7 @@ def add_deflections(tables: Sequence[NumberTable], words: Vocabulary) -> tuple[l
 
 
 def _name_initial(table: NumberTable) -> NumberTable:
-    """Return a table whose columns `X0`, `Y0` and `Z0`, beside a displacement, are positions without load."""
+    """Return a table whose columns `X0`, `Y0`, `Z0` are positions without load, next to a displacement."""
     meanings = list(table.meanings)
     column_of_axis: dict[int, int] = {}
     for column, header in enumerate(table.headers):
