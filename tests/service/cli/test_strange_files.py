@@ -84,10 +84,6 @@ def repeat_a_row(rows):
     return [*rows[:1], rows[0], *rows[1:]]
 
 
-def remove_a_row(rows):
-    return [*rows[:5], *rows[6:]]
-
-
 def move_a_repeat(rows):
     return [*rows[:1], [*rows[0][:-1], f"{float(rows[0][-1]) + 3.0}"], *rows[1:]]
 
@@ -96,17 +92,26 @@ def move_a_repeat(rows):
     ("change", "more", "said"),
     [
         (repeat_a_row, "", "has this row twice"),
-        (remove_a_row, "", "has no row"),
         (move_a_repeat, "--mean-of-repeats", "repeated readings are 1.5 mm from their mean"),
     ],
 )
-def test_a_row_too_many_or_too_few_is_named_and_without_it_the_file_is_read(change, more, said):
+def test_a_row_too_many_is_named_and_without_it_the_file_is_read(change, more, said):
     campaign = simulate(ARMS[0], seed=5, postures=14)
     header = ["Pose", *JOINTS, "Zustand", *"XYZ"]
     rows = in_turn(campaign, ("unbelastet", "belastet"), both(campaign))
     assert said in refused(line({"a.csv": table(header, change(rows))}, ARMS[0], f"{FORCE} {more}"))
     typed(line({"a.csv": table(header, rows)}, ARMS[0]))
     assert judge(campaign, read_set(), 1) == []
+
+
+def test_a_missing_row_is_a_missing_reading_that_the_proposal_names():
+    campaign = simulate(ARMS[0], seed=5, postures=14)
+    header = ["Pose", *JOINTS, "Zustand", *"XYZ"]
+    rows = in_turn(campaign, ("unbelastet", "belastet"), both(campaign))
+    shown = typed(line({"a.csv": table(header, [*rows[:5], *rows[6:]])}, ARMS[0], FORCE))
+    assert_said(shown, "P03: target T1 was read only unloaded; skipped")
+    assert len(read_set()["observations"]) == 13
+    assert judge(campaign, read_set(), 1)[:-1] == []  # the last is the reading that is left out
 
 
 def test_a_name_of_json_that_is_too_long_is_refused():
@@ -178,7 +183,7 @@ def test_columns_that_may_be_the_loaded_positions_are_not_dropped():
     assert_said(shown, "column 10, column 11, column 12 of 'dx.txt' are not read")
 
 
-def test_a_posture_without_a_row_in_another_file_is_named_and_can_be_left_out():
+def test_a_posture_without_a_row_in_another_file_is_named_and_left_out():
     campaign = simulate(ARMS[2], seed=4, postures=14)
     header = ["Pose", "X", "Y", "Z"]
     loaded = [row for row in points(campaign, 1) if row[0] != "P04"]
@@ -187,19 +192,20 @@ def test_a_posture_without_a_row_in_another_file_is_named_and_can_be_left_out():
         "ohne_last.csv": table(header, points(campaign, 0)),
         "mit_last.csv": table(header, loaded),
     }
-    shown = refused(line(files, ARMS[2]))
-    assert_said(shown, "'mit_last.csv': 'P04' of 'achsen.csv' has no row here", "`--allow-missing`")
-    typed(line(files, ARMS[2], f"{FORCE} --allow-missing"))
+    shown = typed(line(files, ARMS[2], FORCE))
+    assert_said(shown, "left out, as not all files have them: 'P04'")
     assert len(read_set()["observations"]) == 13
     assert judge(campaign, read_set())[:-1] == []  # the last is the reading that is left out
 
 
-def test_a_block_with_fewer_rows_than_the_others_is_refused_at_its_line():
+def test_a_block_without_a_reading_is_named_and_one_without_joints_is_refused_at_its_line():
     campaign = simulate(ARMS[3], seed=4, postures=14)
     files = FORMS["a_block_for_each_posture"].write(campaign)
     lines = files["postures.txt"].splitlines()
-    del lines[10]
-    shown = refused(line({"postures.txt": "\n".join(lines) + "\n"}, ARMS[3]))
+    without_reading, without_joints = ([*lines[:gone], *lines[gone + 1 :]] for gone in (10, 8))
+    shown = typed(line({"postures.txt": "\n".join(without_reading) + "\n"}, ARMS[3], FORCE))
+    assert_said(shown, "Posture 2: target T1 was read only unloaded; skipped")
+    shown = refused(line({"postures.txt": "\n".join(without_joints) + "\n"}, ARMS[3]))
     assert_said(shown, "'postures.txt', line 9: this block has 4 rows of numbers, and the others have 5")
 
 
