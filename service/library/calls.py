@@ -25,6 +25,8 @@ _HIDDEN: Final = frozenset({"self", "cls", "backend"})
 """First parameters that no caller writes."""
 _NAMED_FILES: Final = ("robot", "loads")
 """Arguments by name whose texts name files."""
+_READ_TEXTS: Final = frozenset({"robot"})
+"""Functions that accept the text of a file, such as that of a URDF."""
 _LONGEST: Final = 40
 """Greatest length of an argument that a sentence repeats."""
 _AXES: Final = 3
@@ -105,6 +107,8 @@ class _Call(NamedTuple):
 
     def _explain_content(self) -> CallError | None:
         """Return the error of a file's content in the place of its name; None without one."""
+        if self.function.__name__ in _READ_TEXTS:
+            return None
         named = [self.named[name] for name in _NAMED_FILES if name in self.named]
         for value in (*self.arguments, *named):
             if isinstance(value, str) and is_content(value):

@@ -229,8 +229,8 @@ HELP = {
         "--units length=mm,angle=deg,force=N Units of columns whose header has no unit; add moment=N.m if "
         "there are moments.",
         "--delimiter <comma|semicolon|tab|whitespace> Delimiter between cells; detected if absent.",
-        "--encoders <motor|secondary> Encoders with which the controller closes the position loop; "
-        "mandatory.",
+        "--encoders <motor|secondary> Encoders with which the controller closes the position loop: `motor` "
+        "at the motors, `secondary` behind the gearboxes. Mandatory.",
         "--accept-unusual / --no-accept-unusual True to accept values over 100 standard deviations from "
         "their column's median, and load points over 5 m from the flange.",
         "--template FILE Template of an earlier import; files with other headers are refused.",

@@ -8,7 +8,7 @@ from jointstiff.schemas.options import METHODS_IN_SHORT
 from jointstiff.service.cli.app import app
 from jointstiff.service.cli.fields import _make_word_parser
 from jointstiff.service.cli.imports import _split_header, _split_typed_header
-from jointstiff.service.cli.options import _parse_unit
+from jointstiff.service.cli.options import UnknownWordError, _parse_unit
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -26,12 +26,12 @@ def test_another_word_is_answered_with_those_that_are_accepted(field, word, acce
     document = CAMPAIGN | {"measurement_set": CAMPAIGN["measurement_set"] | {field: word}}
     with pytest.raises(js.CampaignError, match=accepted) as refused:
         js.identify(document)
-    assert "one of these words" in refused.value.problem.errors[0].remedy
+    assert "`secondary` if by encoders behind the gearboxes" in refused.value.problem.errors[0].remedy
 
 
 def test_hyphens_stand_for_underlines_at_the_terminal():
     assert _make_word_parser(["same_as_measured", "off"])("same-as-measured") == "same_as_measured"
-    with pytest.raises(ValueError, match="'on' is not one of 'same_as_measured', 'off'"):
+    with pytest.raises(UnknownWordError, match="'on' is not one of 'same_as_measured', 'off'"):
         _make_word_parser(["same_as_measured", "off"])("on")
 
 
