@@ -188,7 +188,7 @@ def _name_targets(readings: Sequence[TargetReading], found: Sequence[RowName]) -
     """Return the target of each reading: its name, else that of another reading at its place, else a number.
 
     Several names at one place, none with a state, are words for states that are not known. A name that has
-    words beside those of another name with a state, as `payload A1` beside `A1`, has a word for a state, too.
+    words next to those of another name with a state, as `payload A1` and `A1`, has a word for a state, too.
     """
     found = _omit_words_of_states(readings, found)
     names_of_number: dict[int, set[str]] = {}

@@ -226,7 +226,7 @@ class _Stencils:
         self._read: set[int] = set()  # indices of the lines that are read
 
     def build_grids(self, *, are_turned: bool) -> list[Grid]:
-        """Return the tables of runs and records; none beside a damaged row of a run."""
+        """Return the tables of runs and records; none next to a damaged row of a run."""
         least = _COORDINATES * 2 if are_turned else LEAST_POSTURES
         runs = [run for run in self._list_runs() if len(run) >= least]
         recurring = Counter(self._find_shape(self._lines[run.start]) for run in runs)
@@ -246,12 +246,12 @@ class _Stencils:
     def _is_beside_damaged_row(self, run: range) -> bool:
         """Return whether a line next to a run is like its rows, but lacks numbers or has more of them."""
         usual = len(self._lines[run.start].numbers)
-        beside = [self._lines[k] for k in (run.start - 1, run.stop) if 0 <= k < len(self._lines)]
+        neighbours = [self._lines[k] for k in (run.start - 1, run.stop) if 0 <= k < len(self._lines)]
         return any(
             line.section == self._lines[run.start].section
             and len(line.numbers) >= max(_LEAST_NUMBERS, usual // 2 + 1)
             and not is_statistic(line.cells[0].text)
-            for line in beside
+            for line in neighbours
         )
 
     def _find_shape(self, line: _Line) -> tuple[object, ...]:
@@ -668,7 +668,7 @@ def _add_unit(header: str, unit: str) -> str:
 
 
 def _number_alike(headers: Sequence[str]) -> list[str]:
-    """Return headers, of which equal ones have numbers."""
+    """Return headers with numbers behind those that are equal."""
     counts, seen = Counter(headers), Counter[str]()
     numbered = []
     for header in headers:

@@ -295,7 +295,7 @@ def _propose_by_stencils(
     robots: Sequence[KnownRobot],
     unread: _UnreadError,
 ) -> ProposedImport:
-    """Return the proposal for the repeated places of files, of which the columns may be the postures.
+    """Return the proposal for the repeated places of files, whose rows or columns are the postures.
 
     `unread` is the error that no table of the files has a meaning.
 

@@ -137,8 +137,9 @@ OPTIONS = ("options", (None, b"{}"))
         ),
         (
             [ONE, ("options", (None, b'{"encoders": "both"}'))],
-            "422 invalid-request | options.encoders | must be 'motor' or 'secondary' | "
-            "use one of these words exactly as written",
+            "422 invalid-request | options.encoders | must be 'motor' or 'secondary' | give `motor` if the "
+            "controller closes the position loop by the encoders at the motors, `secondary` if by encoders "
+            "behind the gearboxes; absolute or incremental makes no difference",
         ),
         (
             [("files", (None, b"1"))],

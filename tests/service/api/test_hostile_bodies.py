@@ -32,6 +32,10 @@ KEYS = (
 )
 ADD = "add this field"
 ADD_ID = "add this field, with an id, not a name: GET /v1/measurement-sets lists the ids with the names"
+NAME_OF_A_RUN = (
+    "422 invalid-request | name | 2 faults: unknown field | "
+    'write this field in `causes`: "causes": {"name": …}'
+)
 MISSING = ["name | 3 faults", "name | 5 faults", "measurement_set_id | 2 faults"]
 
 
@@ -88,7 +92,7 @@ BODIES = {
         [
             "422 invalid-request | name | 2 faults: must be a text | give a text, in quotes",
             "422 invalid-request | name | 4 faults: must be a text | give a text, in quotes",
-            *missing("measurement_set_id | 2 faults"),
+            NAME_OF_A_RUN,
         ],
     ),
     "nul": (
@@ -96,7 +100,7 @@ BODIES = {
         [
             f"422 invalid-request | name | 2 faults: {PRINTABLE}",
             f"422 invalid-request | name | 4 faults: {PRINTABLE}",
-            *missing("measurement_set_id | 2 faults"),
+            NAME_OF_A_RUN,
         ],
     ),
     "byte order mark": (

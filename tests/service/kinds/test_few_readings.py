@@ -38,6 +38,11 @@ def test_one_reading_identifies_no_joint(deflected):
     exact = "there are as many parameters as readings, so the fit reproduces any readings exactly"
     assert reasons_of(result) == [
         ("no_joint_identified", "the readings identify no joint: 6 not observable"),
+        (
+            "target_name_suspect",
+            "`flange_targets` states the places of 'P11', 'P12', but no observation reads these; the targets "
+            "that were read are P10",
+        ),
         ("no_residual_freedom", f"{exact}: the uncertainty comes from the stated noise only"),
         (
             "few_postures",
