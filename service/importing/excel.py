@@ -67,7 +67,6 @@ _ALLOWED_CHILDREN: Final = MappingProxyType(
 _KIND_OF_TYPE: Final[Mapping[str, CellKind]] = MappingProxyType(
     {"s": "text", "str": "text", "inlineStr": "text", "b": "truth value", "e": "error", "d": "date"}
 )
-"""Kind of one empty cell."""
 _ZIP_FAULTS: Final = (
     zipfile.BadZipFile, zlib.error, struct.error, OSError, EOFError, ValueError, RuntimeError, LookupError,
     OverflowError,

@@ -44,6 +44,7 @@ CellKind = Literal[
 ]  # fmt: skip
 
 EMPTY_CELL_KIND: Final[tuple[CellKind, ...]] = ("text",)
+"""Kind of one empty cell."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,7 +33,9 @@ def find_states_of_loads(sizes: FloatArray) -> list[State] | None:
         return None
     is_none, is_load = np.abs(sizes) <= _NEAR_ZERO * greatest, np.abs(sizes) >= _LEAST_LOAD * greatest
     are_clear = bool((is_none | is_load).all()) and min(is_none.sum(), is_load.sum()) >= _LEAST_ROWS
-    return ["loaded" if each else "unloaded" for each in is_load] if are_clear else None
+    if not are_clear:
+        return None
+    return ["loaded" if each else "unloaded" for each in is_load]
 
 
 def list_states_of_columns(table: NumberTable) -> list[State] | None:

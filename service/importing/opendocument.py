@@ -11,7 +11,14 @@ from jointstiff.service.importing import limits
 from jointstiff.service.importing.elements import Element, read_elements
 from jointstiff.service.importing.errors import ImportFileError, quote
 from jointstiff.service.importing.excel import MAX_SHEET_CELLS, Archive, build_grids
-from jointstiff.service.importing.grid import CellKind, Grid, Row, is_plain_number, write_ascii_minus
+from jointstiff.service.importing.grid import (
+    EMPTY_CELL_KIND,
+    CellKind,
+    Grid,
+    Row,
+    is_plain_number,
+    write_ascii_minus,
+)
 
 _SPACE: Final = "urn:oasis:names:tc:opendocument:xmlns:"
 _OFFICE, _TABLE, _TEXT = (f"{_SPACE}{name}:1.0 " for name in ("office", "table", "text"))
@@ -21,8 +28,6 @@ _CELLS: Final = frozenset(f"{_TABLE}{name}" for name in ("table-cell", "covered-
 _HIDDEN: Final = frozenset(("collapse", "filter"))
 _BLANKS: Final = frozenset(f"{_TEXT}{name}" for name in ("s", "tab", "line-break"))
 _NO_TEXT: Final = frozenset((f"{_TEXT}note", f"{_OFFICE}annotation"))
-_EMPTY: Final[tuple[CellKind, ...]] = ("text",)
-"""Kind of one empty cell."""
 _REPEAT: Final = re.compile(r"[1-9][0-9]{0,6}")
 _KINDS: Final[Mapping[str, tuple[CellKind, str]]] = MappingProxyType(
     {
@@ -119,7 +124,7 @@ class _Sheet:
             if len(cells) + empty + repeat > limits.MAX_COLUMNS:
                 raise self._build_error(f"the sheet has more than {limits.MAX_COLUMNS} columns")
             cells += [*[""] * empty, *[write_ascii_minus(text)] * repeat]
-            kinds += [*_EMPTY * empty, *(kind,) * repeat]
+            kinds += [*EMPTY_CELL_KIND * empty, *(kind,) * repeat]
             empty = 0
         return tuple(cells), tuple(kinds)
 

@@ -559,6 +559,16 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
     return list(map(separate_units, joined)) if every_length else joined
 
 
+def read_sheets(file: SourceFile, stated: str | None) -> list[Grid]:
+    """Return the sheets of a workbook of Excel or OpenDocument; `stated` are their names, None for all.
+
+    Raises:
+        ImportFileError: the workbook cannot be read, or has no sheet of a name.
+    """
+    read = read_workbook if file_type(file.content) == grid.WORKBOOK else read_spreadsheet
+    return read(file.name, file.content, stated)
+
+
 def _read_sheets(file: SourceFile, options: ImportOptions, *, every_length: bool) -> list[Grid]:
     """Read the sheets of a workbook that the options state, or those whose numbers can be read together.
 
@@ -567,8 +577,7 @@ def _read_sheets(file: SourceFile, options: ImportOptions, *, every_length: bool
     Raises:
         ImportFileError: the workbook cannot be read, or the choice of the sheets is not clear.
     """
-    read = read_workbook if file_type(file.content) == grid.WORKBOOK else read_spreadsheet
-    sheets = read(file.name, file.content, options.sheet)
+    sheets = read_sheets(file, options.sheet)
     tables = list_tables(sheets) if options.sheet is None else sheets
     forms = join_forms(tables, Vocabulary(options)) if every_length else None
     if forms is not None:

@@ -20,11 +20,9 @@ from jointstiff.schemas.imports import FilePreview, ImportOptions
 from jointstiff.service.importing import grid, limits
 from jointstiff.service.importing.encoding import decode
 from jointstiff.service.importing.errors import quote
-from jointstiff.service.importing.excel import read_workbook
 from jointstiff.service.importing.grammar import find_any_unit, is_statistic, split_unit
 from jointstiff.service.importing.grid import CellKind, Grid, Remark, Row, file_type, looks_like_a_number
-from jointstiff.service.importing.opendocument import read_spreadsheet
-from jointstiff.service.importing.reading import SourceFile, read_grids
+from jointstiff.service.importing.reading import SourceFile, read_grids, read_sheets
 
 LEAST_POSTURES: Final = 8
 """Rows of a stencil, at least: fewer postures may fit by chance."""
@@ -132,8 +130,7 @@ def _list_rows(file: SourceFile, options: ImportOptions) -> Iterator[_Line]:
     Raises:
         ImportFileError: the workbook cannot be read.
     """
-    read = read_workbook if file_type(file.content) == grid.WORKBOOK else read_spreadsheet
-    for sheet in read(file.name, file.content, options.sheet):
+    for sheet in read_sheets(file, options.sheet):
         for row in sheet.rows:
             kinds = row.kinds or ("text",) * len(row.cells)
             cells = tuple(
@@ -284,7 +281,7 @@ class _Stencils:
         numbers = {cell.column for line in lines[:1] for cell in line.numbers}
         own, words, kept = dict[int, str](), list[str](), list[int]()
         for column in columns:
-            texts = {row[column].text if column in row else "" for row in cells}
+            texts = {text for row in cells for text in _list_texts(row, [column])}
             if column not in numbers and len(texts) == 1:
                 words.append(texts.pop())
                 continue
@@ -293,10 +290,7 @@ class _Stencils:
             kept.append(column)
         units = {cell.column: cell.unit for cell in lines[0].cells}
         named = [_add_unit(headers.get(column) or own[column], units.get(column, "")) for column in kept]
-        rows = [
-            (line.line, [row[column].text if column in row else "" for column in kept])
-            for line, row in zip(lines, cells, strict=True)
-        ]
+        rows = [(line.line, _list_texts(row, kept)) for line, row in zip(lines, cells, strict=True)]
         return _Table(title, _number_alike(named), rows)
 
     def _find_headers(self, run: range) -> tuple[str, dict[int, str]]:
@@ -338,10 +332,11 @@ class _Stencils:
         labels = {} if above is None else {cell.column: cell.text for cell in above.cells}
         names = [labels.get(column, "") for column in columns]
         are_names = all(names) and len(set(names)) == len(names)
-        rows = [
-            (lines[0].line, [name if are_names else str(k), *(row.get(column, "") for row in by_column)])
-            for k, (name, column) in enumerate(zip(names, columns, strict=True), 1)
-        ]
+        labels_of_rows = names if are_names else [str(number) for number in range(1, len(columns) + 1)]
+        rows = []
+        for label, column in zip(labels_of_rows, columns, strict=True):
+            texts = [row.get(column, "") for row in by_column]
+            rows.append((lines[0].line, [label, *texts]))
         return _Table(lines[0].section, [_LABEL, *_number_alike(headers)], rows)
 
     def _read_records(self, used: set[int]) -> _Table | None:
@@ -370,13 +365,10 @@ class _Stencils:
         places = self._order(places, values)
         headers = _number_alike([self._name(place, values) for place in places])
         labels = self._label([self._lines[records[number][0]] for number in kept])
-        rows = [
-            (
-                self._lines[records[number][0]].line,
-                [label, *(each[place].cell.text if place in each else "" for place in places)],
-            )
-            for number, label, each in zip(kept, labels, values, strict=True)
-        ]
+        rows = []
+        for number, label, each in zip(kept, labels, values, strict=True):
+            texts = [each[place].cell.text if place in each else "" for place in places]
+            rows.append((self._lines[records[number][0]].line, [label, *texts]))
         for number, each in zip(kept, values, strict=True):
             self._read.update(each[place].number for place in places if place in each)
             self._read.update(records[number][:1])
@@ -404,16 +396,15 @@ class _Stencils:
 
     def _find_stencil(self, line: _Line) -> tuple[object, ...]:
         """Return the words of a line without the digits that differ, and its places of numbers."""
-        words = tuple(
-            ""
-            if cell.is_number or cell.is_value
-            else cell.text
-            if cell.text in self._literals
-            else _DIGITS.sub("#", cell.text)
-            for cell in line.cells
-        )
+        words = tuple(map(self._write_without_digits, line.cells))
         columns = tuple(cell.column for cell in line.numbers) if self._is_sheet else ()
         return (words, columns)
+
+    def _write_without_digits(self, cell: _Cell) -> str:
+        """Return the word of a cell without digits that tell postures apart; an empty text for a value."""
+        if cell.is_number or cell.is_value:
+            return ""
+        return cell.text if cell.text in self._literals else _DIGITS.sub("#", cell.text)
 
     def _place(self, record: Sequence[int]) -> dict[_Place, _Value]:
         """Return place → value of a record; in a text, a line without a number is the context of the next."""
@@ -512,22 +503,15 @@ class _Stencils:
         names = Counter(table.title for table in tables)
         grids = []
         for number, table in enumerate(tables, 1):
-            title = (
-                table.title
-                if names[table.title] == 1 and table.title
-                else f"{table.title} table {number}".strip()
-            )
+            title = table.title
+            if not title or names[title] > 1:
+                title = f"{title} table {number}".strip()
             notes = [f"{len(table.rows)} repeated rows of {quote(table.describe())} were read as a table"]
             if table.left:
                 notes.append(f"records with other rows were left out: {table.left}")
-            if number == 1 and (numbers_left := [line for line in left if line.numbers]):
-                listed = ", ".join(quote(line.text[:40]) for line in numbers_left[:_MOST_LISTED])
-                more = (
-                    f" and {len(numbers_left) - _MOST_LISTED} more"
-                    if len(numbers_left) > _MOST_LISTED
-                    else ""
-                )
-                notes.append(f"lines with numbers that were not read: {listed}{more}")
+            numbers_left = [line for line in left if line.numbers]
+            if number == 1 and numbers_left:
+                notes.append(f"lines with numbers that were not read: {_quote_first(numbers_left)}")
             preview = FilePreview(
                 file=self._file,
                 format="xlsx" if self._is_sheet else "text",
@@ -545,6 +529,13 @@ class _Stencils:
                 )
             )
         return grids
+
+
+def _quote_first(lines: Sequence[_Line]) -> str:
+    """Return the first words of some lines, and how many more lines there are."""
+    listed = ", ".join(quote(line.text[:_MOST_LABEL]) for line in lines[:_MOST_LISTED])
+    others = len(lines) - _MOST_LISTED
+    return f"{listed} and {others} more" if others > 0 else listed
 
 
 class _Value(NamedTuple):
@@ -569,6 +560,11 @@ class _Table:
         """Return the title, or the first words, of a table."""
         words = " ".join(filter(None, self.headers)).removeprefix(_LABEL)
         return self.title or words[:_MOST_LABEL] or self.rows[0][1][0]
+
+
+def _list_texts(row: dict[int, _Cell], columns: Sequence[int]) -> list[str]:
+    """Return the texts of a row in some columns; empty texts where the row has no cell."""
+    return [row[column].text if column in row else "" for column in columns]
 
 
 def _write_row(line: int, cells: Sequence[str], *, is_sheet: bool) -> Row:

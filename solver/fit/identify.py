@@ -1106,6 +1106,7 @@ class _OtherErrors(NamedTuple):
 def _build_free_load(problem: _Problem, last_fit: _SingleFit, sigma: float) -> FreeLoad | None:
     """Return the readings with the errors of the load as unknowns, at the compliances of the last fit.
 
+    A load point that was fitted as a cause is free, too, with a weak statement of its place.
     None if no joint has a short lever, which means that it is near the line of the load.
     """
     measurements = problem.rows.measurements
