@@ -68,7 +68,6 @@ def name_rows(
     label_column = None if options.by_order else _find_label_column(table, known_labels)
     state_column = _find_state_column(table, options, label_column)
     target_column = _find_target_column(table, (label_column, state_column))
-    label_column, target_column = _separate_groups(table, label_column, target_column, known_labels)
     masses = _list_masses(table)
     forces = _list_forces(table) or _list_loads(table)
     names = [RowName()] * len(table.rows)
@@ -195,46 +194,16 @@ def _find_label_column(table: NumberTable, known_labels: Collection[str] = ()) -
     return first if is_label else None
 
 
-def _separate_groups(
-    table: NumberTable, label_column: int | None, target_column: int | None, known_labels: Collection[str]
-) -> tuple[int | None, int | None]:
-    """Return the columns of labels and targets, with the groups of named targets as the labels."""
-    groups = None if label_column is None else _find_groups(table, label_column, known_labels)
-    return (label_column, target_column) if groups is None else (groups, label_column)
-
-
-def _find_groups(table: NumberTable, name_column: int, known_labels: Collection[str]) -> int | None:
-    """Return the column of the postures of rows, where a column of names has only targets; None without one.
-
-    Its texts are names of observations in another table, and those of `name_column` are not: each name
-    occurs in several postures, once in each.
-
-    Args:
-        table: table with rows of numbers.
-        name_column: column of names.
-        known_labels: names of the observations in another table; empty if unknown.
-    """
-    known = set(map(omit_zeros, known_labels))
-    names = _list_texts(table, name_column)
-    if not 1 < len(set(names)) <= _MOST_CODES or set(map(omit_zeros, names)) & known:
-        return None
-    for column in range(len(table.headers)):
-        labels = _list_texts(table, column)
-        are_labels = column not in table.ignored and set(map(omit_zeros, labels)) <= known
-        if are_labels and len(set(zip(labels, names, strict=True))) == len(names) > len(set(names)):
-            return column
-    return None
-
-
 def _find_column_of_labels(table: NumberTable, labels: Collection[str]) -> int | None:
     """Return the first column whose cells are most of the known labels, and no other text; else None."""
-    known = set(labels)
-    columns = (
-        column
-        for column in range(len(table.headers) if known else 0)
-        if column not in table.ignored and known >= set(_list_texts(table, column))
-    )
-    return next((each for each in columns if 2 * len(set(_list_texts(table, each))) > len(known)), None)
+    known = set(map(omit_zeros, labels))
+    if not known:
+        return None
+    for column in range(len(table.headers)):
+        own = set(map(omit_zeros, _list_texts(table, column)))
+        if column not in table.ignored and own <= known and 2 * len(own) > len(known):
+            return column
+    return None
 
 
 def _has_more_texts(table: NumberTable, column: int, other: int) -> bool:
