@@ -21,7 +21,7 @@ from jointstiff.service.importing.deflections import (
     list_lone_displacements,
 )
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
-from jointstiff.service.importing.grammar import Vocabulary, find_force_at_end, is_in_kg
+from jointstiff.service.importing.grammar import Vocabulary, is_in_kg
 from jointstiff.service.importing.joining import join_tables
 from jointstiff.service.importing.lengths import convert_columns, unify_lengths
 from jointstiff.service.importing.naming import (
@@ -50,10 +50,7 @@ from jointstiff.service.resources.columns_left import (
     ColumnsLeft,
     confirms_joints,
     describe_likely_force,
-    find_bare_vector,
-    find_constant_force,
     find_contradiction,
-    find_sizes_along_vectors,
     leave_positions,
     list_columns_left,
     list_other_columns,
@@ -64,13 +61,15 @@ from jointstiff.service.resources.columns_left import (
     refuse_single_rows,
     refuse_unknown_headers,
 )
-from jointstiff.service.resources.force_evidence import ForceEvidence
-from jointstiff.service.resources.force_sizes import (
-    StatedForce,
-    compare_stated_force,
-    take_sizes_as_weights,
-)
 from jointstiff.service.resources.imports import ImportRefusedError, import_files, lack_meaning
+from jointstiff.service.resources.named_forces import (
+    name_forces,
+    note_force,
+    order_by_forces,
+    read_forces,
+    take_stated_force,
+)
+from jointstiff.service.resources.no_proposal import NoProposalError, UnfinishedError, UnreadError
 from jointstiff.service.resources.previews import preview_tables
 from jointstiff.service.resources.repeated_postures import refuse_repeated_postures
 from jointstiff.service.resources.workbook_sheets import list_choices, may_have_readings
@@ -78,7 +77,6 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.hypotheses import list_countings
 from jointstiff.solver.meaning.proposal import Proposal, propose
 from jointstiff.solver.meaning.refinement import FramePlacement
-from jointstiff.solver.meaning.states import order_states
 from jointstiff.solver.meaning.table import METRES, AngleUnit, JointColumns
 from jointstiff.solver.meaning.words import describe, join, remark
 from jointstiff.solver.mechanics.robot import KnownRobot
@@ -108,14 +106,6 @@ _SAME_WEIGHT: Final = 0.02
 """Largest difference of a stated force and the weight of a column of masses, as a part of the weight."""
 _LARGEST_WORSENING: Final = 3.0
 """Largest ratio of the residuals of files and of those of their template."""
-_LEAST_ALONG: Final = 0.75
-"""Least fraction of the postures in which targets move along a force whose columns have no headers."""
-_LEAST_DOWN: Final = 0.9
-"""Least fraction of the positions that move within `_MOST_ASIDE`, if a force without an axis is a weight."""
-_MOST_ASIDE: Final = np.radians(30.0)
-"""Largest angle of these moves to −z of R0 [rad]."""
-_MEDIAN_ASIDE: Final = np.radians(10.0)
-"""Largest median of the angles of all moves to −z of R0 [rad], if a force without an axis is a weight."""
 _CLEARLY_FARTHER: Final = 2.0
 """Ratio of the distances to positions without and under load from which a reading is one under load."""
 _LARGEST_REMAINDER: Final = 0.25
@@ -125,7 +115,6 @@ _LARGEST_TURN: Final = 2.2 * np.pi
 """Largest joint that is measured [rad]: larger numbers are degrees."""
 _LEAST_WITHIN: Final = 0.5
 """Least fraction of the postures within the limits of joints that may be in radians."""
-_AXES: Final = 3
 _MOST_SKIPPED: Final = 6
 """Missing readings that a sentence names."""
 _TURNS_OF_AXES: Final = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
@@ -243,30 +232,12 @@ def propose_import(
     try:
         try:
             return _propose_tables(files, request, known, template)
-        except _UnreadError as error:
+        except UnreadError as error:
             if template is not None:
                 raise
             return _propose_by_stencils(files, request, known, error)
-    except _NoProposalError as error:
+    except NoProposalError as error:
         return NoProposal(error.reason, error.remedy, error.fault)
-
-
-class _NoProposalError(Exception):
-    """Error that no robot has a proposal for the meaning of files; `propose_import` answers its reason."""
-
-    def __init__(self, reason: str, remedy: str = "", fault: ImportFileError | None = None) -> None:
-        super().__init__(reason)
-        self.reason = reason  # why there is no proposal, in words
-        self.remedy = remedy  # what to do, if columns must be stated
-        self.fault = fault if fault is not None and fault.option is not None else None
-
-
-class _UnfinishedError(_NoProposalError):
-    """Error that the robot explains columns of files, but that a person must state more."""
-
-
-class _UnreadError(_NoProposalError):
-    """Error that no table of the files has a meaning: a file is no table, or its columns do not fit."""
 
 
 def _propose_tables(
@@ -278,11 +249,11 @@ def _propose_tables(
     """Return the proposal of the robots for the tables of files; arguments as of `propose_import`.
 
     Raises:
-        _NoProposalError: no meaning fits, or a person cannot accept the meaning that fits.
+        NoProposalError: no meaning fits, or a person cannot accept the meaning that fits.
     """
     try:
         return _propose(files, request, robots, template)
-    except _NoProposalError as error:
+    except NoProposalError as error:
         is_sheet_open = error.fault is not None and error.fault.option == "sheet"
         if not is_sheet_open or request.sheet is not None:
             raise
@@ -293,21 +264,21 @@ def _propose_by_stencils(
     files: Sequence[SourceFile],
     request: ImportRequest,
     robots: Sequence[KnownRobot],
-    unread: _UnreadError,
+    unread: UnreadError,
 ) -> ProposedImport:
     """Return the proposal for the repeated places of files, whose rows or columns are the postures.
 
     `unread` is the error that no table of the files has a meaning.
 
     Raises:
-        _NoProposalError: no meaning fits, or a person cannot accept the meaning that fits.
+        NoProposalError: no meaning fits, or a person cannot accept the meaning that fits.
     """
     for are_turned in (False, True):
         try:
             return _propose(files, request, robots, read=partial(read_stencils, are_turned=are_turned))
-        except _UnfinishedError:
+        except UnfinishedError:
             raise
-        except (_NoProposalError, ImportFileError):
+        except (NoProposalError, ImportFileError):
             continue
     _refuse_lacking_lines(files, request, robots)
     raise unread
@@ -319,16 +290,16 @@ def _refuse_lacking_lines(
     """Refuse files whose repeated places have a meaning, but are not in all blocks, sheets or objects.
 
     Raises:
-        _UnfinishedError: there is such a meaning.
+        UnfinishedError: there is such a meaning.
     """
     if request.allow_missing:
         return
     lacking = request.model_copy(update={"allow_missing": True})
     try:
         proposed = _propose(files, lacking, robots, read=read_stencils)
-    except (_NoProposalError, ImportFileError):
+    except (NoProposalError, ImportFileError):
         return
-    raise _UnfinishedError(
+    raise UnfinishedError(
         f"{proposed.sentence}, but a posture lacks lines that the others have",
         "complete this posture, or use `allow_missing` to leave out what is missing",
     )
@@ -346,7 +317,7 @@ def _propose(
     `read` reads a file as tables.
 
     Raises:
-        _NoProposalError: no meaning fits, or a person cannot accept the meaning that fits.
+        NoProposalError: no meaning fits, or a person cannot accept the meaning that fits.
     """
     names = robots[0].robot.joint_names if len(robots) == 1 else ()
     numbers = _read_numbers(files, request, names, read)
@@ -361,7 +332,7 @@ def _propose_by_sheets(
     files: Sequence[SourceFile],
     request: ImportRequest,
     robots: Sequence[KnownRobot],
-    question: _NoProposalError,
+    question: NoProposalError,
 ) -> ProposedImport:
     """Return the proposal for those sheets of a workbook whose numbers fit the robot.
 
@@ -369,18 +340,18 @@ def _propose_by_sheets(
     the sheets.
 
     Raises:
-        _NoProposalError: no choice of sheets has a proposal.
+        NoProposalError: no choice of sheets has a proposal.
     """
-    unfinished: _UnfinishedError | None = None
+    unfinished: UnfinishedError | None = None
     names = () if question.fault is None else question.fault.words
     for choice in list_choices(names, is_robot_stated=len(robots) == 1):
         try:
             proposed = _propose(files, choice.state_in(request), robots)
             if proposed.named and not may_have_readings(choice, proposed.proposal, files, request):
                 return replace(proposed, notes=(choice.note, *proposed.notes))
-        except _UnfinishedError as error:
+        except UnfinishedError as error:
             unfinished = unfinished or error
-        except (_NoProposalError, ImportFileError):
+        except (NoProposalError, ImportFileError):
             continue
     raise unfinished or question
 
@@ -391,26 +362,26 @@ def _propose_importable(
     """Return the proposal of the robots for tables of numbers; a person can accept it.
 
     Raises:
-        _NoProposalError: no meaning fits, or the import refuses the table with the proposed meaning.
+        NoProposalError: no meaning fits, or the import refuses the table with the proposed meaning.
     """
     try:
         found_meaning = _find_in_one_unit(numbers, request, robots)
-    except _NoProposalError:
+    except NoProposalError:
         alone = _propose_deflections(numbers, request, robots)
         if alone is None:
             raise
         return alone
     try:
         return _complete(found_meaning, request)
-    except _NoProposalError as error:
-        raise _UnfinishedError(error.reason, error.remedy, error.fault) from error
+    except NoProposalError as error:
+        raise UnfinishedError(error.reason, error.remedy, error.fault) from error
 
 
 def _complete(found_meaning: _FoundMeaning, request: ImportRequest) -> ProposedImport:
     """Return the proposal with names of targets and states, and with the load.
 
     Raises:
-        _NoProposalError: a person must state more, or the import refuses the table with the proposed meaning.
+        NoProposalError: a person must state more, or the import refuses the table with the proposed meaning.
     """
     numbers, proposal = found_meaning.numbers, found_meaning.proposal
     tables = numbers.tables
@@ -419,15 +390,15 @@ def _complete(found_meaning: _FoundMeaning, request: ImportRequest) -> ProposedI
     _refuse_order_against_words(proposal, named)
     _refuse_loaded_after_unloading(named)
     _refuse_states_against_force(proposal, named, tables, request)
-    tables, request, force_notes = _compare_stated_force(proposal, named, tables, request)
+    tables, request, force_notes = take_stated_force(proposal, named, tables, request)
     if not force_notes:
-        tables, force_notes = _name_forces(proposal, named, tables, request)
+        tables, force_notes = name_forces(proposal, named, tables, request)
     _refuse_unknown_words(proposal, named, tables, request)
     words = Vocabulary(request, proposal.robots[0].robot.joint_names)
     named = add_uncertainties(named, tables, words, proposal.unit)
     left = list_columns_left(proposal, tables, named)
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    notes = [*numbers.notes, *force_notes, *_note_force(joints), *_note_uncertainties(named)]
+    notes = [*numbers.notes, *force_notes, *note_force(joints), *_note_uncertainties(named)]
     confirming = [each for each in left if confirms_joints(each.table, proposal, joints)]
     unread = [each for each in left if each not in confirming]
     notes += [*note_mean_of_joints(proposal, joints), *name_columns_left(unread, tables)]
@@ -440,7 +411,7 @@ def _complete(found_meaning: _FoundMeaning, request: ImportRequest) -> ProposedI
         proposed = _build_import(proposal, named, tables, request, notes)
     except ImportFileError as error:
         found = describe(proposal, [each.words for each in named])
-        raise _NoProposalError(f"{found}, but {error.reason}", error.remedy, error) from error
+        raise NoProposalError(f"{found}, but {error.reason}", error.remedy, error) from error
     proposed = replace(proposed, likely_force=describe_likely_force(left))
     fault = proposed.find_fault()
     if fault is not None and fault.option == "allow_missing" and _have_same_states(named):
@@ -453,7 +424,7 @@ def _complete(found_meaning: _FoundMeaning, request: ImportRequest) -> ProposedI
         is_unit_missing = (fault.option or "").startswith("units.")
         remedy = fault.remedy if are_cells_missing or is_unit_missing else ""
         reason = f"{proposed.sentence}, but the import of these columns is refused: {fault.reason}"
-        raise _NoProposalError(reason, remedy, fault)
+        raise NoProposalError(reason, remedy, fault)
     return proposed
 
 
@@ -466,7 +437,7 @@ def _propose_deflections(
     stated.
 
     Raises:
-        _NoProposalError: no header names the joints, the unit of the displacements is not clear, or the
+        NoProposalError: no header names the joints, the unit of the displacements is not clear, or the
             targets move against the force.
     """
     if len(robots) != 1:
@@ -488,7 +459,7 @@ def _propose_deflections(
     )
     options = request.model_copy(update={**_clear_headers(), **_clear_names(), "units": request.units})
     table = write_deflections(joints, unit, deflections)
-    notes = (*numbers.notes, *_note_force(joints), *name_columns_left(found.left, numbers.tables))
+    notes = (*numbers.notes, *note_force(joints), *name_columns_left(found.left, numbers.tables))
     return ProposedImport(proposal, (), table, options, None, notes, statement=statement)
 
 
@@ -516,7 +487,7 @@ def _find_lone_deflections(
     """Return joints and displacements of tables that have no other numbers; None of other tables.
 
     Raises:
-        _NoProposalError: no header names the joints, or the unit of the displacements is not clear.
+        NoProposalError: no header names the joints, or the unit of the displacements is not clear.
     """
     words = Vocabulary(request, known.robot.joint_names)
     left = [_list_without_positions(table, words) for table in tables]
@@ -530,7 +501,7 @@ def _find_lone_deflections(
     except ImportFileError as fault:
         raise _describe_fault(fault) from fault
     if deflections and may_be_joints:
-        raise _NoProposalError(
+        raise NoProposalError(
             "there are displacements under load without positions, so that the robot cannot find the joints",
             "name the joints in the headers, such as `J1 [deg]`, or all columns by `header`",
         )
@@ -574,10 +545,10 @@ def _refuse_deflections_against_force(
     """Refuse displacements without positions against the force: no springs move so, whatever their stiffness.
 
     Raises:
-        _NoProposalError: the work of the force is negative in most postures.
+        NoProposalError: the work of the force is negative in most postures.
     """
     count = len(deflections[0].shifts)
-    forces = _read_forces(table)
+    forces = read_forces(table)
     if forces is not None:
         forces = forces[:: len(table.rows) // count]
     elif request.force is not None:
@@ -586,7 +557,7 @@ def _refuse_deflections_against_force(
         return
     work = np.array([np.einsum("ni,ni->n", forces, each.shifts) for each in deflections])
     if float(np.nansum(work)) < 0.0:
-        raise _NoProposalError(
+        raise NoProposalError(
             "the targets move against the force",
             "write displacements as loaded minus unloaded in axes of R0, or correct the sign of `force`",
         )
@@ -596,7 +567,7 @@ def _refuse_damaged_numbers(proposal: Proposal, tables: Sequence[NumberTable]) -
     """Refuse a coordinate with digits that are no number: only an empty cell, or one with words, is missing.
 
     Raises:
-        _NoProposalError: a cell of a position has such digits.
+        NoProposalError: a cell of a position has such digits.
     """
     for table in tables:
         columns = {
@@ -611,7 +582,7 @@ def _refuse_damaged_numbers(proposal: Proposal, tables: Sequence[NumberTable]) -
                 text = row.cells[column]
                 if is_unread[number, column] and any(map(str.isdigit, text)):
                     place = table.grid.place(row, column)
-                    raise _NoProposalError(f"{place}: {quote(text)} is no number", "correct the cell")
+                    raise NoProposalError(f"{place}: {quote(text)} is no number", "correct the cell")
 
 
 def _have_same_states(named: Sequence[NamedReading]) -> bool:
@@ -635,7 +606,7 @@ def _find_in_one_unit(
     """Return the meaning of tables; columns that are not read are tried in metres or mm, as the others are.
 
     Raises:
-        _NoProposalError: no robot fits, several meanings fit alike, or the request states other units.
+        NoProposalError: no robot fits, several meanings fit alike, or the request states other units.
     """
     proposal = _find_proposal(numbers.tables, request, robots)
     left = list_columns_left(proposal, numbers.tables)
@@ -657,7 +628,7 @@ def _find_in_one_unit(
     other_unit = "m" if proposal.unit == "mm" else "mm"
     note = f"the other positions of {', '.join(names)} converted from {other_unit}"
     in_one_unit = numbers._replace(tables=converted, notes=[*numbers.notes, note])
-    return _FoundMeaning(in_one_unit, _order_by_forces(again, converted))
+    return _FoundMeaning(in_one_unit, order_by_forces(again, converted))
 
 
 def _refuse_contradiction(
@@ -666,12 +637,12 @@ def _refuse_contradiction(
     """Refuse a proposal that contradicts what the caller states of columns.
 
     Raises:
-        _NoProposalError: a stated column has another meaning, or is not read.
+        NoProposalError: a stated column has another meaning, or is not read.
     """
     contradiction = find_contradiction(proposal, named, tables)
     if contradiction:
         remedy = "correct `columns`, or leave the statement out"
-        raise _NoProposalError(contradiction, remedy)
+        raise NoProposalError(contradiction, remedy)
 
 
 def _refuse_loaded_after_unloading(named: Sequence[NamedReading]) -> None:
@@ -680,7 +651,7 @@ def _refuse_loaded_after_unloading(named: Sequence[NamedReading]) -> None:
     Where names state the positions, those after unloading may be far from those before, but not farther.
 
     Raises:
-        _NoProposalError: a target has such positions: of a second load, of the same load, or nominal ones.
+        NoProposalError: a target has such positions: of a second load, of the same load, or nominal ones.
     """
     positions = {(each.target, each.state): each.reading.positions for each in named}
     for each in named:
@@ -694,7 +665,7 @@ def _refuse_loaded_after_unloading(named: Sequence[NamedReading]) -> None:
         )
         ratio = _LARGEST_REMAINDER if each.is_by_order else _CLEARLY_FARTHER
         if to_unloaded > ratio * to_loaded or _is_first_loaded(each, named):
-            raise _NoProposalError(
+            raise NoProposalError(
                 f"the third positions of {each.target} are {1e3 * to_unloaded:.2g} mm from the first, and "
                 f"{1e3 * to_loaded:.2g} mm from the second, so that headers must name the states",
                 "write states or loads in the headers (`header`) or in a column, such as `X 50 kg`, or leave "
@@ -719,10 +690,10 @@ def _propose_as_template(
     """Return the proposal of the robots for tables of numbers, with the meaning and names of a template.
 
     Raises:
-        _NoProposalError: no meaning fits, or another meaning than that of the template.
+        NoProposalError: no meaning fits, or another meaning than that of the template.
     """
     if not _has_columns(tables, template):
-        raise _NoProposalError("the files have fewer columns than those of the template")
+        raise NoProposalError("the files have fewer columns than those of the template")
     tables = _restrict_columns(tables, template)
     proposal = _find_proposal(tables, request, robots)
     reasons = []
@@ -733,10 +704,10 @@ def _propose_as_template(
         if not reason:
             words = Vocabulary(request, turned.robots[0].robot.joint_names)
             named = add_uncertainties(named, tables, words, turned.unit)
-            tables, notes = _name_forces(turned, named, tables, request)
+            tables, notes = name_forces(turned, named, tables, request)
             return _build_import(turned, named, tables, request, notes)
         reasons.append(reason)
-    raise _NoProposalError(reasons[0])
+    raise NoProposalError(reasons[0])
 
 
 def _find_proposal(
@@ -745,19 +716,19 @@ def _find_proposal(
     """Return the meaning of tables by the robot that fits best; its first state has no load.
 
     Raises:
-        _NoProposalError: no robot fits, several meanings fit alike, or the request states other units.
+        NoProposalError: no robot fits, several meanings fit alike, or the request states other units.
     """
     found = propose([each.table for each in tables], robots)
     if found.best is None:
         words = Vocabulary(request, robots[0].robot.joint_names)
         if turned := describe_turned_table([each.grid for each in tables], words):
-            raise _UnreadError(
+            raise UnreadError(
                 f"{found.reason}; {turned}", "give each posture a row: exchange rows and columns"
             )
-        raise _UnreadError(found.reason)
+        raise UnreadError(found.reason)
     if reason := _find_contradiction(found.best, request):
-        raise _NoProposalError(reason)
-    return _order_by_forces(found.best, tables)
+        raise NoProposalError(reason)
+    return order_by_forces(found.best, tables)
 
 
 def _build_import(
@@ -849,22 +820,22 @@ def _read_numbers(
     `joints` are names of joints, and `read` reads a file as tables.
 
     Raises:
-        _NoProposalError: a file cannot be read or has no rows of numbers, or names of rows or headers do not
+        NoProposalError: a file cannot be read or has no rows of numbers, or names of rows or headers do not
             fit.
     """
     try:
         found = read_number_tables(files, request, joints, read)
     except ImportFileError as fault:
         is_settled_by_option = fault.option is not None
-        kind = _UnreadError if fault.is_of_document or fault.option == "sheet" else _NoProposalError
+        kind = UnreadError if fault.is_of_document or fault.option == "sheet" else NoProposalError
         if is_settled_by_option:
             raise kind(str(fault), fault=fault) from fault
         raise _describe_fault(fault, kind) from fault
     if not found.tables:
-        raise _UnreadError("the files have no rows of numbers")
+        raise UnreadError("the files have no rows of numbers")
     if found.without:
         reason = f"{', '.join(found.without)} has no rows of numbers"
-        raise _UnreadError(reason, advise_on_files_without_rows(files, found.without))
+        raise UnreadError(reason, advise_on_files_without_rows(files, found.without))
     try:
         refuse_unknown_headers(found.tables, request)
         words = Vocabulary(request, joints)
@@ -875,9 +846,7 @@ def _read_numbers(
     return _Numbers(tables, [*found.notes, *joined.notes, *notes], found.masses)
 
 
-def _describe_fault(
-    fault: ImportFileError, kind: type[_NoProposalError] = _NoProposalError
-) -> _NoProposalError:
+def _describe_fault(fault: ImportFileError, kind: type[NoProposalError] = NoProposalError) -> NoProposalError:
     """Return the error, of a kind, that a fault of files, at its place, forbids a proposal."""
     place = "" if fault.place == NOWHERE else f"{fault.place}: "
     return kind(f"{place}{fault.reason}", fault.remedy, fault)
@@ -1074,287 +1043,16 @@ def _state_units(request: ImportRequest) -> dict[str, object]:
     return {"units": request.units.model_copy(update={"length": None, "angle": None})}
 
 
-def _order_by_forces(proposal: Proposal, tables: Sequence[NumberTable]) -> Proposal:
-    """Return the proposal with the state first that has no load, if columns of forces show which one."""
-    joints = next(table for table in tables if table.name == proposal.joints.table)
-    stated = _read_forces(joints)
-    if stated is None:
-        return proposal
-    groups = proposal.joints.groups
-    forces = groups.split(stated)[:, 0]
-    return order_states(proposal, [table.table for table in tables], np.nan_to_num(forces))
-
-
-def _name_forces(
-    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
-) -> tuple[Sequence[NumberTable], list[str]]:
-    """Return the tables with the forces whose columns, directions or axes the deflections show; and notes.
-
-    Raises:
-        _NoProposalError: there are several forces, whose direction the targets do not show.
-    """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
-    evidence = ForceEvidence(proposal, named, joints, request)
-    if len(joints.find_force_columns()) == _AXES:
-        return _turn_forces(proposal, tables, evidence)
-    found, notes = _name_constant_force(proposal, tables, request)
-    if not notes:
-        found, notes = _name_bare_forces(proposal, tables, request, evidence)
-    if not notes:
-        found, notes = _name_forces_along_vectors(proposal, named, tables, request, evidence)
-    if notes:
-        found, further = _turn_forces(proposal, found, evidence)
-        return found, [*notes, *further]
-    found, notes = _name_force_of_size(proposal, named, tables, request)
-    if notes or request.force is not None:
-        return found, notes
-    found, notes = _name_masses_of_readings(proposal, named, tables)
-    if notes:
-        return found, notes
-    left = list_columns_left(proposal, tables, named)
-    return take_sizes_as_weights(left, proposal, named, tables, evidence)
-
-
-def _name_masses_of_readings(
-    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable]
-) -> tuple[Sequence[NumberTable], list[str]]:
-    """Return the tables, with the masses in a table of readings as weights in the table of joints.
-
-    The table of joints has no load, and all readings of a posture have one mass, which is not in their names.
-    """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
-    loaded = [each for each in named if each.state == "loaded"]
-    with_mass = [table for table in tables if table is not joints and has_column_of(table, "mass")]
-    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
-    if has_load or len(with_mass) != 1 or any(each.mass is not None for each in loaded):
-        return tables, []
-    (table,) = with_mass
-    column = table.find_column("mass") or 0
-    masses = [
-        each.reading.points.groups.split(table.table.numbers[:, [column]])[:, each.reading.index, 0]
-        for each in loaded
-        if each.reading.points.table == table.name
-    ]
-    if not masses or not all((own > 0.0).all() and np.array_equal(own, masses[0]) for own in masses):
-        return tables, []
-    groups = proposal.joints.groups
-    is_in_blocks = groups.order == "in blocks"
-    of_rows = np.tile(masses[0], groups.count) if is_in_blocks else np.repeat(masses[0], groups.count)
-    with_weights = joints.add_forces(np.outer(of_rows, [0.0, 0.0, -1.0]), "kgf")
-    note = f"{quote(table.headers[column])} of {table.name} as weights along −z of R0"
-    return [with_weights if each is joints else each for each in tables], [note]
-
-
-def _turn_forces(
-    proposal: Proposal, tables: Sequence[NumberTable], evidence: ForceEvidence
-) -> tuple[Sequence[NumberTable], list[str]]:
-    """Return the tables with forces and moments turned into R0, if they are likely in the positions' axes.
-
-    A note says which axes were taken, wherever the deflections do not show those of R0.
-    """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
-    columns = list(joints.find_columns_of("force").values())
-    axes = evidence.judge_axes(joints.table.numbers[:, columns])
-    if axes is None:
-        return tables, []
-    difference = (
-        f"{axes.reason} (the axes differ by {math.degrees(proposal.frame.turn):.1f}°, "
-        f"the forces by {100.0 * axes.change:.1f} %)"
-    )
-    if not axes.are_of_positions:
-        return tables, [f"the forces taken in axes of R0, {difference}"]
-    turned = joints.turn_vectors(("force", "moment"), proposal.frame.rotation)
-    note = f"the forces turned into R0 with the positions, {difference}"
-    return [turned if table is joints else table for table in tables], [note]
-
-
-def _name_bare_forces(
-    proposal: Proposal, tables: Sequence[NumberTable], request: ImportRequest, evidence: ForceEvidence
-) -> tuple[Sequence[NumberTable], list[str]]:
-    """Return the tables, with three columns without headers as the force if they explain the deflections.
-
-    Raises:
-        _NoProposalError: the request states another force.
-    """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
-    left = next(each for each in list_columns_left(proposal, tables) if each.table is joints)
-    columns = find_bare_vector(left)
-    if columns is None:
-        return tables, []
-    numbers = joints.table.numbers[:, list(columns)]
-    listed = f"columns {columns[0] + 1}–{columns[2] + 1}"
-    if evidence.are_forces(numbers):
-        if request.force is not None:
-            reason = f"`force` is stated, but {listed} are the force of each row"
-            raise _NoProposalError(reason, "omit `force`")
-    elif request.force is not None and evidence.may_be_forces(numbers):
-        reason = f"`force` is stated, but {listed} without headers may be the force of each row"
-        raise _NoProposalError(reason, "say what these columns are by `header`, which names all columns")
-    else:
-        return tables, []
-    named = joints.name_forces(columns)
-    note = f"{listed} as the force, as the deflections show"
-    return [named if table is joints else table for table in tables], [note]
-
-
-def _name_forces_along_vectors(
-    proposal: Proposal,
-    named: Sequence[NamedReading],
-    tables: Sequence[NumberTable],
-    request: ImportRequest,
-    evidence: ForceEvidence,
-) -> tuple[Sequence[NumberTable], list[str]]:
-    """Return the tables, with sizes along unit vectors as the force if they explain the deflections."""
-    joints = next(table for table in tables if table.name == proposal.joints.table)
-    left = next(each for each in list_columns_left(proposal, tables, named) if each.table is joints)
-    columns = find_sizes_along_vectors(left)
-    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
-    if columns is None or has_load or request.force is not None:
-        return tables, []
-    size, vector = columns
-    forces = joints.table.numbers[:, [size]] * joints.table.numbers[:, list(vector)]
-    if not evidence.are_forces(forces):
-        return tables, []
-    unit = find_force_at_end(joints.headers[size])
-    along = joints.add_forces(forces, unit, (size, *vector))
-    note = f"{quote(joints.headers[size])} along the unit vectors of columns {vector[0] + 1}–{vector[2] + 1}"
-    return [along if table is joints else table for table in tables], [f"{note}, as the deflections show"]
-
-
-def _name_constant_force(
-    proposal: Proposal, tables: Sequence[NumberTable], request: ImportRequest
-) -> tuple[Sequence[NumberTable], list[str]]:
-    """Return the tables, with the columns of a force of constant size if nothing else states a force.
-
-    The columns have no headers, so that the targets have to move along the force.
-    """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
-    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
-    left = next(each for each in list_columns_left(proposal, tables) if each.table is joints)
-    columns = None if has_load or request.force is not None else find_constant_force(left)
-    if columns is None:
-        return tables, []
-    forces = proposal.joints.groups.split(joints.table.numbers[:, list(columns)])[:, 0]
-    solver_tables = [table.table for table in tables]
-    is_posture = np.eye(len(forces))[..., None]
-    along = [order_states(proposal, solver_tables, forces * own) is proposal for own in is_posture]
-    if np.mean(along) < _LEAST_ALONG:
-        return tables, []
-    named = joints.name_forces(columns)
-    note = f"columns {columns[0] + 1}–{columns[2] + 1} as the force: its size is constant"
-    return [named if table is joints else table for table in tables], [note]
-
-
-def _compare_stated_force(
-    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
-) -> StatedForce:
-    """Return tables and request after a stated force was compared with a column of sizes.
-
-    Raises:
-        _NoProposalError: the sizes are not those of the stated force.
-    """
-    left = list_columns_left(proposal, tables, named)
-    try:
-        return compare_stated_force(left, proposal, named, tables, request)
-    except ImportFileError as fault:
-        raise _NoProposalError(fault.reason, fault.remedy) from fault
-
-
-def _name_force_of_size(
-    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
-) -> tuple[Sequence[NumberTable], list[str]]:
-    """Return the tables, with the sizes of a force along −z of R0 if the targets move that way under load.
-
-    The header names no axis. A column of directions, such as `+X`, states the axis of each row.
-
-    Raises:
-        _NoProposalError: there are several forces, whose direction the targets do not show.
-    """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
-    directions = joints.find_directions()
-    column = joints.find_size_of_force()
-    if column is None and directions is not None:
-        column = joints.find_size_along_directions()
-    if column is None or request.force is not None:
-        return tables, []
-    header = quote(joints.headers[column])
-    sizes = joints.table.numbers[:, column]
-    if directions is not None:
-        along, note = _name_force_along_directions(proposal, named, joints, (directions, column))
-        return [along if table is joints else table for table in tables], [note]
-    has_one_sign = bool((sizes >= 0.0).all() or (sizes <= 0.0).all())
-    if has_one_sign and _move_down(named):
-        along_z = joints.name_size_along_z(column)
-        note = f"{header} as the size of a force along −z of R0, as the targets move"
-        return [along_z if table is joints else table for table in tables], [note]
-    if len({each.force for each in named if each.state == "loaded"}) > 1:
-        found = describe(proposal, [each.words for each in named])
-        raise _NoProposalError(
-            f"{found}, but {header} has several forces without a direction",
-            "write the force in columns `Fx [N]`, `Fy [N]` and `Fz [N]` in axes of R0",
-        )
-    return tables, []
-
-
-def _name_force_along_directions(
-    proposal: Proposal, named: Sequence[NamedReading], joints: NumberTable, columns: tuple[int, int]
-) -> tuple[NumberTable, str]:
-    """Return the table of joints with the force of its columns of directions and sizes, and a note on it.
-
-    Raises:
-        _NoProposalError: the targets do not move along the directions in R0, or a size is negative.
-    """
-    directions, size = columns
-    header = quote(joints.headers[directions])
-    forces = joints.read_forces_along(directions, size)
-    of_postures = proposal.joints.groups.split(forces).sum(axis=1)
-    unloaded = {each.target: each.reading.positions for each in named if each.state == "unloaded"}
-    along = [
-        np.einsum("ni,ni->n", of_postures, each.reading.positions - unloaded[each.target]) > 0.0
-        for each in named
-        if each.state == "loaded" and each.target in unloaded
-    ]
-    is_negative = bool((joints.table.numbers[:, size] < 0.0).any())
-    if is_negative or not along or np.mean(along) < _LEAST_ALONG:
-        found = describe(proposal, [each.words for each in named])
-        raise _NoProposalError(
-            f"{found}, but the targets do not move along {header} in R0",
-            "write the force in columns `Fx [N]`, `Fy [N]` and `Fz [N]` in axes of R0",
-        )
-    note = f"{quote(joints.headers[size])} along the directions of {header} in R0, as the targets move"
-    unit = find_force_at_end(joints.headers[size])
-    return joints.add_forces(forces, unit, columns), note
-
-
-def _move_down(named: Sequence[NamedReading]) -> bool:
-    """Return whether targets move along −z of R0 under load, in most positions hardly along x and y."""
-    unloaded = {each.target: each.reading.positions for each in named if each.state == "unloaded"}
-    shifts = [
-        each.reading.positions - unloaded[each.target]
-        for each in named
-        if each.state == "loaded" and each.target in unloaded
-    ]
-    if not shifts:
-        return False
-    moved = np.array(shifts).reshape(-1, 3)
-    x, y, z = moved[np.isfinite(moved).all(axis=1)].T
-    if len(z) == 0:
-        return False
-    angles = np.arctan2(np.hypot(x, y), -z)
-    is_most_down = np.mean(angles <= _MOST_ASIDE) >= _LEAST_DOWN
-    return bool(is_most_down and np.median(angles) <= _MEDIAN_ASIDE)
-
-
 def _refuse_states_against_force(
     proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
 ) -> None:
     """Refuse states by the order of positions that move against the force that the request states.
 
     Raises:
-        _NoProposalError: the first positions may be those under load, or the force has the wrong sign.
+        NoProposalError: the first positions may be those under load, or the force has the wrong sign.
     """
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    if request.force is None or _read_forces(joints) is not None:
+    if request.force is None or read_forces(joints) is not None:
         return
     by_order = [each for each in named if each.target in {own.target for own in named if own.is_by_order}]
     positions = {(each.target, each.state): each.reading.positions for each in by_order}
@@ -1373,14 +1071,14 @@ def _refuse_states_against_force(
     remedy = (
         "name the states in the headers (`header`) or in the names of files; or correct the sign of `force`"
     )
-    raise _NoProposalError(reason, remedy)
+    raise NoProposalError(reason, remedy)
 
 
 def _refuse_order_against_words(proposal: Proposal, named: Sequence[NamedReading]) -> None:
     """Refuse states by the order of positions that words of headers, files or cells contradict.
 
     Raises:
-        _NoProposalError: a word may state another state.
+        NoProposalError: a word may state another state.
     """
     words = find_words_against_order(named)
     if words:
@@ -1394,10 +1092,10 @@ def _refuse_unknown_words(
     """Refuse states by the order of positions whose words are not known, if no force shows the states.
 
     Raises:
-        _NoProposalError: words may state other states than the order.
+        NoProposalError: words may state other states than the order.
     """
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    is_shown_by_force = request.force is not None or _read_forces(joints) is not None
+    is_shown_by_force = request.force is not None or read_forces(joints) is not None
     words = () if is_shown_by_force else find_unknown_words(named)
     if words:
         found = describe(proposal, [each.words for each in named])
@@ -1407,7 +1105,7 @@ def _refuse_unknown_words(
 
 def _build_words_error(
     reason: str, words: Sequence[str], states: tuple[str, str] = ("loaded", "unloaded")
-) -> _NoProposalError:
+) -> NoProposalError:
     """Return the error that words of headers, files or cells may be the states of positions.
 
     `states` are the likely states of two words.
@@ -1419,30 +1117,7 @@ def _build_words_error(
     examples = [f"{quote(word)} as `{state}`" for word, state in pairs]
     remedy = f"state what these words mean by `state_words`, such as {' and '.join(examples)}"
     fault = ImportFileError(NOWHERE, f"{listed} may be {kind_of_words}", remedy, "state_words", in_order)
-    return _NoProposalError(reason, remedy, fault)
-
-
-def _read_forces(table: NumberTable) -> FloatArray | None:
-    """Return the forces (N, 3) of a table by its headers; a force along one axis only has no other part.
-
-    None unless headers name one axis, or all three.
-    """
-    column_of_axis = table.find_force_columns()
-    if len(column_of_axis) != len("xyz") and not table.force_is_along_one_axis:
-        return None
-    forces = np.zeros((len(table.rows), 3))
-    for axis, column in column_of_axis.items():
-        forces[:, axis] = table.table.numbers[:, column]
-    return forces
-
-
-def _note_force(table: NumberTable) -> list[str]:
-    """Return the note that forces along two axes are 0, if headers name the force along one axis only."""
-    if not table.force_is_along_one_axis:
-        return []
-    (named,) = table.find_force_columns()
-    first, second = ("xyz"[axis] for axis in range(3) if axis != named)
-    return [f"only the force along {'xyz'[named]} has a column: along {first} and {second} it is 0"]
+    return NoProposalError(reason, remedy, fault)
 
 
 def _note_uncertainties(named: Sequence[NamedReading]) -> list[str]:

@@ -1,0 +1,333 @@
+"""Forces of the files of a proposal: their columns, directions and axes, as names and deflections show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.imports import ImportRequest
+from jointstiff.service.importing.errors import ImportFileError, quote
+from jointstiff.service.importing.grammar import find_force_at_end
+from jointstiff.service.importing.naming import NamedReading
+from jointstiff.service.importing.numbers import NumberTable
+from jointstiff.service.importing.rewriting import has_column_of
+from jointstiff.service.resources.columns_left import (
+    find_bare_vector,
+    find_constant_force,
+    find_sizes_along_vectors,
+    list_columns_left,
+)
+from jointstiff.service.resources.force_evidence import ForceEvidence
+from jointstiff.service.resources.force_sizes import StatedForce, compare_stated_force, take_sizes_as_weights
+from jointstiff.service.resources.no_proposal import NoProposalError
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.meaning.proposal import Proposal
+from jointstiff.solver.meaning.states import order_states
+from jointstiff.solver.meaning.words import describe
+
+_AXES: Final = 3
+_LEAST_ALONG: Final = 0.75
+"""Least fraction of the postures in which targets move along a force whose columns have no headers."""
+_MOST_ASIDE: Final = np.radians(30.0)
+"""Largest angle of the move of a target to −z of R0 [rad], if a force without an axis is a weight."""
+_LEAST_DOWN: Final = 0.9
+"""Least fraction of the positions that move within `_MOST_ASIDE`, if a force without an axis is a weight."""
+_MEDIAN_ASIDE: Final = np.radians(10.0)
+"""Largest median of the angles of all moves to −z of R0 [rad], if a force without an axis is a weight."""
+
+
+def order_by_forces(proposal: Proposal, tables: Sequence[NumberTable]) -> Proposal:
+    """Return the proposal with the state first that has no load, if columns of forces show which one."""
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    stated = read_forces(joints)
+    if stated is None:
+        return proposal
+    groups = proposal.joints.groups
+    forces = groups.split(stated)[:, 0]
+    return order_states(proposal, [table.table for table in tables], np.nan_to_num(forces))
+
+
+def name_forces(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
+) -> tuple[Sequence[NumberTable], list[str]]:
+    """Return the tables with the forces whose columns, directions or axes the deflections show; and notes.
+
+    Raises:
+        NoProposalError: there are several forces, whose direction the targets do not show.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    evidence = ForceEvidence(proposal, named, joints, request)
+    if len(joints.find_force_columns()) == _AXES:
+        return _turn_forces(proposal, tables, evidence)
+    found, notes = _name_constant_force(proposal, tables, request)
+    if not notes:
+        found, notes = _name_bare_forces(proposal, tables, request, evidence)
+    if not notes:
+        found, notes = _name_forces_along_vectors(proposal, named, tables, request, evidence)
+    if notes:
+        found, further = _turn_forces(proposal, found, evidence)
+        return found, [*notes, *further]
+    found, notes = _name_force_of_size(proposal, named, tables, request)
+    if notes or request.force is not None:
+        return found, notes
+    found, notes = _name_masses_of_readings(proposal, named, tables)
+    if notes:
+        return found, notes
+    left = list_columns_left(proposal, tables, named)
+    return take_sizes_as_weights(left, proposal, named, tables, evidence)
+
+
+def _name_masses_of_readings(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable]
+) -> tuple[Sequence[NumberTable], list[str]]:
+    """Return the tables, with the masses in a table of readings as weights in the table of joints.
+
+    The table of joints has no load, and all readings of a posture have one mass, which is not in their names.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    loaded = [each for each in named if each.state == "loaded"]
+    with_mass = [table for table in tables if table is not joints and has_column_of(table, "mass")]
+    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
+    if has_load or len(with_mass) != 1 or any(each.mass is not None for each in loaded):
+        return tables, []
+    (table,) = with_mass
+    column = table.find_column("mass") or 0
+    masses = [
+        each.reading.points.groups.split(table.table.numbers[:, [column]])[:, each.reading.index, 0]
+        for each in loaded
+        if each.reading.points.table == table.name
+    ]
+    if not masses or not all((own > 0.0).all() and np.array_equal(own, masses[0]) for own in masses):
+        return tables, []
+    groups = proposal.joints.groups
+    is_in_blocks = groups.order == "in blocks"
+    of_rows = np.tile(masses[0], groups.count) if is_in_blocks else np.repeat(masses[0], groups.count)
+    with_weights = joints.add_forces(np.outer(of_rows, [0.0, 0.0, -1.0]), "kgf")
+    note = f"{quote(table.headers[column])} of {table.name} as weights along −z of R0"
+    return [with_weights if each is joints else each for each in tables], [note]
+
+
+def _turn_forces(
+    proposal: Proposal, tables: Sequence[NumberTable], evidence: ForceEvidence
+) -> tuple[Sequence[NumberTable], list[str]]:
+    """Return the tables with forces and moments turned into R0, if they are likely in the positions' axes.
+
+    A note says which axes were taken, wherever the deflections do not show those of R0.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    columns = list(joints.find_columns_of("force").values())
+    axes = evidence.judge_axes(joints.table.numbers[:, columns])
+    if axes is None:
+        return tables, []
+    difference = (
+        f"{axes.reason} (the axes differ by {math.degrees(proposal.frame.turn):.1f}°, "
+        f"the forces by {100.0 * axes.change:.1f} %)"
+    )
+    if not axes.are_of_positions:
+        return tables, [f"the forces taken in axes of R0, {difference}"]
+    turned = joints.turn_vectors(("force", "moment"), proposal.frame.rotation)
+    note = f"the forces turned into R0 with the positions, {difference}"
+    return [turned if table is joints else table for table in tables], [note]
+
+
+def _name_bare_forces(
+    proposal: Proposal, tables: Sequence[NumberTable], request: ImportRequest, evidence: ForceEvidence
+) -> tuple[Sequence[NumberTable], list[str]]:
+    """Return the tables, with three columns without headers as the force if they explain the deflections.
+
+    Raises:
+        NoProposalError: the request states another force.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    left = next(each for each in list_columns_left(proposal, tables) if each.table is joints)
+    columns = find_bare_vector(left)
+    if columns is None:
+        return tables, []
+    numbers = joints.table.numbers[:, list(columns)]
+    listed = f"columns {columns[0] + 1}–{columns[2] + 1}"
+    if evidence.are_forces(numbers):
+        if request.force is not None:
+            reason = f"`force` is stated, but {listed} are the force of each row"
+            raise NoProposalError(reason, "omit `force`")
+    elif request.force is not None and evidence.may_be_forces(numbers):
+        reason = f"`force` is stated, but {listed} without headers may be the force of each row"
+        raise NoProposalError(reason, "say what these columns are by `header`, which names all columns")
+    else:
+        return tables, []
+    named = joints.name_forces(columns)
+    note = f"{listed} as the force, as the deflections show"
+    return [named if table is joints else table for table in tables], [note]
+
+
+def _name_forces_along_vectors(
+    proposal: Proposal,
+    named: Sequence[NamedReading],
+    tables: Sequence[NumberTable],
+    request: ImportRequest,
+    evidence: ForceEvidence,
+) -> tuple[Sequence[NumberTable], list[str]]:
+    """Return the tables, with sizes along unit vectors as the force if they explain the deflections."""
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    left = next(each for each in list_columns_left(proposal, tables, named) if each.table is joints)
+    columns = find_sizes_along_vectors(left)
+    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
+    if columns is None or has_load or request.force is not None:
+        return tables, []
+    size, vector = columns
+    forces = joints.table.numbers[:, [size]] * joints.table.numbers[:, list(vector)]
+    if not evidence.are_forces(forces):
+        return tables, []
+    unit = find_force_at_end(joints.headers[size])
+    along = joints.add_forces(forces, unit, (size, *vector))
+    note = f"{quote(joints.headers[size])} along the unit vectors of columns {vector[0] + 1}–{vector[2] + 1}"
+    return [along if table is joints else table for table in tables], [f"{note}, as the deflections show"]
+
+
+def _name_constant_force(
+    proposal: Proposal, tables: Sequence[NumberTable], request: ImportRequest
+) -> tuple[Sequence[NumberTable], list[str]]:
+    """Return the tables, with the columns of a force of constant size if nothing else states a force.
+
+    The columns have no headers, so that the targets have to move along the force.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
+    left = next(each for each in list_columns_left(proposal, tables) if each.table is joints)
+    columns = None if has_load or request.force is not None else find_constant_force(left)
+    if columns is None:
+        return tables, []
+    forces = proposal.joints.groups.split(joints.table.numbers[:, list(columns)])[:, 0]
+    solver_tables = [table.table for table in tables]
+    is_posture = np.eye(len(forces))[..., None]
+    along = [order_states(proposal, solver_tables, forces * own) is proposal for own in is_posture]
+    if np.mean(along) < _LEAST_ALONG:
+        return tables, []
+    named = joints.name_forces(columns)
+    note = f"columns {columns[0] + 1}–{columns[2] + 1} as the force: its size is constant"
+    return [named if table is joints else table for table in tables], [note]
+
+
+def take_stated_force(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
+) -> StatedForce:
+    """Return tables and request after a stated force was compared with a column of sizes.
+
+    Raises:
+        NoProposalError: the sizes are not those of the stated force.
+    """
+    left = list_columns_left(proposal, tables, named)
+    try:
+        return compare_stated_force(left, proposal, named, tables, request)
+    except ImportFileError as fault:
+        raise NoProposalError(fault.reason, fault.remedy) from fault
+
+
+def _name_force_of_size(
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
+) -> tuple[Sequence[NumberTable], list[str]]:
+    """Return the tables, with the sizes of a force along −z of R0 if the targets move that way under load.
+
+    The header names no axis. A column of directions, such as `+X`, states the axis of each row.
+
+    Raises:
+        NoProposalError: there are several forces, whose direction the targets do not show.
+    """
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    directions = joints.find_directions()
+    column = joints.find_size_of_force()
+    if column is None and directions is not None:
+        column = joints.find_size_along_directions()
+    if column is None or request.force is not None:
+        return tables, []
+    header = quote(joints.headers[column])
+    sizes = joints.table.numbers[:, column]
+    if directions is not None:
+        along, note = _name_force_along_directions(proposal, named, joints, (directions, column))
+        return [along if table is joints else table for table in tables], [note]
+    has_one_sign = bool((sizes >= 0.0).all() or (sizes <= 0.0).all())
+    if has_one_sign and _move_down(named):
+        along_z = joints.name_size_along_z(column)
+        note = f"{header} as the size of a force along −z of R0, as the targets move"
+        return [along_z if table is joints else table for table in tables], [note]
+    if len({each.force for each in named if each.state == "loaded"}) > 1:
+        found = describe(proposal, [each.words for each in named])
+        raise NoProposalError(
+            f"{found}, but {header} has several forces without a direction",
+            "write the force in columns `Fx [N]`, `Fy [N]` and `Fz [N]` in axes of R0",
+        )
+    return tables, []
+
+
+def _name_force_along_directions(
+    proposal: Proposal, named: Sequence[NamedReading], joints: NumberTable, columns: tuple[int, int]
+) -> tuple[NumberTable, str]:
+    """Return the table of joints with the force of its columns of directions and sizes, and a note on it.
+
+    Raises:
+        NoProposalError: the targets do not move along the directions in R0, or a size is negative.
+    """
+    directions, size = columns
+    header = quote(joints.headers[directions])
+    forces = joints.read_forces_along(directions, size)
+    of_postures = proposal.joints.groups.split(forces).sum(axis=1)
+    unloaded = {each.target: each.reading.positions for each in named if each.state == "unloaded"}
+    along = [
+        np.einsum("ni,ni->n", of_postures, each.reading.positions - unloaded[each.target]) > 0.0
+        for each in named
+        if each.state == "loaded" and each.target in unloaded
+    ]
+    is_negative = bool((joints.table.numbers[:, size] < 0.0).any())
+    if is_negative or not along or np.mean(along) < _LEAST_ALONG:
+        found = describe(proposal, [each.words for each in named])
+        raise NoProposalError(
+            f"{found}, but the targets do not move along {header} in R0",
+            "write the force in columns `Fx [N]`, `Fy [N]` and `Fz [N]` in axes of R0",
+        )
+    note = f"{quote(joints.headers[size])} along the directions of {header} in R0, as the targets move"
+    unit = find_force_at_end(joints.headers[size])
+    return joints.add_forces(forces, unit, columns), note
+
+
+def _move_down(named: Sequence[NamedReading]) -> bool:
+    """Return whether targets move along −z of R0 under load, in most positions hardly along x and y."""
+    unloaded = {each.target: each.reading.positions for each in named if each.state == "unloaded"}
+    shifts = [
+        each.reading.positions - unloaded[each.target]
+        for each in named
+        if each.state == "loaded" and each.target in unloaded
+    ]
+    if not shifts:
+        return False
+    moved = np.array(shifts).reshape(-1, 3)
+    x, y, z = moved[np.isfinite(moved).all(axis=1)].T
+    if len(z) == 0:
+        return False
+    angles = np.arctan2(np.hypot(x, y), -z)
+    is_most_down = np.mean(angles <= _MOST_ASIDE) >= _LEAST_DOWN
+    return bool(is_most_down and np.median(angles) <= _MEDIAN_ASIDE)
+
+
+def read_forces(table: NumberTable) -> FloatArray | None:
+    """Return the forces (N, 3) of a table by its headers; a force along one axis only has no other part.
+
+    None unless headers name one axis, or all three.
+    """
+    column_of_axis = table.find_force_columns()
+    if len(column_of_axis) != len("xyz") and not table.force_is_along_one_axis:
+        return None
+    forces = np.zeros((len(table.rows), 3))
+    for axis, column in column_of_axis.items():
+        forces[:, axis] = table.table.numbers[:, column]
+    return forces
+
+
+def note_force(table: NumberTable) -> list[str]:
+    """Return the note that forces along two axes are 0, if headers name the force along one axis only."""
+    if not table.force_is_along_one_axis:
+        return []
+    (named,) = table.find_force_columns()
+    first, second = ("xyz"[axis] for axis in range(3) if axis != named)
+    return [f"only the force along {'xyz'[named]} has a column: along {first} and {second} it is 0"]
