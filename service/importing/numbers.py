@@ -332,7 +332,10 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     planned = {column for column, header in enumerate(headers) if is_planned(header)} - stated
     others = _find_other_columns(meanings) | ignored | planned
     points = _list_stated_points(meanings, stated)
-    table = Table(name, numbers, known_joints, others, points)
+    measured = frozenset(
+        column for column, meaning in enumerate(meanings) if meaning and meaning.quantity.state
+    )
+    table = Table(name, numbers, known_joints, others, points, measured)
     return NumberTable(grid, headers, meanings, rows, mark, table, stated, ignored)
 
 

@@ -69,6 +69,7 @@ class Interpretation:
     point_rounding: float  #: typical distance by which rounding of the positions moves a position [m]
     #: fraction of the positions that rounding may have moved so far; 1 if farther off, or not in R0
     share_by_rounding: float = 1.0
+    are_measured: bool = False  #: whether the positions are readings in a state of load by their names
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,15 +250,17 @@ class _Search:
         fit = fit_frame(rotation, place, points, candidate.linear.matrix, targets)
         reach = float(np.median(np.linalg.norm(place, axis=1)))
         rounding = self._find_rounding(candidate, fit.frame.scale)
+        columns = candidate.points.columns
         return Interpretation(
             known=self.known,
             joints=candidate.joints.columns,
-            points=candidate.points.columns,
+            points=columns,
             fit=fit,
             movement=fit.frame.scale * _measure_largest_deviation(points),
             joint_rounding=rounding.move_by_joints(reach),
             point_rounding=rounding.move_by_coordinates(),
             share_by_rounding=self._measure_share(candidate, fit, rounding),
+            are_measured=self.tables[columns.table].measured.issuperset(columns.columns),
         )
 
     def _measure_share(self, candidate: _Candidate, fit: RigidFit, rounding: _Rounding) -> float:

@@ -37,6 +37,7 @@ class Table:
     points: tuple[
         tuple[int, int, int], ...
     ] = ()  #: columns that a person states to be x, y and z of a target
+    measured: frozenset[int] = frozenset()  #: columns that are readings in a state of load by their names
 
     @property
     def size(self) -> tuple[int, int]:

@@ -184,6 +184,18 @@ def test_readings_in_r0_with_noise_as_small_as_the_rounding_of_joints_are_readin
     assert [each.points.columns for each in best.readings] == [(6, 7, 8), (9, 10, 11)]
 
 
+def test_positions_that_names_call_unloaded_are_readings_however_near_the_model(robots):
+    """Rounded joints explain the distances of a small arm in R0; a controller knows no state of load."""
+    known = robots["Stäubli TX2-60"]
+    joints, _ = measure(known)
+    unloaded = np.round(place_exactly(known, joints), 3)
+    rows = wide(np.round(joints, 2), unloaded, unloaded - [0.0, 0.0, 0.3])
+    unnamed = propose([Table("a", rows)], [known])
+    assert unnamed.best is None or (6, 7, 8) not in {each.points.columns for each in unnamed.best.readings}
+    named = propose([Table("a", rows, measured=frozenset(range(6, 12)))], [known])
+    assert [each.points.columns for each in named.best.readings] == [(6, 7, 8), (9, 10, 11)]
+
+
 def test_too_few_postures_are_not_decided(robots):
     known = robots["Stäubli TX2-60"]
     joints, points = measure(known, postures=5)
