@@ -292,14 +292,16 @@ def name_options_in_text(message_class: type[Message], text: str, form_of_field:
 def _write_option_values(value: str, form: Terminal) -> list[str] | None:
     """Return the value of a field as texts for the command line, one for each time that the option is given.
 
-    `["A", "B"]` → "A,B" if the option has one text, else "A" and "B"; `{"pre": "unloaded"}` → "pre=unloaded".
+    `["A", "B"]` → "A,B" if the option has one text, else "A" and "B"; `{"pre": "unloaded"}` → "pre=unloaded";
+    `{"length": "mm", "force": "N"}` → "length=mm,force=N" if the option has one text.
     Return None for a value that is not understood.
     """
-    if form.gather == "dict" and value.startswith("{"):
+    if value.startswith("{"):
         pairs = _read_pairs(value)
         if pairs is None:
             return None
-        return [shlex.quote(f"{key}={meaning}") for key, meaning in pairs.items()]
+        texts = [f"{key}={meaning}" for key, meaning in pairs.items()]
+        return [shlex.quote(text) for text in (texts if form.gather == "dict" else [",".join(texts)])]
     values = [each.strip(" '\"") for each in value.strip("[]").split(",")]
     return [",".join(values)] if form.gather == "one" else values
 

@@ -871,7 +871,7 @@ def _name_options(text: str) -> str:
 
     A campaign that is not to be used is refused by this command, not by a later request.
     """
-    text = _UNIT_IN_TEXT.sub(r"give `units` with \1=\2", text)
+    text = _UNIT_IN_TEXT.sub(r'give `units`: {"\1": "\2"}', text)
     from jointstiff.solver.text import PAST_DO_NOT_USE
 
     text = text.replace(PAST_DO_NOT_USE, _PAST_ERRORS)

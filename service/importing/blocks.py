@@ -14,12 +14,12 @@ from jointstiff.service.importing.encoding import decode
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import lacks_number
 from jointstiff.service.importing.grid import (
-    COMMENT_MARKS,
     Grid,
     NumberedLine,
     Row,
     count_numbers,
     find_delimiter,
+    is_comment,
     looks_like_a_number,
     split_line,
     strip_comment_mark,
@@ -109,7 +109,7 @@ def read_blocks(file: str, content: bytes, delimiter: Delimiter | None) -> list[
     text, encoding = decode(file, content)
     numbered = enumerate(re.split(r"\r\n|\n|\r", text), 1)
     lines = [(number, part) for number, line in numbered for part in _write_slashed_list(line)]
-    filled = [line for line in lines if line[1].strip() and not line[1].lstrip().startswith(COMMENT_MARKS)]
+    filled = [line for line in lines if line[1].strip() and not is_comment(line[1])]
     if not filled:
         return []
     return _read_split_blocks(file, encoding, lines, filled, delimiter) or _read_log(file, encoding, lines)
@@ -234,7 +234,7 @@ def _write_plainly(line: str) -> str:
 
     A title is returned without the signs that adorn it, as in `--- Pose 1 ---`.
     """
-    if line.lstrip().startswith(COMMENT_MARKS):
+    if is_comment(line):
         return line
     if len(_NUMBER.findall(line)) < _LEAST_NUMBERS:
         return line.strip(_ADORNMENT)
@@ -287,9 +287,9 @@ def _drop_comments_within(lines: Sequence[str]) -> Iterator[str]:
     """Yield lines without the comments below the first line that is no comment."""
     is_above = True
     for line in lines:
-        is_comment = line.lstrip().startswith(COMMENT_MARKS)
-        is_above = is_above and is_comment
-        if is_above or not is_comment:
+        is_remark = is_comment(line)
+        is_above = is_above and is_remark
+        if is_above or not is_remark:
             yield line
 
 
@@ -298,13 +298,13 @@ def _split_blocks(lines: Sequence[NumberedLine]) -> Iterator[list[NumberedLine]]
     block: list[NumberedLine] = []
     has_data = False  # whether the block has lines that are no comments
     for number, line in lines:
-        is_comment = line.lstrip().startswith(COMMENT_MARKS)
-        if block and (not line.strip() or (is_comment and has_data)):
+        is_remark = is_comment(line)
+        if block and (not line.strip() or (is_remark and has_data)):
             yield block
             block, has_data = [], False
         if line.strip():
             block.append((number, line))
-            has_data = has_data or not is_comment
+            has_data = has_data or not is_remark
     if block:
         yield block
 
@@ -333,7 +333,7 @@ def _read_block(file: str, lines: Sequence[NumberedLine], delimiter: Delimiter) 
     rows: list[tuple[Row, Row | None]] = []
     above: Row | None = None
     for number, line in lines:
-        if line.lstrip().startswith(COMMENT_MARKS):
+        if is_comment(line):
             titles.append(Row(number, (strip_comment_mark(line.strip()),)))
             continue
         row = split_line(file, number, _write_blanks(line), delimiter, are_marks_literal=True)
@@ -356,9 +356,9 @@ def _name_values_above(lines: Sequence[NumberedLine]) -> Row | None:
     """
     values = dict[str, str]()
     for _, line in lines:
-        is_comment = line.lstrip().startswith(COMMENT_MARKS)
-        named = _name_values(strip_comment_mark(line.strip()) if is_comment else line)
-        if not is_comment and len(named) >= _LEAST_NUMBERS:
+        is_remark = is_comment(line)
+        named = _name_values(strip_comment_mark(line.strip()) if is_remark else line)
+        if not is_remark and len(named) >= _LEAST_NUMBERS:
             break
         if any(name in values for name, _ in named):
             return None

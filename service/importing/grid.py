@@ -37,6 +37,8 @@ MAX_LINE_LENGTH: Final = limits.MAX_COLUMNS * limits.MAX_CELL_LENGTH
 MAX_NUMBER_LENGTH: Final = 40
 
 COMMENT_MARKS: Final = ("#", "//", "%")
+_NUMBERING_HEADER: Final = re.compile(r"#[;,\t]\s*[^\W\d]")
+"""Start of a header whose first column, `#`, has the numbers of the rows."""
 
 CellKind = Literal[
     "text", "number", "date", "percentage", "truth value", "error", "formula", "complex number",
@@ -150,6 +152,12 @@ def too_large_error(file: str, line: int) -> ImportFileError:
     """Return the error that a table has too many columns or cells; `line` is where the limit is exceeded."""
     reason = f"the file has more than {limits.MAX_COLUMNS} columns or {limits.MAX_CELLS} cells"
     return ImportFileError(Place(file, line), reason, "remove columns that are not needed, or split the file")
+
+
+def is_comment(line: str) -> bool:
+    """Return whether a line is a comment, and no header whose first column is `#`."""
+    text = line.lstrip()
+    return text.startswith(COMMENT_MARKS) and not _NUMBERING_HEADER.match(text)
 
 
 def strip_comment_mark(text: str) -> str:
@@ -308,7 +316,7 @@ def _read_table(
     comments: list[Remark] = []
     for number, line in enumerate(_LINE_END.split(text), start=1):
         stripped = line.strip(" \t")
-        if stripped.startswith(COMMENT_MARKS):
+        if is_comment(stripped):
             comments.append(Remark(number, strip_comment_mark(stripped)))
         elif stripped:
             lines.append((number, line))

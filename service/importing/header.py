@@ -249,13 +249,20 @@ def _choose_header(grid: Grid, words: Vocabulary) -> _PossibleHeader:
     """Return the first header with known texts only, else that with most known texts, else the first row."""
     chosen, most_known = _PossibleHeader(0, 1, grid.rows[0].cells), 0
     for header in _yield_possible_headers(grid, words):
-        known_count = words.count_known(header.texts)
+        known_count = words.count_known(map(_leave_out_foreign_unit, header.texts))
         if known_count > most_known:
             chosen, most_known = header, known_count
             is_known_as_a_whole = known_count == sum(map(bool, header.texts))
             if is_known_as_a_whole and header.end < len(grid.rows):
                 break
     return chosen
+
+
+def _leave_out_foreign_unit(text: str) -> str:
+    """Return a header without a unit that is known but not accepted, such as µm: the name shows a header."""
+    name, unit = grammar.split_unit(text)
+    is_foreign = unit is not None and grammar.find_any_unit(unit) and not grammar.find_known_unit(unit)
+    return name if is_foreign else text
 
 
 def _refuse_data_above(grid: Grid, header: _PossibleHeader, line: int) -> None:
@@ -964,8 +971,11 @@ class ColumnReader:
             columns: indices of the columns.
         """
         header, others = self._headers[columns[0]], len(columns) - 1
-        example = f"{header or meaning} [{_EXAMPLE_UNITS[dimension]}]"
-        remedy = f"write the unit in the header, such as `{example}`, or give `units`"
+        unit = _EXAMPLE_UNITS[dimension]
+        remedy = (
+            f"write the unit in the header, such as `{header or meaning} [{unit}]`, "
+            f'or state the unit, such as `units`: {{"{dimension}": "{unit}"}}'
+        )
         column_text = str(meaning)
         if (
             meaning.quantity.target is not None

@@ -287,8 +287,11 @@ class _Reader:
         if self._steps:
             return self._conclude_weight_step()
         all_were_read = {preview.file for preview in self._previews} == {file.name for file in files}
-        self._are_columns_named = all_were_read and all(each.columns.are_all_named for each in self._layouts)
-        if all_were_read and not any(layout.columns.faulty for layout in self._layouts):
+        columns = [layout.columns for layout in self._layouts]
+        have_positions = any(quantity.kind == "position" for each in columns for quantity in each.quantities)
+        are_named = all_were_read and have_positions and all(each.are_all_named for each in columns)
+        self._are_columns_named = are_named
+        if all_were_read and not any(each.faulty for each in columns):
             self._refuse_masses_alone()
             self._check_options()
         observations = self._read_observations()

@@ -380,6 +380,14 @@ def displacements_in_micrometres_without_units(c: Campaign) -> Files:
 
 
 @form()
+def displacements_below_a_row_of_units(c: Campaign) -> Files:
+    joints_and_positions = [*["deg"] * 6, *["mm"] * 3]
+    units = ["", *joints_and_positions, *["µm"] * 3]
+    rows = wide(c, places(c), 1e3 * deflection(c), count=1)
+    return {"dx.csv": table(["#", *JOINTS, *"XYZ", "dX", "dY", "dZ"], [units, *rows])}
+
+
+@form()
 def displacements_in_german(c: Campaign) -> Files:
     header = [f"{word} {axis} [mm]".strip() for word in ("", "Verschiebung") for axis in "XYZ"]
     return displaced(c, header, comma=True)

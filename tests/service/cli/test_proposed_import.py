@@ -219,6 +219,6 @@ def test_a_missing_unit_of_matrices_is_the_last_word():
     Path("data.m").write_text("\n\n".join(lines) + "\n")
     stated = f"data.m --robot '{ARM}' --encoders motor --load-point 0,0,120 --yes -o c.json"
     shown = refused(f"import {stated}")
-    assert_said(shown, "force x and 2 other columns have no unit", "or give `--units`")
+    assert_said(shown, "force x and 2 other columns have no unit", "such as `--units force=N`")
     assert "cells" not in shown
     assert_said(typed(f"import {stated} --units force=N"), "data.m: utf-8, decimal point, 16 rows")

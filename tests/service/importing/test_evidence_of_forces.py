@@ -126,9 +126,8 @@ def test_columns_without_headers_along_the_deflections_are_forces_whose_unit_is_
     if axes == "tracker":
         written, seen = TURN.inv().apply(forces), in_tracker(positions)
     text = table([], write_rows(joints, seen, written))
-    with pytest.raises(
-        js.CampaignError, match=r"columns 13–15 as the force, as the deflections show.*or give `units`"
-    ):
+    said = r"columns 13–15 as the force, as the deflections show.*such as `units`: {\"force\": \"N\"}"
+    with pytest.raises(js.CampaignError, match=said):
         propose(text, tmp_path)
     proposed = propose(text, tmp_path, units={"force": "N"})
     assert read_forces(proposed) == pytest.approx(forces, abs=5.0)

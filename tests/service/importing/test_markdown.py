@@ -3,7 +3,7 @@
 import time
 
 import pytest
-from support.strange_files import JOINTS, both, in_turn, judge, simulate
+from support.strange_files import JOINTS, both, in_turn, joint_rows, judge, points, simulate
 
 import jointstiff as js
 from jointstiff.service.importing.errors import ImportFileError
@@ -30,6 +30,24 @@ def test_a_lab_book_is_read(tmp_path):
         units={"force": "N"},
         length_unit="mm",
     )
+    assert judge(CAMPAIGN, proposal.accept().measurement_set.model_dump(mode="json")) == []
+
+
+def test_tables_of_different_width_are_a_table_each(tmp_path):
+    """The headers of the first table are known, but say nothing of positions: the robot is asked."""
+    tables = {
+        "Robot poses": [["pose", *JOINTS], *joint_rows(CAMPAIGN)],
+        "Tracker, unloaded": [["pose", *"xyz"], *points(CAMPAIGN, 0)],
+        "Tracker, loaded": [["pose", *"xyz"], *points(CAMPAIGN, 1)],
+    }
+    text = ""
+    for title, (header, *rows) in tables.items():
+        lines = [f"| {' | '.join(row)} |" for row in (header, ["---"] * len(header), *rows)]
+        text += f"## {title}\n\n" + "\n".join(lines) + "\n\n"
+    path = tmp_path / "record.md"
+    path.write_text(text)
+    options = {"encoders": "motor", "load_point": [0, 0, 120], "force": [0, 0, -981], "units": {"force": "N"}}
+    proposal = js.read(path, robot=ARM, **options)
     assert judge(CAMPAIGN, proposal.accept().measurement_set.model_dump(mode="json")) == []
 
 

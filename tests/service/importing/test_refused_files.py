@@ -216,8 +216,8 @@ def test_axes_are_spelt_alike_and_named_by_no_other_words():
     ]
     assert refusals(("a.csv", "label;x_t;y_t;z_t\nc01;1;2;3\n")) == [
         "a.csv:1:2: 'x_t', read as t x, and 2 other columns have no unit; write the unit in the header, such "
-        "as `x_t [mm]`, or give `units`; if the column means something else, give `columns`, such as x_t=x "
-        "[units.length]"
+        'as `x_t [mm]`, or state the unit, such as `units`: {"length": "mm"}; if the column means something '
+        "else, give `columns`, such as x_t=x [units.length]"
     ]
 
 
