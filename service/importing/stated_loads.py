@@ -8,13 +8,13 @@ from itertools import islice
 from math import hypot, isclose
 from typing import Final, NamedTuple
 
+from jointstiff.service.conversion.units import FORCE
 from jointstiff.service.importing.errors import quote
 from jointstiff.service.importing.grammar import UNIT_OF_LOAD, WORDS_OF_LOADS, is_force, is_hung, is_mass
 from jointstiff.service.importing.grid import looks_like_a_number
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.importing.statements import Statement, read_statements
 
-_NEWTONS: Final = {"N": 1.0, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605}
 _RELATIVE_TOLERANCE: Final = 5e-3
 """Difference of one load in two units, such as 150 kg and 1471.5 N, or rounded."""
 
@@ -158,7 +158,7 @@ def _read_vector(file: str, place: str, found: re.Match[str]) -> Iterator[Stated
     if unit is None and ending in UNIT_OF_LOAD:
         name, unit = base, ending
     numbers = [number.replace("−", "-") for number in found.groups()[1:4]]
-    size = hypot(*map(float, numbers)) * (_NEWTONS[UNIT_OF_LOAD[unit]] if unit else 1.0)
+    size = hypot(*map(float, numbers)) * (FORCE[UNIT_OF_LOAD[unit]] if unit else 1.0)
     if is_force(name.rpartition(".")[2]) and size > 0.0:
         force = f"{','.join(numbers)} {UNIT_OF_LOAD[unit]}" if unit else ""
         text = " ".join(found[0].split()).strip(_MARKS)
@@ -219,7 +219,7 @@ def _read_load(file: str, place: str, text: str, found: re.Match[str]) -> Stated
     words = " ".join((words_before + shown).split()[-count:]).lstrip(_MARKS)
     unit = UNIT_OF_LOAD[groups.get("unit") or "kg"]
     number = found["size"].replace(",", ".")
-    size = float(number) * _NEWTONS[unit]
+    size = float(number) * FORCE[unit]
     direction = direction or _find_direction(text, found)
     before_unit = text[: found.end("size")][-_MOST_BEFORE:]
     is_clear = not (_THOUSANDS.search(before_unit) or _LIST.search(before[-_MOST_BEFORE:]))
