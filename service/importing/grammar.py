@@ -92,6 +92,17 @@ _UNIT_OF_SPELLING: Final[Mapping[str, tuple[Dimension, str]]] = MappingProxyType
     }
 )
 _DIMENSION_OF_FOREIGN: Final[Mapping[str, Dimension | Literal["none"]]] = _values_by_word(_WORDS["foreign"])
+UNIT_OF_LOAD: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        spelling: unit
+        for units in (_WORDS["units"]["force"], _WORDS["loads"]["masses"])
+        for unit, spellings in units.items()
+        for spelling in spellings
+    }
+)
+"""Spelling of a unit of force or of mass → unit of the force or of the weight."""
+WORDS_OF_LOADS: Final[Mapping[str, Sequence[str]]] = _WORDS["loads"]["words"]
+"""What a word says of a load beside it, such as `aside` → beginnings of words."""
 
 
 def name_unit(unit: str) -> str:
@@ -378,6 +389,14 @@ def is_hung(header: str) -> bool:
     """Return whether a header has a word for a load that hangs, such as `payload`, with any unit or none."""
     base = fold_word(split_unit(header)[0])
     return base in _WORD_LISTS["hung"] or base in _WORD_LISTS["hung in kg"]
+
+
+def is_mass(name: str) -> bool:
+    """Return whether all words of a name are those of a load that hangs, and one is such without a unit."""
+    words = {fold_word(word) for word in _NO_LETTERS.split(name) if word}
+    return not words.isdisjoint(_WORD_LISTS["hung"]) and words.issubset(
+        (*_WORD_LISTS["hung"], *_WORD_LISTS["hung in kg"])
+    )
 
 
 def is_in_kg(header: str) -> bool:

@@ -88,8 +88,28 @@ def _are_records(objects: Sequence[NumberedObject]) -> bool:
     return len(fields) == 1 and len(next(iter(fields))) > 1
 
 
+def read_yaml_documents(text: str) -> list[Any]:
+    """Return the documents of a text of YAML; none of a text that is refused."""
+    try:
+        return _build(text).documents
+    except _RefusedError:
+        return []
+
+
 def _read_objects(text: str) -> list[NumberedObject]:
     """Return the objects of the list that the only document has, or else the documents, with their lines.
+
+    Raises:
+        _RefusedError: the text is no YAML, is too large or too deep, or has an anchor or an alias.
+    """
+    builder = _build(text)
+    documents = [each for each in builder.documents if each]
+    objects = find_objects(documents[0] if len(documents) == 1 else documents)
+    return [(builder.lines.get(id(each), number), each) for number, each in enumerate(objects, 1)]
+
+
+def _build(text: str) -> _Builder:
+    """Return the documents of a text, with their lines.
 
     Raises:
         _RefusedError: the text is no YAML, is too large or too deep, or has an anchor or an alias.
@@ -108,9 +128,7 @@ def _read_objects(text: str) -> list[NumberedObject]:
         line = 1 if mark is None else mark.line + 1
         problem = getattr(error, "problem", None) or "it cannot be read"
         raise _RefusedError(line, f"invalid YAML: {problem}") from None
-    documents = [each for each in builder.documents if each]
-    objects = find_objects(documents[0] if len(documents) == 1 else documents)
-    return [(builder.lines.get(id(each), number), each) for number, each in enumerate(objects, 1)]
+    return builder
 
 
 @dataclass
