@@ -108,7 +108,7 @@ class StatedLoad(NamedTuple):
     place: str  # in words, such as `line 2`; empty for the name of the file
     text: str  # as the file writes the load, with words before it
     newtons: float  # size
-    force: str  # `0,0,-150 kgf` in axes of R0 if the condition holds; empty if the text is not clear
+    force: str  # `0,0,-150kgf` in axes of R0 if the condition holds; empty if the text is not clear
     condition: str  # of the force, such as `this load hangs`
 
 
@@ -160,7 +160,7 @@ def _read_vector(file: str, place: str, found: re.Match[str]) -> Iterator[Stated
     numbers = [number.replace("−", "-") for number in found.groups()[1:4]]
     size = hypot(*map(float, numbers)) * (FORCE[UNIT_OF_LOAD[unit]] if unit else 1.0)
     if is_force(name.rpartition(".")[2]) and size > 0.0:
-        force = f"{','.join(numbers)} {UNIT_OF_LOAD[unit]}" if unit else ""
+        force = f"{','.join(numbers)}{UNIT_OF_LOAD[unit]}" if unit else ""
         text = " ".join(found[0].split()).strip(_MARKS)
         yield StatedLoad(file, place, text, size, force, "this force acts on the robot in axes of R0")
 
@@ -232,7 +232,7 @@ def _read_load(file: str, place: str, text: str, found: re.Match[str]) -> Stated
     parts = ["0", "0", "0"]
     axis, sign = (direction["axis"], direction["sign"]) if direction else ("z", "-")
     parts["xyz".index(axis.casefold())] = ("" if sign == "+" else "-") + number
-    return StatedLoad(file, place, words, size, f"{','.join(parts)} {unit}" if is_clear else "", condition)
+    return StatedLoad(file, place, words, size, f"{','.join(parts)}{unit}" if is_clear else "", condition)
 
 
 def _find_direction(text: str, found: re.Match[str]) -> re.Match[str] | None:

@@ -272,14 +272,14 @@ def describe_likely_force(left: Sequence[ColumnsLeft]) -> str:
     """
     sentences = [
         f"{quote(header)} has {mass:g}{' kg' if is_in_kg(header) else ''}: "
-        f"if this load hangs{'' if is_in_kg(header) else ' and is in kg'}, `force` is 0,0,-{mass:g} kgf"
+        f"if this load hangs{'' if is_in_kg(header) else ' and is in kg'}, `force` is 0,0,-{mass:g}kgf"
         for each in left
         for column in each.columns
         if (mass := _find_mass(each.table, column)) is not None and (header := each.table.headers[column])
     ]
     sentences += [
         f"{quote(each.table.headers[column])} has {size:.4g} {unit} under load: if this force pulls down, "
-        f"`force` is 0,0,-{size:.4g} {unit}"
+        f"`force` is 0,0,-{size:.4g}{unit}"
         for each in left
         for column in each.columns
         if (unit := find_unit_of_force(each.table.headers[column])) is not None

@@ -334,11 +334,11 @@ def test_a_unit_in_a_merged_cell_below_the_axes_holds_for_its_group(units, tmp_p
         (
             "# Gewicht 150 kg am Flansch",
             'says "Gewicht 150 kg" in line 1: if this load hangs',
-            "0,0,-150 kgf",
+            "0,0,-150kgf",
         ),
-        ("# Weight of 10 kg hung", 'says "Weight of 10 kg" in line 1: if this load hangs', "0,0,-10 kgf"),
-        ("# payload_kg: 8.0", 'says "payload_kg: 8.0" in line 1: if this load hangs', "0,0,-8.0 kgf"),
-        ("# F = 60 N in -X", 'says "F = 60 N in -X" in line 1: if this force acts', "-60,0,0 N"),
+        ("# Weight of 10 kg hung", 'says "Weight of 10 kg" in line 1: if this load hangs', "0,0,-10kgf"),
+        ("# payload_kg: 8.0", 'says "payload_kg: 8.0" in line 1: if this load hangs', "0,0,-8.0kgf"),
+        ("# F = 60 N in -X", 'says "F = 60 N in -X" in line 1: if this force acts', "-60,0,0N"),
         ("# F = 60 N in Z", 'says "F = 60 N in Z" in line 1', ""),
     ],
 )
@@ -379,7 +379,7 @@ def test_a_load_in_words_is_quoted_without_the_number_of_the_cell_before(tmp_pat
     headers = ["Pose", *(f"{joint} [deg]" for joint in JOINTS), *POINTS, "Remark"]
     (missing,) = propose({"a.csv": table(headers, rows)}, tmp_path).accept().missing
     assert 'says "160 kg"' in missing
-    assert "`force` is 0,0,-160 kgf" in missing
+    assert "`force` is 0,0,-160kgf" in missing
 
 
 def test_a_refusal_without_the_force_shows_the_likely_force_whole(tmp_path):
@@ -388,7 +388,7 @@ def test_a_refusal_without_the_force_shows_the_likely_force_whole(tmp_path):
     name = "a long name of a file of readings of a robot in a cell.csv"
     (missing,) = propose({name: f"# Last: 150 kg\n{table(headers, rows)}"}, tmp_path).accept().missing
     refused = http_problem(422, f"nothing was written, because information is missing: {missing}")
-    assert refused.detail.endswith("`force` is 0,0,-150 kgf")
+    assert refused.detail.endswith("`force` is 0,0,-150kgf")
 
 
 @pytest.mark.parametrize(

@@ -58,17 +58,17 @@ def test_a_mass_among_arrays_answers_the_question_of_the_force(tmp_path):
     stream = io.BytesIO()
     np.savez(stream, q=np.radians(CAMPAIGN.joints), free=UNLOADED, loaded=LOADED, weight_kg=6.0, run=2)
     (missing,) = accept("a.npz", stream.getvalue(), tmp_path).missing
-    assert 'says "weight_kg: 6" in its arrays: if this load hangs, `force` is 0,0,-6 kgf' in missing
+    assert 'says "weight_kg: 6" in its arrays: if this load hangs, `force` is 0,0,-6kgf' in missing
 
 
 def test_a_mass_in_a_line_of_json_answers_the_question_of_the_force(tmp_path):
     arrays = {"q": CAMPAIGN.joints.tolist(), "free": UNLOADED.tolist(), "loaded": LOADED.tolist()}
     (missing,) = accept("a.json", json.dumps({"payload_kg": 6.5, **arrays}), tmp_path).missing
-    assert "if this load hangs, `force` is 0,0,-6.5 kgf" in missing
+    assert "if this load hangs, `force` is 0,0,-6.5kgf" in missing
 
 
 def test_a_mass_that_is_stated_twice_with_other_digits_is_one_mass(tmp_path):
     header = ["Pose", *(f"{joint} [deg]" for joint in JOINTS), *list_places("unloaded", "loaded")]
     notes = "# disc, load 5 kg\n# weighed afterwards: 5.00 kg\n"
     (missing,) = accept("a.csv", notes + table(header, wide(CAMPAIGN, UNLOADED, LOADED)), tmp_path).missing
-    assert missing.endswith("if this load hangs, `force` is 0,0,-5 kgf")
+    assert missing.endswith("if this load hangs, `force` is 0,0,-5kgf")

@@ -283,7 +283,7 @@ def test_a_size_of_a_force_is_offered_as_the_force(tmp_path):
     (tmp_path / "a.csv").write_bytes(write_csv([header, *rows]))
     stated = {name: value for name, value in STATED.items() if name != "force"}
     answer = js.read(tmp_path / "a.csv", robot=ARM, length_unit="mm", **stated).accept()
-    assert any("`force` is 0,0,-50 N" in each for each in answer.missing)
+    assert any("`force` is 0,0,-50N" in each for each in answer.missing)
 
 
 def test_the_header_of_a_lower_block_names_columns_that_the_upper_header_leaves_open(tmp_path):

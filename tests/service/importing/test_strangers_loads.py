@@ -204,7 +204,7 @@ def test_targets_with_cyrillic_letters_are_no_states(tmp_path):
 def test_the_question_for_the_force_quotes_a_column_of_one_mass(header, tmp_path):
     files = write_wide(["12"] * len(SIZES), header)
     (missing, *_) = propose(files, tmp_path).accept().missing
-    assert f"{header!r} has 12 kg: if this load hangs, `force` is 0,0,-12 kgf" in missing
+    assert f"{header!r} has 12 kg: if this load hangs, `force` is 0,0,-12kgf" in missing
 
 
 def write_bare(forces):
