@@ -917,6 +917,8 @@ AGAINST_SIGMAS: Final = 5.0
 """Deflection of a joint opposite to its torque, in standard deviations, above which it is not noise."""
 LARGEST_ENCODER_DEFLECTION: Final = 0.02
 """Largest plausible deflection of a joint [rad]: more is a mistake in a unit, or a robot that moved."""
+_NOISE_OF_A_TRACKER: Final = 4e-5
+"""Standard deviation of a coordinate [m] up to which a tracker may be the cause of residuals."""
 SMALLEST_RESIDUAL: Final = 5e-6
 """Smallest deflection that a tracker can see [m]."""
 _LEAST_SHIFTED: Final = 3
@@ -1083,6 +1085,22 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
         yield from _report_residual_outliers(view, rows, checked, springs, compared)
 
 
+def _build_unexplained_finding(view: View, measurements: Measurements, springs: Springs) -> Finding:
+    """Return the finding that joints do not explain the deflections, which noise as large would hide, too."""
+    typical_deflection = median(np.linalg.norm(measurements.deflection, axis=2)[measurements.present])
+    noise = float(np.sqrt(0.5 * np.mean(springs.residual[measurements.present] ** 2)))  # of a coordinate
+    remedy = "check the frame and signs of the forces, the joint map, and the order of angles and rows"
+    if noise < _NOISE_OF_A_TRACKER:
+        remedy += f"; noise of {length_text(noise)} in a coordinate does the same: if so, load the arm more"
+    return view.build_finding(
+        "deflections_unexplained",
+        "joint compliances do not explain the deflections (median "
+        f"{length_text(typical_deflection)}): {100.0 * springs.unexplained:.3g} % remain unexplained",
+        remedy,
+        "use",
+    )
+
+
 def _find_mistake_of_the_set(
     view: View, rows: IndexArray, block: RegressorBlock, springs: Springs
 ) -> Finding | None:
@@ -1110,14 +1128,7 @@ def _find_mistake_of_the_set(
     if mistaken := _find_mistaken_loads(view, block, springs):
         return mistaken
     if springs.unexplained > UNEXPLAINED:
-        typical_deflection = median(np.linalg.norm(measurements.deflection, axis=2)[measurements.present])
-        return view.build_finding(
-            "deflections_unexplained",
-            "joint compliances do not explain the deflections (median "
-            f"{length_text(typical_deflection)}): {100.0 * springs.unexplained:.3g} % remain unexplained",
-            "check the frame and signs of the forces, the joint map, and the order of angles and rows",
-            "use",
-        )
+        return _build_unexplained_finding(view, measurements, springs)
     if springs.work >= 0.0:
         return None
     against_force = np.einsum("ntj,nj->n", measurements.deflection, measurements.force) < 0.0

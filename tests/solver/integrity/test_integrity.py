@@ -78,6 +78,19 @@ def test_a_robot_that_is_not_its_model_raises_no_finding(load, seed):
     assert look(measurements, sigma=None) == []
 
 
+@pytest.mark.parametrize("largest", [5e-5, 2e-3])  # largest deflection [m]
+def test_noise_is_a_cause_of_unexplained_deflections_only_if_a_tracker_has_as_much(largest):
+    """20 µm of noise hide small deflections; deflections of other rows are unexplained, too."""
+    small = largest < 1e-3
+    deflection = CAMPAIGN.deflection * largest / np.abs(CAMPAIGN.deflection).max()
+    if not small:
+        deflection = np.random.default_rng(3).permutation(deflection)
+    noise = np.random.default_rng(1).normal(0.0, 28e-6, deflection.shape)
+    findings = look(only_deflections(CAMPAIGN), deflection=deflection + noise, sigma=None)
+    remedies = [each.remedy for each in findings if each.code == "deflections_unexplained"]
+    assert ["in a coordinate does the same: if so, load the arm more" in each for each in remedies] == [small]
+
+
 def test_repetitions_tell_sigma():
     """Ten postures, each measured four times with noise of its own: 90·3 degrees of freedom."""
     exact = prepare(simulate_campaign(default_arm(), load="pull", configurations=10, sigma=0.0, seed=5))[1]
