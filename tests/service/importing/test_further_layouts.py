@@ -388,6 +388,32 @@ def test_arrays_by_columns_and_names_with_units_are_a_table():
     assert refusals(("a.npz", content)) == refusals(("a.npz", with_columns))
 
 
+def with_axes(order):
+    """Return joints (n, 6), two targets (n, 2, 3) and forces (n, 3), the axes of positions in this order."""
+    stacks = {
+        name: np.transpose(1e3 * each[:, :2], order)
+        for name, each in (("p_free", CAMPAIGN.unloaded), ("p_load", CAMPAIGN.loaded))
+    }
+    return {"q_deg": CAMPAIGN.joints, **stacks, "F": NPZ["force"]}
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(
+    ("order", "is_turned"),
+    [((0, 1, 2), False), ((2, 0, 1), True), ((1, 0, 2), True), ((2, 1, 0), True)],
+    ids=["n×2×3, forces n×3", "3×n×2, forces 3×n", "2×n×3, forces 3×n", "3×2×n, forces 3×n"],
+)
+def test_arrays_are_read_whichever_axis_is_that_of_postures(order, is_turned, tmp_path):
+    arrays = with_axes(order)
+    forces = arrays["F"].T if is_turned else arrays["F"]
+    (tmp_path / "data.npz").write_bytes(archive(**{**arrays, "F": forces}))
+    stated = {key: each for key, each in STATED.items() if key != "force"}
+    answer = js.read(tmp_path / "data.npz", robot=ARM, **stated).accept()
+    measured = answer.measurement_set.model_dump(mode="json")
+    assert judge(CAMPAIGN, measured) == []
+    assert {tuple(each["force"]) for each in measured["observations"]} == {(0.0, 0.0, -981.0)}
+
+
 class Harm:
     def __reduce__(self):
         return (print, ("harm",))
