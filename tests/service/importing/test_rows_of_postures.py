@@ -297,3 +297,18 @@ def test_the_header_of_a_lower_block_names_columns_that_the_upper_header_leaves_
     shifts, observations = shifts_of(js.read(tmp_path / "a.xlsx", robot=ARM, length_unit="mm", **stated))
     assert np.allclose(shifts["T1"], SAG, atol=2e-3)
     assert all(each.force == (0.0, 7.5, -100.0) for each in observations)
+
+
+@pytest.mark.parametrize("names", [("TB1", "TB2"), ("links", "rechts")])
+def test_two_words_beside_columns_of_both_states_are_targets(names, tmp_path):
+    states = [f"{axis} {state}" for state in ("no load", "loaded") for axis in "XYZ"]
+    rows = []
+    for number, degrees in enumerate(DEGREES):
+        for row, (name, place) in enumerate(zip(names, (FIRST[number], SECOND[number]), strict=True)):
+            inches = [f"{each / 25.4:.5f}" for each in (*place, *(place + SAG))]
+            rows.append([str(number + 1), name, *(cells(degrees) if row == 0 else [""] * 6), *inches])
+    header = ["Pt", "Ball", *(f"J{i}" for i in range(1, 7)), *states]
+    (tmp_path / "a.csv").write_bytes(write_csv([header, *rows]))
+    shifts, _ = shifts_of(js.read(tmp_path / "a.csv", robot=ARM, **STATED))
+    assert set(shifts) == set(names)
+    assert all(np.allclose(shift, SAG, atol=2e-3) for shift in shifts.values())
