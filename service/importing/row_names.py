@@ -270,7 +270,8 @@ def _find_column_of_words(table: NumberTable, options: ImportOptions, columns: S
         words = set(texts)
         if not 1 < len(words) <= _MOST_CODES or not _are_texts(list(words)):
             continue
-        are_states = all(_read_state_word(word, options.state_words) is not None for word in words)
+        are_known = all(_read_state_word(word, options.state_words) is not None for word in words)
+        are_states = are_known or read_states(words, options.state_words).keys() == words
         # Next to a load such as `100 kg`, another word means no load.
         has_load = len(words) == 2 and any(find_load(word) for word in words)
         if are_states or (has_load and len(_list_state_words(texts, options.state_words)) == 2):
