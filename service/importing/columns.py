@@ -56,7 +56,7 @@ def tabulate(arrays: Iterable[NamedArray], *, every_length: bool = False) -> lis
 
     A vector may stand as a row or as a column. Arrays with another number of rows have no columns, unless
     `every_length` is set: then all arrays have columns, stacks of points (n, T, 3) have those of T points,
-    and matrices that are wide and low are turned.
+    and the axis of postures becomes the first, such as that of (3, n, T) and of wide and low matrices.
 
     Raises:
         MemoryError: the table has too many rows; or more arrays have the same number of rows than a table may
@@ -69,14 +69,15 @@ def tabulate(arrays: Iterable[NamedArray], *, every_length: bool = False) -> lis
         values = each.values
         if values is not None and np.iscomplexobj(values) and not np.imag(values).any():
             values = np.real(values)
-        if every_length and values is not None:
-            values = _lay_out_matrix(values)
         name, unit = check_name(each.name), check_name(each.unit or "") or None
         found.append(NamedArray(name, values, unit))
-        if values is not None and (shape := _find_shape(values)) and shape[0] > 1:
-            votes[shape[0]] += shape[1]
-            if votes[shape[0]] > limits.MAX_COLUMNS:  # all votes are for arrays that can be columns
-                raise MemoryError
+        _count_columns(votes, values)
+    if every_length:
+        postures = _count_postures(found)
+        found = [each._replace(values=_lay_out_matrix(each.values, postures)) for each in found]
+        votes = Counter()
+        for each in found:
+            _count_columns(votes, each.values)
     most_voted = max(votes, key=lambda rows: (votes[rows], rows), default=0)
     counts = list(votes) if every_length else [most_voted]
     if max(counts, default=0) > limits.MAX_ROWS:
@@ -91,6 +92,20 @@ def tabulate(arrays: Iterable[NamedArray], *, every_length: bool = False) -> lis
         )
         for each in found
     ]
+
+
+def _count_columns(votes: Counter[int], array: np.ndarray | None) -> None:
+    """Add the columns of an array to the count of columns with its number of rows.
+
+    Raises:
+        MemoryError: more columns have this number of rows than a table may have.
+    """
+    shape = None if array is None else _find_shape(array)
+    if shape is None or shape[0] <= 1:
+        return
+    votes[shape[0]] += shape[1]
+    if votes[shape[0]] > limits.MAX_COLUMNS:  # all votes are for arrays that can be columns
+        raise MemoryError
 
 
 def find_cell_kind(dtype: np.dtype) -> str:
@@ -112,20 +127,44 @@ def _find_shape(array: np.ndarray) -> tuple[int, int] | None:
     return (rows, columns) if is_text or is_of_numbers else None
 
 
-def _lay_out_matrix(array: np.ndarray) -> np.ndarray:
-    """Return a stack of points (n, T, 3) or (n, 3, T) as (n, 3T), and a wide matrix of few rows turned.
+def _count_postures(arrays: Iterable[NamedArray]) -> int:
+    """Return the length that most matrices and stacks have as their longest; 0 without any.
 
-    Of three points in three coordinates, points are those whose distances hardly change, as on one flange.
-    Other arrays are returned unchanged.
+    Square matrices, such as stiffnesses, have no longest axis.
     """
-    if array.ndim == _STACKED and _COORDINATES in array.shape[1:]:
+    lengths: Counter[int] = Counter()
+    for each in arrays:
+        shape = () if each.values is None else each.values.shape
+        longest = max(shape, default=0)
+        has_axes = len(shape) in (2, _STACKED) and min(shape) > 1 and shape.count(longest) == 1
+        if has_axes and longest > _COORDINATES:
+            lengths[longest] += 1
+    return max(lengths, key=lambda length: (lengths[length], length), default=0)
+
+
+def _lay_out_matrix(array: np.ndarray | None, postures: int) -> np.ndarray | None:
+    """Return a stack of points as (n, 3T), and a wide matrix turned.
+
+    A stack is (n, T, 3) or (n, 3, T), or one of its axes has as many elements as there are postures. Of three
+    points in three coordinates, points are those whose distances hardly change, as on one flange.
+    A wide matrix has few rows, and many columns or one for each posture. Other arrays are returned unchanged.
+    """
+    if array is None:
+        return None
+    is_stack = array.ndim == _STACKED
+    if is_stack and array.shape.count(postures) == 1:
+        array = np.moveaxis(array, array.shape.index(postures), 0)
+    if is_stack and _COORDINATES in array.shape[1:]:
         turned = array.swapaxes(1, 2)
         points = array if array.shape[2] == _COORDINATES else turned
         if array.shape[1] == array.shape[2] and _measure_distances(turned) < _measure_distances(array):
             points = turned
         return points.reshape(len(points), -1)
-    is_wide = array.ndim == 2 and 1 < array.shape[0] <= _MOST_JOINTS < array.shape[1] / 2
-    return array.T if is_wide else array
+    is_low = array.ndim == 2 and 1 < array.shape[0] <= _MOST_JOINTS
+    is_wide = is_low and array.shape[0] < array.shape[1]
+    has_postures = is_wide and array.shape[1] == postures != array.shape[0]
+    has_many_columns = is_wide and array.shape[1] > 2 * _MOST_JOINTS
+    return array.T if has_postures or has_many_columns else array
 
 
 def _measure_distances(points: np.ndarray) -> float:

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from jointstiff.service.importing.differences import are_differences
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.grammar import Meaning, Quantity, Vocabulary, split_unit
 from jointstiff.service.importing.lengths import find_size, guess_unit
@@ -43,15 +44,16 @@ def add_deflections(tables: Sequence[NumberTable], words: Vocabulary) -> tuple[l
     """Return tables whose displacements were added to the positions before the load, and notes.
 
     The positions are in the same table, or in another one with as many rows. A displacement without such a
-    position is not changed.
+    position is not changed. One that is the difference of two positions, or has no number, is ignored.
 
     Raises:
         ImportFileError: displacements without a unit may be in two units.
     """
     changed, notes = list(tables), list[str]()
     if any(_list_displacements(table, words) for table in tables):
-        changed = [_name_initial(table) for table in tables]
-    for number, table in enumerate(tables):
+        named = [_name_initial(table) for table in tables]
+        changed = [_ignore_differences(table, words, notes) for table in named]
+    for number, table in enumerate(changed):
         for found in _list_displacements(table, words):
             others = [other for other in range(len(tables)) if other != number]
             for base_number in (number, *others):
@@ -82,6 +84,48 @@ def _name_initial(table: NumberTable) -> NumberTable:
         known = unit if unit in METRES else None
         meanings[column] = Meaning(Quantity("position", None, "unloaded"), axis, known)
     return replace(table, meanings=tuple(meanings))
+
+
+def _ignore_differences(table: NumberTable, words: Vocabulary, notes: list[str]) -> NumberTable:
+    """Return a table that ignores displacements that are differences of its positions, or have no number.
+
+    A note on each of these displacements is added to `notes`.
+    """
+    ignored = set[int]()
+    for found in _list_displacements(table, words):
+        headers = ", ".join(table.headers[column] for column in found.columns)
+        if not np.isfinite(table.table.numbers[:, list(found.columns)]).any():
+            ignored.update(found.columns)
+            notes.append(f"{headers} ignored, which have no numbers")
+        elif (pair := _find_difference(table, found)) is not None:
+            ignored.update(found.columns)
+            first, second = (", ".join(table.headers[column] for column in columns) for columns in pair)
+            notes.append(f"{headers} ignored, the difference of {first} and {second}")
+    meanings = [None if column in ignored else each for column, each in enumerate(table.meanings)]
+    return replace(table, meanings=tuple(meanings), ignored=table.ignored | ignored)
+
+
+def _find_difference(table: NumberTable, found: Displacement) -> tuple[Sequence[int], Sequence[int]] | None:
+    """Return the columns of two positions whose difference a displacement is; None without such positions."""
+    columns_of: dict[Quantity, dict[int, int]] = {}
+    for column, meaning in enumerate(table.meanings):
+        is_position = meaning is not None and meaning.kind == "position" and column not in table.ignored
+        if meaning is not None and is_position and meaning.axis is not None:
+            columns_of.setdefault(meaning.quantity, {})[meaning.axis] = column
+    positions = {
+        quantity: [columns[0], columns[1], columns[2]]
+        for quantity, columns in columns_of.items()
+        if len(columns) == 3 and quantity.state != "deflection"
+    }
+    bases = [each for each in positions if found.target in (None, each.target)]
+    numbers = table.table.numbers
+    shifts = numbers[:, list(found.columns)]
+    for base in bases:
+        for other, columns in positions.items():
+            first = numbers[:, positions[base]]
+            if other != base and are_differences(first, numbers[:, columns], shifts):
+                return positions[base], columns
+    return None
 
 
 def _add_found(

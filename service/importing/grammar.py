@@ -311,7 +311,7 @@ def read_states(words: Iterable[str], extra: Mapping[str, State]) -> dict[str, S
     """
     given = list(words)
     known = {word: state for word in given if (state := find_state(word, extra)) is not None}
-    states = _find_opposites(given) | known
+    states = find_opposites(given) | known
     stated = {fold_word(word) for word in extra}
     loaded = {fold_word(word) for word, state in states.items() if state == "loaded"}
     after = (loaded & _AFTER) - stated
@@ -320,7 +320,7 @@ def read_states(words: Iterable[str], extra: Mapping[str, State]) -> dict[str, S
     return {word: "unloaded_after" if fold_word(word) in after else state for word, state in states.items()}
 
 
-def _find_opposites(words: Sequence[str]) -> dict[str, State]:
+def find_opposites(words: Collection[str]) -> dict[str, State]:
     """Return word → state of words for `without` and `with` in one language, if both are among some words."""
     states = dict[str, State]()
     for word in words:

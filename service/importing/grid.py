@@ -20,7 +20,7 @@ from jointstiff.service.importing.encoding import decode
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import lacks_number
 from jointstiff.service.importing.joint_positions import JointPosition, read_joint_positions
-from jointstiff.service.importing.joint_states import read_joint_states
+from jointstiff.service.importing.joint_states import read_joint_states, read_rows_of_joint_states
 from jointstiff.service.importing.key_values import KeyedRecords, read_key_values
 from jointstiff.service.importing.listed_rows import read_listed_rows
 from jointstiff.service.importing.point_reports import PointReport, read_point_report
@@ -299,7 +299,7 @@ def read_text(
     text, encoding = decode(file, content)
     if positions := read_joint_positions(text):
         return _build_grid_of_positions(file, encoding, positions)
-    if states := read_joint_states(text):
+    if states := read_joint_states(text) or read_rows_of_joint_states(text):
         return _build_grid_of_records(file, encoding, states)
     if report := read_point_report(file, text):
         return _build_grid_of_points(file, encoding, text, report)

@@ -10,7 +10,7 @@ from itertools import pairwise
 from types import MappingProxyType
 from typing import Final, Literal, NamedTuple
 
-from jointstiff.schemas.imports import ImportOptions
+from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.service.importing import grammar, limits
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote, show_object
@@ -543,7 +543,7 @@ def _list_units(meanings: Sequence[Meaning]) -> dict[Dimension, str]:
 class _SplitName(NamedTuple):
     """Name of a target, split into the target and a word that may be its state: `P10 0` → `P10`, `0`."""
 
-    target: str
+    target: str | None  # None if the name is the word alone
     word: str
 
 
@@ -728,8 +728,9 @@ class ColumnReader:
     def _recognise_states(self, meanings: list[Meaning]) -> list[Meaning]:
         """Return the meanings with states that the names of targets contain, as in `P10 0 x` and `P10 1 x`.
 
-        Each name must occur with the same two words. The words 0 and 1 mean `unloaded` and `loaded`. Two
-        other words are reported as a fault, whose remedy is the option `state_words`.
+        Each name must occur with the same two words. The words 0 and 1 mean `unloaded` and `loaded`, as do
+        words for `without` and `with` in one language, such as `sem` and `com`, which need no name. Two other
+        words are reported as a fault, whose remedy is the option `state_words`.
         """
         points = {
             column: meaning.quantity for column, meaning in enumerate(meanings) if meaning.kind in POINTS
@@ -737,13 +738,20 @@ class ColumnReader:
         if any(quantity.target is None or quantity.state for quantity in points.values()):
             return meanings
         names = {quantity.target or "" for quantity in points.values()}
+        states = grammar.find_opposites(names)
+        if len(names) == 2 and states.keys() == names:
+            unnamed = {name: _SplitName(None, name) for name in names}
+            return self._apply_states(meanings, points, unnamed, states)
         for pattern in _TARGET_WITH_WORD:
             split_names = _split_into_two_states(names, pattern)
             if split_names is None:
                 continue
             words = {each.word for each in split_names.values()}
             if words == grammar.STATE_OF_DIGIT.keys():
-                return self._apply_digit_states(meanings, points, split_names)
+                return self._apply_states(meanings, points, split_names, grammar.STATE_OF_DIGIT)
+            states = grammar.find_opposites(words)
+            if states.keys() == words:
+                return self._apply_states(meanings, points, split_names, states)
             if not all(word.isdigit() for word in words):
                 self._report_unknown_states(words, meanings, min(points))
                 return meanings
@@ -763,24 +771,27 @@ class ColumnReader:
             (first, second),
         )
 
-    def _apply_digit_states(
+    def _apply_states(
         self,
         meanings: list[Meaning],
         points: Mapping[int, Quantity],
         split_names: Mapping[str, _SplitName],
+        states: Mapping[str, State],
     ) -> list[Meaning]:
-        """Return the meanings in which 0 and 1 in names of targets are states; add a note on that.
+        """Return the meanings in which words in names of targets are states; add a note on that.
 
         Args:
             meanings: meanings of all columns.
-            points: index of a column of positions → its quantity, whose target ends or begins with 0 or 1.
-            split_names: name of such a target → its name without the digit, and the digit.
+            points: index of a column of positions → its quantity, whose target ends or begins with a word.
+            split_names: name of such a target → its name without the word, and the word.
+            states: word → its state, `unloaded` or `loaded`.
         """
-        self._notes.append("0 and 1 in headers were read as `unloaded` and `loaded`")
+        loaded, unloaded = sorted(states, key=lambda word: states[word])
+        self._notes.append(f"{unloaded} and {loaded} in headers were read as `unloaded` and `loaded`")
         changed = list(meanings)
         for column, quantity in points.items():
-            target, digit = split_names[quantity.target or ""]
-            with_state = Quantity(quantity.kind, target, grammar.STATE_OF_DIGIT[digit])
+            target, word = split_names[quantity.target or ""]
+            with_state = Quantity(quantity.kind, target, states[word])
             changed[column] = replace(meanings[column], quantity=with_state, guessed=True)
         return changed
 

@@ -1,9 +1,9 @@
-"""Messages of ROS with the states of joints, as `ros2 topic echo` writes them, read as a table."""
+"""Messages of ROS with the states of joints, as `topic echo` or a table writes them, read as a table."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -18,6 +18,9 @@ _END: Final = re.compile(r"^---[ \t]*(?:\r\n|\n|\r|\Z)", re.MULTILINE)
 """Line between two messages."""
 _FIELD_OF_MESSAGE: Final = 1
 """Depth of the fields of a message."""
+_ELEMENT: Final = re.compile(r"(.{0,80}?)(name|position)([\[_.]?\d{1,2}\]?)")
+"""Header of an element of the lists of names or positions, such as `field.name0` or `msg.position[0]`."""
+_DELIMITERS: Final = ",;\t"
 
 
 @dataclass
@@ -48,6 +51,50 @@ def read_joint_states(text: str) -> KeyedRecords | None:
     rows = tuple((each.line, tuple(each.lists.get("position", ()))) for each in messages)
     are_complete = bool(headers) and all(len(numbers) == len(headers) for _, numbers in rows)
     return KeyedRecords(headers, rows, ()) if are_complete else None
+
+
+def read_rows_of_joint_states(text: str) -> KeyedRecords | None:
+    """Return the table of messages in rows, with the names in its cells as headers; None of other texts.
+
+    Columns are elements of lists, such as `field.name0` and `field.position0` of `rostopic echo -p`.
+    The columns of names are left out: each name is the header of its position.
+    """
+    if "position" not in text or len(text) > _MAX_LENGTH or '"' in text:
+        return None
+    numbered = enumerate(re.split(r"\r\n|\n|\r", text), 1)
+    (_, first), *others = [(number, line) for number, line in numbered if line.strip()]
+    delimiter = max(_DELIMITERS, key=first.count)
+    headers = [header.strip() for header in first.lstrip("%# ").split(delimiter)]
+    rows = [(number, [cell.strip() for cell in line.split(delimiter)]) for number, line in others]
+    are_complete = all(len(cells) == len(headers) for _, cells in rows)
+    if len(rows) < _LEAST_MESSAGES or not are_complete:
+        return None
+    column_of_position = _pair_names(headers)
+    names = {column: {cells[column] for _, cells in rows} for column in column_of_position}
+    if not names or any(len(own) != 1 for own in names.values()):
+        return None
+    for column, own in names.items():
+        headers[column_of_position[column]] = own.pop()
+    kept = [column for column in range(len(headers)) if column not in names]
+    texts = tuple((line, tuple(cells[column] for column in kept)) for line, cells in rows)
+    return KeyedRecords(tuple(headers[column] for column in kept), texts, ())
+
+
+def _pair_names(headers: Sequence[str]) -> dict[int, int]:
+    """Return column of a name → column of its position; none if an element has only one of the two."""
+    column_of_element = dict[tuple[str, str, str], int]()
+    for column, header in enumerate(headers):
+        if (found := _ELEMENT.fullmatch(header)) is not None:
+            column_of_element[found[1], found[2], found[3]] = column
+    pairs = dict[int, int]()
+    for (path, kind, element), column in column_of_element.items():
+        pair = column_of_element.get((path, "position", element))
+        if pair is None:
+            return {}
+        if kind == "name":
+            pairs[column] = pair
+    has_all = 2 * len(pairs) == len(column_of_element)
+    return pairs if has_all else {}
 
 
 class _AliasError(Exception):

@@ -35,6 +35,7 @@ from jointstiff.service.importing.axis_rows import join_axis_rows
 from jointstiff.service.importing.blocks import read_blocks
 from jointstiff.service.importing.cell_units import separate_units
 from jointstiff.service.importing.certificates import read_certificate
+from jointstiff.service.importing.differences import omit_differences
 from jointstiff.service.importing.encoding import decode, describe_encoding
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.excel import read_workbook, split_sheets
@@ -369,6 +370,8 @@ class _Reader:
 
         If there are faults, the result has only the faults and the previews of the files.
         """
+        observations, notes = omit_differences(observations)
+        self._notes += notes
         skipped = list[str]()
         if self._options.allow_missing:
             observations, skipped = _skip_incomplete_observations(observations)

@@ -95,14 +95,14 @@ def _add_targets(table: NumberTable, names: list[RowName]) -> list[RowName]:
     """Return names with the targets in the one column that distinguishes rows of a posture in one state.
 
     The column has few texts, which all postures have. Rows that lie together are repeats of a reading, and
-    keep their names, as do those of several such columns.
+    keep their names, as do those of several such columns. Rows with positions in two states are in no state.
     """
     rows_of_name: dict[RowName, list[int]] = {}
     for row, name in enumerate(names):
         rows_of_name.setdefault(name, []).append(row)
     groups = list(rows_of_name.values())
     have_labels = all(name.label is not None and name.target is None for name in names)
-    have_states = all(name.state is not None for name in names)
+    have_states = all(name.state is not None for name in names) or _has_columns_of_states(table)
     least = LEAST_BETWEEN_TARGETS if have_states else _LARGEST_DEFLECTION
     if not have_labels or has_repeats(table) or not are_far_apart(table, groups, least):
         return names
@@ -111,6 +111,12 @@ def _add_targets(table: NumberTable, names: list[RowName]) -> list[RowName]:
         return names
     texts = _list_texts(table, columns[0])
     return [name._replace(target=text) for name, text in zip(names, texts, strict=True)]
+
+
+def _has_columns_of_states(table: NumberTable) -> bool:
+    """Return whether headers name positions without load, and positions under load."""
+    positions = (each.quantity for each in table.meanings if each is not None and each.kind == "position")
+    return {"unloaded", "loaded"} <= {position.state for position in positions}
 
 
 def are_far_apart(table: NumberTable, groups: Sequence[Sequence[int]], least: float) -> bool:
@@ -264,7 +270,8 @@ def _find_column_of_words(table: NumberTable, options: ImportOptions, columns: S
         words = set(texts)
         if not 1 < len(words) <= _MOST_CODES or not _are_texts(list(words)):
             continue
-        are_states = all(_read_state_word(word, options.state_words) is not None for word in words)
+        are_known = all(_read_state_word(word, options.state_words) is not None for word in words)
+        are_states = are_known or read_states(words, options.state_words).keys() == words
         # Next to a load such as `100 kg`, another word means no load.
         has_load = len(words) == 2 and any(find_load(word) for word in words)
         if are_states or (has_load and len(_list_state_words(texts, options.state_words)) == 2):

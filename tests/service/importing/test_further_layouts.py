@@ -13,6 +13,7 @@ from support.strange_files import both, digits, joints, judge, places, points, s
 import jointstiff as js
 from jointstiff.schemas.imports import ImportOptions
 from jointstiff.service.importing.grammar import Vocabulary
+from jointstiff.service.importing.joint_states import read_rows_of_joint_states
 
 ARM = "KUKA KR 210 R2700 extra"
 UR = "Universal Robots UR10e"
@@ -354,6 +355,37 @@ def test_a_table_of_ros_is_read_with_its_joints_by_the_alphabet(tmp_path):
     assert_read({"joints.csv": table(header, rows, ","), "tracker.csv": tracker}, tmp_path, UR_CAMPAIGN)
 
 
+def write_rows_of_messages(name, position):
+    """Return rows of `rostopic echo -p` with columns of names and positions, the joints by the alphabet."""
+    headers = ["%time", "field.header.seq", *map(name, range(6)), *map(position, range(6))]
+    angles = np.radians(UR_CAMPAIGN.joints)[:, ORDER]
+    rows = [[10**18 + n, 7 * n, *ALPHABET, *digits(q, 7)] for n, q in enumerate(angles)]
+    return table(headers, rows, ",")
+
+
+@pytest.mark.parametrize(
+    ("name", "position"),
+    [
+        ("field.name{}".format, "field.position{}".format),
+        ("name_{}".format, "position_{}".format),
+        ("/joint_states/name[{}]".format, "/joint_states/position[{}]".format),
+    ],
+    ids=["rostopic echo -p", "bagpy", "PlotJuggler"],
+)
+def test_names_in_cells_say_the_joint_of_each_position(name, position, tmp_path):
+    tracker = table(["x0", "y0", "z0", "x1", "y1", "z1"], [digits(p) for p in np.hstack(both(UR_CAMPAIGN))])
+    files = {"states.csv": write_rows_of_messages(name, position), "tracker.csv": tracker}
+    assert_read(files, tmp_path, UR_CAMPAIGN)
+
+
+def test_names_that_change_between_messages_name_no_position():
+    text = write_rows_of_messages("field.name{}".format, "field.position{}".format)
+    assert read_rows_of_joint_states(text).headers[2:] == tuple(ALPHABET)
+    first, second = ALPHABET[:2]
+    swapped = text[::-1].replace(f"{first},{second}"[::-1], f"{second},{first}"[::-1], 1)[::-1]
+    assert read_rows_of_joint_states(swapped) is None
+
+
 # ---- archives of NumPy
 
 
@@ -386,6 +418,32 @@ def test_arrays_by_columns_and_names_with_units_are_a_table():
     content = archive(**{name: np.asfortranarray(each) for name, each in names.items()})
     with_columns = archive(**names)
     assert refusals(("a.npz", content)) == refusals(("a.npz", with_columns))
+
+
+def with_axes(order):
+    """Return joints (n, 6), two targets (n, 2, 3) and forces (n, 3), the axes of positions in this order."""
+    stacks = {
+        name: np.transpose(1e3 * each[:, :2], order)
+        for name, each in (("p_free", CAMPAIGN.unloaded), ("p_load", CAMPAIGN.loaded))
+    }
+    return {"q_deg": CAMPAIGN.joints, **stacks, "F": NPZ["force"]}
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(
+    ("order", "is_turned"),
+    [((0, 1, 2), False), ((2, 0, 1), True), ((1, 0, 2), True), ((2, 1, 0), True)],
+    ids=["n×2×3, forces n×3", "3×n×2, forces 3×n", "2×n×3, forces 3×n", "3×2×n, forces 3×n"],
+)
+def test_arrays_are_read_whichever_axis_is_that_of_postures(order, is_turned, tmp_path):
+    arrays = with_axes(order)
+    forces = arrays["F"].T if is_turned else arrays["F"]
+    (tmp_path / "data.npz").write_bytes(archive(**{**arrays, "F": forces}))
+    stated = {key: each for key, each in STATED.items() if key != "force"}
+    answer = js.read(tmp_path / "data.npz", robot=ARM, **stated).accept()
+    measured = answer.measurement_set.model_dump(mode="json")
+    assert judge(CAMPAIGN, measured) == []
+    assert {tuple(each["force"]) for each in measured["observations"]} == {(0.0, 0.0, -981.0)}
 
 
 class Harm:

@@ -6,7 +6,7 @@ import numpy as np
 import openpyxl
 import pytest
 from support.catalogue_arms import build_nominal_robots, readings_on
-from support.importing_samples import refusals
+from support.importing_samples import answered, numbers_of, refusals
 
 import jointstiff as js
 from jointstiff.service.importing.grammar import Meaning, Quantity
@@ -26,6 +26,10 @@ BLANK = [""] * 7
 
 def cells(numbers, digits=3):
     return [f"{float(number):.{digits}f}" for number in numbers]
+
+
+def rounded(numbers):
+    return tuple(float(cell) for cell in cells(numbers))
 
 
 def names_of(number):
@@ -273,6 +277,52 @@ def test_words_for_without_and_with_of_one_language_are_states(without, under, t
     assert "unloaded [mm] and" in str(proposal)
 
 
+OPPOSITES = [
+    ("sem", "com"),
+    ("sin", "con"),
+    ("senza", "con"),
+    ("ohne", "mit"),
+    ("sans", "avec"),
+    ("utan", "med"),
+]
+
+
+@pytest.mark.parametrize(("without", "under"), OPPOSITES)
+@pytest.mark.parametrize("form", ["{axis}_SMR1_{word} [mm]", "SMR1_{word}_{axis} [mm]", "{axis} {word} [mm]"])
+def test_words_for_without_and_with_at_names_of_targets_are_states(form, without, under):
+    header = ["label", *(f"J{i} [deg]" for i in range(1, 7))]
+    header += [form.format(axis=axis, word=word) for word in (without, under) for axis in "xyz"]
+    rows = [
+        [f"c{number}", *cells(degrees), *cells(place), *cells(place + SAG)]
+        for number, (degrees, place) in enumerate(zip(DEGREES, FIRST, strict=True))
+    ]
+    answer = answered(("a.csv", write_csv([header, *rows])), force=(0, 0, -100), units={"force": "N"})
+    assert answer.states == ["unloaded", "loaded"]
+    assert answer.targets == ["SMR1" if "SMR1" in form else "a"]
+    assert numbers_of(answer)[0][-1] == {answer.targets[0]: (rounded(FIRST[0]), rounded(FIRST[0] + SAG))}
+
+
+@pytest.mark.parametrize("words", [("sem", "con"), ("sin", "com"), ("com", "con")])
+def test_words_of_two_languages_are_asked(words):
+    names = [f"{name}_{word}" for name in ("A", "B") for word in words]
+    header = ["label", *(f"{axis}_{name} [mm]" for name in names for axis in "xyz")]
+    said = refusals(("a.csv", write_csv([header, ["c1", *"123456123456"]])))
+    assert any("may be states, but their meaning is unknown" in each for each in said)
+
+
+@pytest.mark.parametrize(("without", "under"), OPPOSITES)
+def test_two_values_of_a_column_for_without_and_with_are_states(without, under, tmp_path):
+    rows = [
+        [str(number), *cells(degrees), word, *cells(place + sag)]
+        for number, (degrees, place) in enumerate(zip(DEGREES, FIRST, strict=True), 1)
+        for word, sag in ((under, SAG), (without, 0.0))
+    ]
+    header = ["Nr", *(f"J{i}" for i in range(1, 7)), "xyzzy", "X", "Y", "Z"]
+    (tmp_path / "a.csv").write_bytes(write_csv([header, *rows]))
+    shifts, _ = shifts_of(js.read(tmp_path / "a.csv", robot=ARM, length_unit="mm", **STATED))
+    assert np.allclose(shifts["T1"], SAG, atol=2e-3)
+
+
 def test_a_size_of_a_force_is_offered_as_the_force(tmp_path):
     header = [*(f"J{i} [deg]" for i in range(1, 7)), *(f"{axis} bez [mm]" for axis in "XYZ")]
     header += [*(f"{axis} z [mm]" for axis in "XYZ"), "Síla č. 2 [N]"]
@@ -297,3 +347,18 @@ def test_the_header_of_a_lower_block_names_columns_that_the_upper_header_leaves_
     shifts, observations = shifts_of(js.read(tmp_path / "a.xlsx", robot=ARM, length_unit="mm", **stated))
     assert np.allclose(shifts["T1"], SAG, atol=2e-3)
     assert all(each.force == (0.0, 7.5, -100.0) for each in observations)
+
+
+@pytest.mark.parametrize("names", [("TB1", "TB2"), ("links", "rechts")])
+def test_two_words_beside_columns_of_both_states_are_targets(names, tmp_path):
+    states = [f"{axis} {state}" for state in ("no load", "loaded") for axis in "XYZ"]
+    rows = []
+    for number, degrees in enumerate(DEGREES):
+        for row, (name, place) in enumerate(zip(names, (FIRST[number], SECOND[number]), strict=True)):
+            inches = [f"{each / 25.4:.5f}" for each in (*place, *(place + SAG))]
+            rows.append([str(number + 1), name, *(cells(degrees) if row == 0 else [""] * 6), *inches])
+    header = ["Pt", "Ball", *(f"J{i}" for i in range(1, 7)), *states]
+    (tmp_path / "a.csv").write_bytes(write_csv([header, *rows]))
+    shifts, _ = shifts_of(js.read(tmp_path / "a.csv", robot=ARM, **STATED))
+    assert set(shifts) == set(names)
+    assert all(np.allclose(shift, SAG, atol=2e-3) for shift in shifts.values())
