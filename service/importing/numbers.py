@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import PurePath
 from typing import Final
 
@@ -23,6 +24,7 @@ from jointstiff.service.importing.grammar import (
     Quantity,
     Vocabulary,
     find_force_at_end,
+    find_opposites,
     find_unit_of_size,
     is_planned,
     is_statistic,
@@ -332,11 +334,23 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     planned = {column for column, header in enumerate(headers) if is_planned(header)} - stated
     others = _find_other_columns(meanings) | ignored | planned
     points = _list_stated_points(meanings, stated)
-    measured = frozenset(
-        column for column, meaning in enumerate(meanings) if meaning and meaning.quantity.state
-    )
+    measured = frozenset(_list_measured_columns(meanings))
     table = Table(name, numbers, known_joints, others, points, measured)
     return NumberTable(grid, headers, meanings, rows, mark, table, stated, ignored)
+
+
+def _list_measured_columns(meanings: Sequence[Meaning | None]) -> Iterator[int]:
+    """Yield the columns of positions whose names tell a state, such as `T1 sem x` beside `T1 com x`."""
+    quantities = {column: meaning.quantity for column, meaning in enumerate(meanings) if meaning is not None}
+    words_of_column = {
+        column: (quantity.target or "").replace("_", " ").split()
+        for column, quantity in quantities.items()
+        if quantity.kind == "position"
+    }
+    states = find_opposites(set(chain.from_iterable(words_of_column.values())))
+    for column, words in words_of_column.items():
+        if quantities[column].state is not None or not states.keys().isdisjoint(words):
+            yield column
 
 
 def _shows_decimal_commas(rows: Sequence[Row], columns: Sequence[int], joints: Sequence[int]) -> bool:
