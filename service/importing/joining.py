@@ -112,14 +112,16 @@ def _has_clear_repeats(named: _NamedTable) -> bool:
 def _spell_as(named: _NamedTable, labels: Sequence[str]) -> _NamedTable:
     """Return a table with its labels spelt as in the table of joints, if only leading zeros differ.
 
-    If no label is in both tables, labels with the same number are the same: `P07` and `pose 7`. Labels stay
-    as they are if two of a table differ by leading zeros, or words, only.
+    If no label is in both tables, labels with the same number are the same, if most are: `P07` and `pose 7`,
+    but not `7` and `p70`. Labels stay as they are if two of a table differ by leading zeros, or words, only.
     """
     if set(named.labels) <= set(labels):
         return named
     by_zeros = _list_spellings(named, labels, omit_zeros)
     has_common = any(omit_zeros(label) in set(map(omit_zeros, labels)) for label in named.labels)
-    spellings = by_zeros if has_common else _list_spellings(named, labels, _find_number)
+    by_numbers = _list_spellings(named, labels, _find_number)
+    are_most = 2 * len(by_numbers) > min(len(labels), len(named.labels))
+    spellings = by_numbers if are_most and not has_common else by_zeros
     names = tuple(
         name if name.label is None else name._replace(label=spellings.get(name.label, name.label))
         for name in named.names

@@ -516,7 +516,8 @@ def _find_label_part(
     if known_labels:
         spelt = {omit_zeros(label) for label in known_labels}
         known = [number for number in others if set(map(omit_zeros, columns[number])) <= spelt]
-        return max(known, key=lambda number: len(set(columns[number])), default=None)
+        if known:
+            return max(known, key=lambda number: len(set(columns[number])))
     counts = sorted((len(set(columns[number])), number) for number in others)
     most, number = counts[-1]
     is_clear = len(counts) == 1 or most > counts[-2][0]
