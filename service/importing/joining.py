@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,8 +20,10 @@ from jointstiff.service.importing.row_names import (
     LEAST_BETWEEN_TARGETS,
     are_far_apart,
     find_different_words,
+    find_number,
     find_unknown_states,
     has_repeats,
+    list_words_behind,
     name_rows,
     omit_zeros,
 )
@@ -83,6 +84,8 @@ def join_tables(tables: Sequence[NumberTable], options: ImportOptions) -> Joined
     named = [_spell_as(each, labels) for each in named]
     joined = [each for each in named if _shares_labels(each, labels)]
     kept = _choose_labels(joined, labels)
+    for each in named:
+        _refuse_states_left_out(each, kept if each in joined else labels)
     arranged = []
     for each in named:
         own_labels = kept if each in joined else each.labels
@@ -119,7 +122,7 @@ def _spell_as(named: _NamedTable, labels: Sequence[str]) -> _NamedTable:
         return named
     by_zeros = _list_spellings(named, labels, omit_zeros)
     has_common = any(omit_zeros(label) in set(map(omit_zeros, labels)) for label in named.labels)
-    by_numbers = _list_spellings(named, labels, _find_number)
+    by_numbers = _list_spellings(named, labels, find_number)
     are_most = 2 * len(by_numbers) > min(len(labels), len(named.labels))
     spellings = by_numbers if are_most and not has_common else by_zeros
     names = tuple(
@@ -138,12 +141,6 @@ def _list_spellings(named: _NamedTable, labels: Sequence[str], fold: Callable[[s
     own = {fold(label): label for label in named.labels}
     is_clear = len(spelling) == len(labels) and len(own) == len(named.labels)
     return {own[key]: spelling[key] for key in own.keys() & spelling.keys()} if is_clear else {}
-
-
-def _find_number(label: str) -> str:
-    """Return the only number of a label, without leading zeros; the label without one, or with several."""
-    numbers = re.findall(r"\d+", label)
-    return str(int(numbers[0])) if len(numbers) == 1 else label
 
 
 def _choose_first(tables: Sequence[NumberTable], options: ImportOptions) -> NumberTable | None:
@@ -178,6 +175,23 @@ def _choose_labels(joined: Sequence[_NamedTable], labels: Sequence[str]) -> tupl
             if 2 * len(lacking) > len(other.labels):
                 raise _build_lacking_error(each.table, other.table, lacking)
     return kept
+
+
+def _refuse_states_left_out(named: _NamedTable, kept: Sequence[str]) -> None:
+    """Raise an `ImportFileError` if rows that are left out have names of observations and a word behind.
+
+    Such a word may be a state: positions under load are never left out without a question.
+    """
+    words = list_words_behind([label for label in named.labels if label not in set(kept)], kept)
+    if words:
+        listed = " and ".join(map(quote, words))
+        raise ImportFileError(
+            Place(named.table.grid.file),
+            f"points whose names end with {listed} would be left out: a state may have this name",
+            f"state it by `state_words`, such as {quote(words[-1])} as `loaded`; or remove these points",
+            "state_words",
+            tuple(words),
+        )
 
 
 def _build_lacking_error(table: NumberTable, other: NumberTable, lacking: Sequence[str]) -> ImportFileError:
