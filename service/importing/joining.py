@@ -99,11 +99,23 @@ def join_tables(tables: Sequence[NumberTable], options: ImportOptions) -> Joined
 
 def _name(table: NumberTable, options: ImportOptions, labels: Sequence[str] = ()) -> _NamedTable:
     """Return a table with the names of its rows."""
-    named = _NamedTable(table, _name_after_unloading(name_rows(table, options, labels)))
+    names = _omit_repeat_numbers(table, name_rows(table, options, labels))
+    named = _NamedTable(table, _name_after_unloading(names))
     is_mean_stated = options.mean_of_repeats or has_repeats(table)
     if len(named.keys) > 1 and (is_mean_stated or _has_clear_repeats(named)):
         named = _average_repeats(named)
     return _equal_joints(named, options.joint_tolerance)
+
+
+def _omit_repeat_numbers(table: NumberTable, names: Sequence[RowName]) -> Sequence[RowName]:
+    """Return names without targets that only count the repeats of a reading: `P3_loaded_2`.
+
+    The rows that such targets tell apart are nearer to each other than any two targets.
+    """
+    without = _NamedTable(table, tuple(name._replace(target=None) for name in names))
+    is_stated = table.find_column("target") is not None
+    are_repeats_only = len(set(names)) == len(names) and not is_stated and _has_clear_repeats(without)
+    return without.names if are_repeats_only else names
 
 
 def _has_clear_repeats(named: _NamedTable) -> bool:

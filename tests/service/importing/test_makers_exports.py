@@ -279,6 +279,28 @@ def test_points_with_an_unknown_word_behind_the_names_of_others_are_never_left_o
     assert "state_words" in str(refused.value)
 
 
+def repeated_points(distance):
+    """Return two numbered readings of each point, at a distance [mm] from each other."""
+    rows = [
+        f"pos{k}_{state}_{repeat};{x:.4f};{y:.4f};{z + distance * repeat:.4f}\n"
+        for k in range(COUNT)
+        for state, places in (("free", UNLOADED), ("load", LOADED))
+        for x, y, z in places[k : k + 1]
+        for repeat in (1, 2)
+    ]
+    return "Nom;X;Y;Z\n" + "".join(rows)
+
+
+@pytest.mark.parametrize(("distance", "targets"), [(0.02, ["T1"]), (1.0, ["1", "2"])])
+def test_numbers_behind_names_are_repeats_if_their_points_are_near(distance, targets, tmp_path):
+    joints = "Pos;" + ";".join(f"J{i}" for i in range(1, 7)) + "\n"
+    joints += "".join(f"pos{k};" + ";".join(f"{q:.4f}" for q in row) + "\n" for k, row in enumerate(DEGREES))
+    proposal = propose(tmp_path, joints__csv=joints, points__csv=repeated_points(distance))
+    assert ("the mean of repeated readings" in str(proposal)) == (len(targets) == 1)
+    first = proposal.accept().measurement_set.observations[0]
+    assert [reading.target for reading in first.readings] == targets
+
+
 ENTITIES = '<!DOCTYPE a [<!ENTITY b "bbbbbbbbbb"><!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;">]>'
 HOSTILE = {
     "declares a document type": val3(("j", "jointRx", DEGREES), head=ENTITIES),
