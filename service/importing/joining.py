@@ -27,10 +27,12 @@ from jointstiff.service.importing.row_names import (
     name_rows,
     omit_zeros,
 )
-from jointstiff.solver.arrays import BoolArray
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.meaning.hypotheses import find_joint_noise
 
 _LARGEST_RADIANS = 6.6
 """Largest joint in radians; larger numbers are degrees."""
+_LEAST_POSTURES = 3
 _MOST_NAMED = 3
 """Most names in a message."""
 
@@ -50,6 +52,7 @@ class _NamedTable:
     table: NumberTable
     names: tuple[RowName, ...]
     was_averaged: bool = False  # whether rows with the same names became one row
+    was_united: bool = False  # whether lines with the joints of a posture became one row
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
@@ -60,6 +63,14 @@ class _NamedTable:
     def keys(self) -> tuple[RowName, ...]:
         """Names of the rows of a posture, in order of appearance, without labels."""
         return tuple(dict.fromkeys(name._replace(label=None) for name in self.names))
+
+    @property
+    def rows_of_label(self) -> dict[str | None, list[int]]:
+        """Label → rows that have it, in order of appearance."""
+        rows: dict[str | None, list[int]] = {}
+        for row, name in enumerate(self.names):
+            rows.setdefault(name.label, []).append(row)
+        return rows
 
     @property
     def rows_of_name(self) -> dict[RowName, list[int]]:
@@ -94,6 +105,8 @@ def join_tables(tables: Sequence[NumberTable], options: ImportOptions) -> Joined
     notes = _describe(joined, kept)
     if any(each.was_averaged for each in named):
         notes.append("the mean of repeated readings")
+    if any(each.was_united for each in named):
+        notes.append("the mean of the joints of a posture in several lines")
     return JoinedTables(tuple(arranged), tuple(notes))
 
 
@@ -104,7 +117,42 @@ def _name(table: NumberTable, options: ImportOptions, labels: Sequence[str] = ()
     is_mean_stated = options.mean_of_repeats or has_repeats(table)
     if len(named.keys) > 1 and (is_mean_stated or _has_clear_repeats(named)):
         named = _average_repeats(named)
-    return _equal_joints(named, options.joint_tolerance)
+    return _unite_joints(_equal_joints(named, options.joint_tolerance), options.joint_tolerance)
+
+
+def _unite_joints(named: _NamedTable, tolerance: float) -> _NamedTable:
+    """Return a table of joints without positions with one row a posture, if several lines have its joints.
+
+    A controller logs several lines a stop, without and under load. Joints are the mean, and the other numbers
+    those under load. Joints that differ by more than noise, or by `tolerance` [deg], stay several rows.
+    """
+    table, joints = named.table, list(named.table.table.joints)
+    rows_of_label = named.rows_of_label
+    is_possible = joints and len(named.labels) >= _LEAST_POSTURES and None not in rows_of_label
+    has_positions = len(find_units_of_coordinates(table)) >= len("xyz")
+    if not is_possible or has_positions or min(map(len, rows_of_label.values())) < 2:
+        return named
+    numbers = table.table.numbers
+    limit = max(_convert_tolerance(tolerance, numbers[:, joints]), find_joint_noise(numbers[:, joints]))
+    chosen, means = list[int](), list[FloatArray]()
+    for rows in rows_of_label.values():
+        if not np.ptp(numbers[rows][:, joints], axis=0).max() <= limit:
+            return named
+        chosen.append(next((row for row in rows if named.names[row].state == "loaded"), rows[0]))
+        means.append(numbers[rows][:, joints].mean(axis=0))
+    first_rows = replace(
+        table,
+        rows=tuple(table.rows[row] for row in chosen),
+        table=replace(table.table, numbers=numbers[chosen]),
+    )
+    united = first_rows.replace_numbers(dict(zip(joints, np.array(means).T, strict=True)))
+    return _NamedTable(united, tuple(RowName(label) for label in rows_of_label), was_united=True)
+
+
+def _convert_tolerance(tolerance: float, joints: FloatArray) -> float:
+    """Return a difference [deg] in the unit of joints (N, n)."""
+    is_in_degrees = np.nanmax(np.abs(joints)) > _LARGEST_RADIANS
+    return tolerance if is_in_degrees else float(np.radians(tolerance))
 
 
 def _omit_repeat_numbers(table: NumberTable, names: Sequence[RowName]) -> Sequence[RowName]:
@@ -366,8 +414,7 @@ def _equal_joints(named: _NamedTable, tolerance: float) -> _NamedTable:
     if not joints or len(rows_of_label) in (0, len(named.names)):
         return named
     numbers = table.table.numbers[:, joints].copy()
-    is_in_degrees = np.nanmax(np.abs(numbers)) > _LARGEST_RADIANS
-    limit = tolerance if is_in_degrees else np.radians(tolerance)
+    limit = _convert_tolerance(tolerance, numbers)
     for rows in rows_of_label.values():
         first = next((row for row in rows if named.names[row].state == "unloaded"), rows[0])
         if np.abs(numbers[rows] - numbers[first]).max() <= limit:

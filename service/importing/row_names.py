@@ -177,7 +177,7 @@ def _find_label_column(table: NumberTable, known_labels: Collection[str] = ()) -
     """
     named = table.find_column("name")
     of_known = _find_column_of_labels(table, known_labels)
-    if of_known is not None and named is not None and _has_more_texts(table, of_known, named):
+    if of_known is not None and (named is None or _has_more_texts(table, of_known, named)):
         return of_known
     if named is not None and len(set(_list_texts(table, named))) >= _LEAST_LABELS:
         return named
@@ -202,7 +202,9 @@ def _find_column_of_labels(table: NumberTable, labels: Collection[str]) -> int |
         return None
     for column in range(len(table.headers)):
         own = set(map(omit_zeros, _list_texts(table, column)))
-        if column not in table.ignored and own <= known and 2 * len(own) > len(known):
+        meaning = table.meanings[column]
+        is_free = column not in table.ignored and (meaning is None or meaning.kind in _NAMING_KINDS)
+        if is_free and own <= known and 2 * len(own) > len(known):
             return column
     return None
 
@@ -424,7 +426,7 @@ def _list_loads(table: NumberTable) -> list[RowName] | None:
 
 
 def _are_states(different: Collection[str], words: Mapping[str, State]) -> bool:
-    """Return whether all words are states or loads; forces are, beside a word for no load."""
+    """Return whether all words are states or loads; forces only are where another word means no load."""
     read = [_read_state_word(word, words) for word in different]
     known = [each for each in read if each is not None]
     has_forces = any(each.force for each in known)
