@@ -356,11 +356,18 @@ def _describe_comments(comments: Sequence[Remark], delimiter: Delimiter | None, 
 
 
 def _build_grid_of_positions(file: str, encoding: str, positions: Sequence[JointPosition]) -> Grid:
-    """Return the joint positions of a robot program as a table with a header."""
+    """Return the joint positions of a robot program as a table with a header.
+
+    The names of the positions are labels if each has a name of its own.
+    """
     note = f"{len(positions)} joint positions of a robot program were read, in degrees and in their order"
     preview = FilePreview(file=file, format="text", encoding=encoding, assumptions=[note])
-    header = Row(1, tuple(f"J{number + 1} [deg]" for number in range(len(positions[0].angles))))
-    return Grid(preview, (header, *(Row(each.line, each.angles) for each in positions)))
+    header = tuple(f"J{number + 1} [deg]" for number in range(len(positions[0].angles)))
+    names = {each.name for each in positions if each.name}
+    if len(names) < len(positions):
+        return Grid(preview, (Row(1, header), *(Row(each.line, each.angles) for each in positions)))
+    rows = (Row(each.line, (each.name, *each.angles)) for each in positions)
+    return Grid(preview, (Row(1, ("label", *header)), *rows))
 
 
 def _build_grid_of_points(file: str, encoding: str, text: str, report: PointReport) -> Grid:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,15 +20,19 @@ from jointstiff.service.importing.row_names import (
     LEAST_BETWEEN_TARGETS,
     are_far_apart,
     find_different_words,
+    find_number,
     find_unknown_states,
     has_repeats,
+    list_words_behind,
     name_rows,
     omit_zeros,
 )
-from jointstiff.solver.arrays import BoolArray
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.meaning.hypotheses import find_joint_noise
 
 _LARGEST_RADIANS = 6.6
 """Largest joint in radians; larger numbers are degrees."""
+_LEAST_POSTURES = 3
 _MOST_NAMED = 3
 """Most names in a message."""
 
@@ -49,6 +52,7 @@ class _NamedTable:
     table: NumberTable
     names: tuple[RowName, ...]
     was_averaged: bool = False  # whether rows with the same names became one row
+    was_united: bool = False  # whether lines with the joints of a posture became one row
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
@@ -59,6 +63,14 @@ class _NamedTable:
     def keys(self) -> tuple[RowName, ...]:
         """Names of the rows of a posture, in order of appearance, without labels."""
         return tuple(dict.fromkeys(name._replace(label=None) for name in self.names))
+
+    @property
+    def rows_of_label(self) -> dict[str | None, list[int]]:
+        """Label → rows that have it, in order of appearance."""
+        rows: dict[str | None, list[int]] = {}
+        for row, name in enumerate(self.names):
+            rows.setdefault(name.label, []).append(row)
+        return rows
 
     @property
     def rows_of_name(self) -> dict[RowName, list[int]]:
@@ -83,6 +95,8 @@ def join_tables(tables: Sequence[NumberTable], options: ImportOptions) -> Joined
     named = [_spell_as(each, labels) for each in named]
     joined = [each for each in named if _shares_labels(each, labels)]
     kept = _choose_labels(joined, labels)
+    for each in named:
+        _refuse_states_left_out(each, kept if each in joined else labels)
     arranged = []
     for each in named:
         own_labels = kept if each in joined else each.labels
@@ -91,16 +105,65 @@ def join_tables(tables: Sequence[NumberTable], options: ImportOptions) -> Joined
     notes = _describe(joined, kept)
     if any(each.was_averaged for each in named):
         notes.append("the mean of repeated readings")
+    if any(each.was_united for each in named):
+        notes.append("the mean of the joints of a posture in several lines")
     return JoinedTables(tuple(arranged), tuple(notes))
 
 
 def _name(table: NumberTable, options: ImportOptions, labels: Sequence[str] = ()) -> _NamedTable:
     """Return a table with the names of its rows."""
-    named = _NamedTable(table, _name_after_unloading(name_rows(table, options, labels)))
+    names = _omit_repeat_numbers(table, name_rows(table, options, labels))
+    named = _NamedTable(table, _name_after_unloading(names))
     is_mean_stated = options.mean_of_repeats or has_repeats(table)
     if len(named.keys) > 1 and (is_mean_stated or _has_clear_repeats(named)):
         named = _average_repeats(named)
-    return _equal_joints(named, options.joint_tolerance)
+    return _unite_joints(_equal_joints(named, options.joint_tolerance), options.joint_tolerance)
+
+
+def _unite_joints(named: _NamedTable, tolerance: float) -> _NamedTable:
+    """Return a table of joints without positions with one row a posture, if several lines have its joints.
+
+    A controller logs several lines a stop, without and under load. Joints are the mean, and the other numbers
+    those under load. Joints that differ by more than noise, or by `tolerance` [deg], stay several rows.
+    """
+    table, joints = named.table, list(named.table.table.joints)
+    rows_of_label = named.rows_of_label
+    is_possible = joints and len(named.labels) >= _LEAST_POSTURES and None not in rows_of_label
+    has_positions = len(find_units_of_coordinates(table)) >= len("xyz")
+    if not is_possible or has_positions or min(map(len, rows_of_label.values())) < 2:
+        return named
+    numbers = table.table.numbers
+    limit = max(_convert_tolerance(tolerance, numbers[:, joints]), find_joint_noise(numbers[:, joints]))
+    chosen, means = list[int](), list[FloatArray]()
+    for rows in rows_of_label.values():
+        if not np.ptp(numbers[rows][:, joints], axis=0).max() <= limit:
+            return named
+        chosen.append(next((row for row in rows if named.names[row].state == "loaded"), rows[0]))
+        means.append(numbers[rows][:, joints].mean(axis=0))
+    first_rows = replace(
+        table,
+        rows=tuple(table.rows[row] for row in chosen),
+        table=replace(table.table, numbers=numbers[chosen]),
+    )
+    united = first_rows.replace_numbers(dict(zip(joints, np.array(means).T, strict=True)))
+    return _NamedTable(united, tuple(RowName(label) for label in rows_of_label), was_united=True)
+
+
+def _convert_tolerance(tolerance: float, joints: FloatArray) -> float:
+    """Return a difference [deg] in the unit of joints (N, n)."""
+    is_in_degrees = np.nanmax(np.abs(joints)) > _LARGEST_RADIANS
+    return tolerance if is_in_degrees else float(np.radians(tolerance))
+
+
+def _omit_repeat_numbers(table: NumberTable, names: Sequence[RowName]) -> Sequence[RowName]:
+    """Return names without targets that only count the repeats of a reading: `P3_loaded_2`.
+
+    The rows that such targets tell apart are nearer to each other than any two targets.
+    """
+    without = _NamedTable(table, tuple(name._replace(target=None) for name in names))
+    is_stated = table.find_column("target") is not None
+    are_repeats_only = len(set(names)) == len(names) and not is_stated and _has_clear_repeats(without)
+    return without.names if are_repeats_only else names
 
 
 def _has_clear_repeats(named: _NamedTable) -> bool:
@@ -112,14 +175,16 @@ def _has_clear_repeats(named: _NamedTable) -> bool:
 def _spell_as(named: _NamedTable, labels: Sequence[str]) -> _NamedTable:
     """Return a table with its labels spelt as in the table of joints, if only leading zeros differ.
 
-    If no label is in both tables, labels with the same number are the same: `P07` and `pose 7`. Labels stay
-    as they are if two of a table differ by leading zeros, or words, only.
+    If no label is in both tables, labels with the same number are the same, if most are: `P07` and `pose 7`,
+    but not `7` and `p70`. Labels stay as they are if two of a table differ by leading zeros, or words, only.
     """
     if set(named.labels) <= set(labels):
         return named
     by_zeros = _list_spellings(named, labels, omit_zeros)
     has_common = any(omit_zeros(label) in set(map(omit_zeros, labels)) for label in named.labels)
-    spellings = by_zeros if has_common else _list_spellings(named, labels, _find_number)
+    by_numbers = _list_spellings(named, labels, find_number)
+    are_most = 2 * len(by_numbers) > min(len(labels), len(named.labels))
+    spellings = by_numbers if are_most and not has_common else by_zeros
     names = tuple(
         name if name.label is None else name._replace(label=spellings.get(name.label, name.label))
         for name in named.names
@@ -136,12 +201,6 @@ def _list_spellings(named: _NamedTable, labels: Sequence[str], fold: Callable[[s
     own = {fold(label): label for label in named.labels}
     is_clear = len(spelling) == len(labels) and len(own) == len(named.labels)
     return {own[key]: spelling[key] for key in own.keys() & spelling.keys()} if is_clear else {}
-
-
-def _find_number(label: str) -> str:
-    """Return the only number of a label, without leading zeros; the label without one, or with several."""
-    numbers = re.findall(r"\d+", label)
-    return str(int(numbers[0])) if len(numbers) == 1 else label
 
 
 def _choose_first(tables: Sequence[NumberTable], options: ImportOptions) -> NumberTable | None:
@@ -176,6 +235,23 @@ def _choose_labels(joined: Sequence[_NamedTable], labels: Sequence[str]) -> tupl
             if 2 * len(lacking) > len(other.labels):
                 raise _build_lacking_error(each.table, other.table, lacking)
     return kept
+
+
+def _refuse_states_left_out(named: _NamedTable, kept: Sequence[str]) -> None:
+    """Raise an `ImportFileError` if rows that are left out have names of observations and a word behind.
+
+    Such a word may be a state: positions under load are never left out without a question.
+    """
+    words = list_words_behind([label for label in named.labels if label not in set(kept)], kept)
+    if words:
+        listed = " and ".join(map(quote, words))
+        raise ImportFileError(
+            Place(named.table.grid.file),
+            f"points whose names end with {listed} would be left out: a state may have this name",
+            f"state it by `state_words`, such as {quote(words[-1])} as `loaded`; or remove these points",
+            "state_words",
+            tuple(words),
+        )
 
 
 def _build_lacking_error(table: NumberTable, other: NumberTable, lacking: Sequence[str]) -> ImportFileError:
@@ -338,8 +414,7 @@ def _equal_joints(named: _NamedTable, tolerance: float) -> _NamedTable:
     if not joints or len(rows_of_label) in (0, len(named.names)):
         return named
     numbers = table.table.numbers[:, joints].copy()
-    is_in_degrees = np.nanmax(np.abs(numbers)) > _LARGEST_RADIANS
-    limit = tolerance if is_in_degrees else np.radians(tolerance)
+    limit = _convert_tolerance(tolerance, numbers)
     for rows in rows_of_label.values():
         first = next((row for row in rows if named.names[row].state == "unloaded"), rows[0])
         if np.abs(numbers[rows] - numbers[first]).max() <= limit:

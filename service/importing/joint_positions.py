@@ -15,14 +15,20 @@ _AXES: Final = 6
 _LEAST_POSITIONS: Final = 3
 _NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _RAPID: Final = re.compile(
-    r"(?:\bjointtarget\s+\w{1,64}\s*:=|\bMoveAbsJ)\s*\[\s*\[([^\]]{1,400})\]", re.IGNORECASE
+    r"(?:\bjointtarget\s+(?P<name>\w{1,64})\s*:=|\bMoveAbsJ)\s*\[\s*\[(?P<angles>[^\]]{1,400})\]",
+    re.IGNORECASE,
 )
 _LOGGED: Final = re.compile(
-    r"\[\s*\[([^\[\]]{1,400})\]\s*,\s*\[(?:\s*9E\+?0?9\s*,?){6}\]\s*\]", re.IGNORECASE
+    r"(?P<name>)\[\s*\[(?P<angles>[^\[\]]{1,400})\]\s*,\s*\[(?:\s*9E\+?0?9\s*,?){6}\]\s*\]", re.IGNORECASE
 )
 """A `jointtarget` without its name: six angles, and six external axes that are not used."""
-_KRL: Final = re.compile(r"\{(?:\s*E6AXIS\s*:)?\s*(A1\s[^{}]{1,400})\}", re.IGNORECASE)
-_LS: Final = re.compile(r"^[ \t]*P\[[^\]]{1,80}\]\s{0,9}\{([^{}]{1,2000})\}", re.MULTILINE)
+_KRL: Final = re.compile(
+    r"(?:\b(?:E6)?AXIS\s{1,9}(?P<name>\w{1,64})\s{0,9}=\s{0,9})?\{(?:\s*E6AXIS\s*:)?\s*(?P<angles>A1\s[^{}]{1,400})\}",
+    re.IGNORECASE,
+)
+_LS: Final = re.compile(
+    r"^[ \t]*P\[(?P<name>\d{1,5})[^\]]{0,80}\]\s{0,9}\{(?P<angles>[^{}]{1,2000})\}", re.MULTILINE
+)
 _KRL_AXIS: Final = re.compile(rf"\bA([1-6])\s+({_NUMBER})", re.IGNORECASE)
 _LS_AXIS: Final = re.compile(rf"\bJ([1-6])\s*=\s*({_NUMBER})\s*deg", re.IGNORECASE)
 
@@ -33,6 +39,7 @@ class JointPosition:
 
     line: int  #: line of the program, from 1
     angles: tuple[str, ...]  #: [deg]
+    name: str  #: as the program declares the position; empty without a name
 
 
 def read_joint_positions(text: str) -> list[JointPosition]:
@@ -65,10 +72,10 @@ def _read_logged(text: str) -> Iterator[JointPosition]:
 
 def _read_brackets(text: str, block: re.Pattern[str]) -> Iterator[JointPosition]:
     """Yield the positions in blocks of six numbers with commas between them."""
-    for line, numbers in _find_blocks(text, block):
-        angles = tuple(each.strip() for each in numbers.split(","))
+    for line, found in _find_blocks(text, block):
+        angles = tuple(each.strip() for each in found["angles"].split(","))
         if len(angles) == _AXES and all(re.fullmatch(_NUMBER, each) for each in angles):
-            yield JointPosition(line, angles)
+            yield JointPosition(line, angles, found["name"] or "")
 
 
 def _read_krl(text: str) -> Iterator[JointPosition]:
@@ -83,16 +90,17 @@ def _read_ls(text: str) -> Iterator[JointPosition]:
 
 def _read_named_axes(text: str, block: re.Pattern[str], axis: re.Pattern[str]) -> Iterator[JointPosition]:
     """Yield the positions in blocks that name all axes."""
-    for line, content in _find_blocks(text, block):
-        angles = dict(axis.findall(content))
+    for line, found in _find_blocks(text, block):
+        angles = dict(axis.findall(found["angles"]))
         if len(angles) == _AXES:
-            yield JointPosition(line, tuple(angles[str(number + 1)] for number in range(_AXES)))
+            in_order = tuple(angles[str(number + 1)] for number in range(_AXES))
+            yield JointPosition(line, in_order, found["name"] or "")
 
 
-def _find_blocks(text: str, block: re.Pattern[str]) -> Iterator[tuple[int, str]]:
-    """Yield the line and the content of each block."""
+def _find_blocks(text: str, block: re.Pattern[str]) -> Iterator[tuple[int, re.Match[str]]]:
+    """Yield the line of each block, and its name and angles."""
     line, end = 1, 0
     for found in block.finditer(text):
         line += text.count("\n", end, found.start())
         end = found.start()
-        yield line, found[1]
+        yield line, found

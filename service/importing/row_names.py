@@ -44,6 +44,7 @@ _LEADING_ZEROS: Final = re.compile(r"(?<![\d.,])0+(?=\d)")
 _COUNTED: Final = re.compile(r"\d{1,5}")
 _FORCE: Final = re.compile(r"[-+]?(\d{1,6}(?:[.,]\d{1,3})?)\s?(?:k?N|kgf|kp|lbf|kg|lbs?)?")
 """A force or a mass, with or without its unit."""
+_FORCE_WITH_UNIT: Final = re.compile(r"(\d{1,6}(?:[.,]\d{1,3})?)\s?(k?N|kgf|kp|lbf)")
 _WORD: Final = re.compile(r"[^\W\d_]+")
 """A part of a name without digits, which may be a state: repeats have numbers."""
 _NAMING_KINDS: Final = frozenset(("name", "collection", "group", "target", "state"))
@@ -182,7 +183,7 @@ def _find_label_column(table: NumberTable, known_labels: Collection[str] = ()) -
     """
     named = table.find_column("name")
     of_known = _find_column_of_labels(table, known_labels)
-    if of_known is not None and named is not None and _has_more_texts(table, of_known, named):
+    if of_known is not None and (named is None or _has_more_texts(table, of_known, named)):
         return of_known
     if named is not None and len(set(_list_texts(table, named))) >= _LEAST_LABELS:
         return named
@@ -207,7 +208,9 @@ def _find_column_of_labels(table: NumberTable, labels: Collection[str]) -> int |
         return None
     for column in range(len(table.headers)):
         own = set(map(omit_zeros, _list_texts(table, column)))
-        if column not in table.ignored and own <= known and 2 * len(own) > len(known):
+        meaning = table.meanings[column]
+        is_free = column not in table.ignored and (meaning is None or meaning.kind in _NAMING_KINDS)
+        if is_free and own <= known and 2 * len(own) > len(known):
             return column
     return None
 
@@ -270,8 +273,8 @@ def _find_column_of_words(table: NumberTable, options: ImportOptions, columns: S
         words = set(texts)
         if not 1 < len(words) <= _MOST_CODES or not _are_texts(list(words)):
             continue
-        are_known = all(_read_state_word(word, options.state_words) is not None for word in words)
-        are_states = are_known or read_states(words, options.state_words).keys() == words
+        are_opposites = read_states(words, options.state_words).keys() == words
+        are_states = are_opposites or _are_states(words, options.state_words)
         # Next to a load such as `100 kg`, another word means no load.
         has_load = len(words) == 2 and any(find_load(word) for word in words)
         if are_states or (has_load and len(_list_state_words(texts, options.state_words)) == 2):
@@ -429,14 +432,26 @@ def _list_loads(table: NumberTable) -> list[RowName] | None:
     return None if states is None else [RowName(state=state) for state in states]
 
 
+def _are_states(different: Collection[str], words: Mapping[str, State]) -> bool:
+    """Return whether all words are states or loads; forces only are where another word means no load."""
+    read = [_read_state_word(word, words) for word in different]
+    known = [each for each in read if each is not None]
+    has_forces = any(each.force for each in known)
+    return len(known) == len(read) and (not has_forces or any(each.state == "unloaded" for each in known))
+
+
 def _read_state_word(word: str, words: Mapping[str, State]) -> RowName | None:
-    """Return the state, and the mass if the word states one; None for a word that is neither."""
+    """Return the state, and the mass or force if the word states one; None for another word."""
     state = find_state(word, words)
     if state is not None:
         return RowName(state=state)
     mass = find_load(word)
     if mass is not None:
         return RowName(state=find_state_of_load(mass), mass=mass)
+    force = _FORCE_WITH_UNIT.fullmatch(word)
+    if force is not None:
+        size = float(force[1].replace(",", "."))
+        return RowName(state=find_state_of_load(size), force=f"{size:g} {force[2]}" if size else "")
     state = find_state(word, STATE_OF_DIGIT) or find_state_in_name(word, words)
     return None if state is None else RowName(state=state)
 
@@ -444,7 +459,7 @@ def _read_state_word(word: str, words: Mapping[str, State]) -> RowName | None:
 def _add_state(name: RowName, word: str, states: Mapping[str, RowName]) -> RowName:
     """Return the name of a row with the state and the load that a word means; unchanged for other words."""
     read = states.get(word)
-    return name if read is None else name._replace(state=read.state, mass=read.mass)
+    return name if read is None else name._replace(state=read.state, mass=read.mass, force=read.force)
 
 
 # ---- names of points
@@ -462,7 +477,7 @@ def _split_names(
         return _split_by_template(texts, options.point_name, options.state_words)
     if known_labels and set(map(omit_zeros, texts)) <= set(map(omit_zeros, known_labels)):
         return [RowName(text) for text in texts]
-    parts = [[part for part in _SEPARATORS.split(text) if part] for text in texts]
+    parts = _add_lacking_states(texts, options.state_words)
     if len({len(each) for each in parts}) != 1 or len(parts[0]) == 1:
         return [RowName(text) for text in texts]
     columns = [list(column) for column in zip(*parts, strict=True)]
@@ -482,6 +497,17 @@ def _split_names(
         named.append(name)
     are_same_target = len({name.target for name in named}) == 1
     return [name._replace(target=None) for name in named] if are_same_target else named
+
+
+def _add_lacking_states(texts: Sequence[str], words: Mapping[str, State]) -> list[list[str]]:
+    """Return the parts of names; a name without the last part of the others, a load, has a word for none."""
+    parts = [[part for part in _SEPARATORS.split(text) if part] for text in texts]
+    most = max(map(len, parts))
+    states = [_read_state_word(each[-1], words) for each in parts if len(each) == most]
+    are_loaded = all(state is not None and state.state == "loaded" for state in states)
+    if not are_loaded or {len(each) for each in parts} != {most - 1, most}:
+        return parts
+    return [each if len(each) == most else [*each, "unloaded"] for each in parts]
 
 
 def _split_by_template(
@@ -504,12 +530,42 @@ def omit_zeros(label: str) -> str:
     return _LEADING_ZEROS.sub("", label.casefold())
 
 
+def find_number(label: str) -> str:
+    """Return the only number of a label, without leading zeros; the label without one, or with several."""
+    numbers = re.findall(r"\d+", label)
+    return str(int(numbers[0])) if len(numbers) == 1 else label
+
+
+def list_words_behind(names: Collection[str], labels: Collection[str]) -> list[str]:
+    """Return the last words of names that are a label and such a word, of most labels: `B` of `P3_B`."""
+    spelt = {spelling for label in labels for spelling in (omit_zeros(label), find_number(label))}
+    counts = Counter[str]()
+    for name in names:
+        *parts, last = [part for part in _SEPARATORS.split(name) if part] or [name]
+        own = " ".join(parts)
+        counts[last] += omit_zeros(own) in spelt or find_number(own) in spelt
+    return [word for word, count in counts.items() if 2 * count > len(labels)]
+
+
+def _find_parts_with_numbers_of(
+    columns: Sequence[Sequence[str]], parts: Sequence[int], labels: Collection[str]
+) -> list[int]:
+    """Return the parts of names that have the numbers of most labels, and no other: `P[3]` of `3`."""
+    numbers = set(map(find_number, labels))
+    found = []
+    for part in parts:
+        own = set(map(find_number, columns[part]))
+        if own <= numbers and 2 * len(own) > len(numbers) and len(own) == len(set(columns[part])):
+            found.append(part)
+    return found
+
+
 def _find_state_part(columns: Sequence[Sequence[str]], words: Mapping[str, State]) -> int | None:
     """Return the part of names that is a word for a state or a load in every name; None unless it is one."""
     found = []
     for number, column in enumerate(columns):
         different = set(column)
-        are_states = all(_read_state_word(word, words) is not None for word in different)
+        are_states = _are_states(different, words)
         if 1 < len(different) <= _MOST_CODES and are_states and not all(map(str.isdigit, different)):
             found.append(number)
     return found[0] if len(found) == 1 else None
@@ -523,7 +579,9 @@ def _find_label_part(
     if known_labels:
         spelt = {omit_zeros(label) for label in known_labels}
         known = [number for number in others if set(map(omit_zeros, columns[number])) <= spelt]
-        return max(known, key=lambda number: len(set(columns[number])), default=None)
+        known = known or _find_parts_with_numbers_of(columns, others, known_labels)
+        if known:
+            return max(known, key=lambda number: len(set(columns[number])))
     counts = sorted((len(set(columns[number])), number) for number in others)
     most, number = counts[-1]
     is_clear = len(counts) == 1 or most > counts[-2][0]

@@ -320,8 +320,12 @@ def refuse_single_rows(proposal: Proposal, tables: Sequence[NumberTable]) -> Non
         ImportFileError: a table has such rows.
     """
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    count = len(joints.turn)
-    if count > 1 and proposal.joints.groups.count != count:
+    single = {each.points.table for each in proposal.readings if each.points.groups.count == 1}
+    of_states = [
+        table for table in tables if table.name in single and len({row.state for row in table.turn}) > 1
+    ]
+    count = len(joints.turn) or max((len(table.turn) for table in of_states), default=0)
+    if count > 1 and (of_states or proposal.joints.groups.count != count):
         reason = f"the {count} rows of a posture have different joints, so that each was read as a posture"
         remedy = (
             "write the joints of a posture alike in its rows; joints that headers name may differ by "

@@ -32,9 +32,9 @@ from jointstiff.solver.meaning.decision import (
     LEAST_FREEDOM,
     LEAST_SHARE,
     MIRRORED_SIGNS,
+    USUAL_RESIDUAL,
     compute_plausible_scale_error,
 )
-from jointstiff.solver.meaning.proposal import USUAL_RESIDUAL
 from jointstiff.solver.meaning.refinement import RigidFit, fit_frame
 from jointstiff.solver.meaning.screening import FlangePlaces, LinearFit, choose_subsets, fit_all
 from jointstiff.solver.mechanics.measurements import Measurements

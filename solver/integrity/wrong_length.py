@@ -25,7 +25,7 @@ from jointstiff.solver.integrity.mistakes import (
     search_zero,
 )
 from jointstiff.solver.integrity.values import View, median, transform_to_flange
-from jointstiff.solver.meaning.proposal import USUAL_RESIDUAL
+from jointstiff.solver.meaning.decision import USUAL_RESIDUAL
 from jointstiff.solver.text import PAST_DO_NOT_USE, length_text
 
 _LEAST_ROWS: Final = 6

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.meaning.search import NEAR_MODEL, Interpretation
 from jointstiff.solver.meaning.table import PointColumns
 
+USUAL_RESIDUAL: Final = 2e-3
+"""Median distance [m] up to which arms usually fit their nominal models."""
 LARGEST_RESIDUAL: Final = 5e-3
 """Largest median distance [m] of positions from their places by a nominal model."""
 LARGEST_PART: Final = 0.03
@@ -147,6 +150,10 @@ def _explain_missing_fit(
         if nearest.fit.typical < LARGEST_RESIDUAL and _moves_too_little(nearest):
             return Decision(None, nearest, (), f"the targets move by {nearest.movement * 1e3:.0f} mm only")
         distance = f"{nearest.fit.typical * 1e3:.3g} mm"
+        if nearest.fit.typical < LARGEST_RESIDUAL:
+            share = measure_share(nearest)
+            reason = f"only {share:.0%} of the positions fit the robot (their median distance is {distance})"
+            return Decision(None, nearest, (), reason)
         return Decision(None, nearest, (), f"no columns fit the robot (best {distance})")
     reason = "the positions were computed from the joints, so that they are no readings"
     return Decision(None, fitting[0], (), reason)
@@ -181,11 +188,24 @@ def _moves_too_little(interpretation: Interpretation) -> bool:
 
 def measure_share(interpretation: Interpretation) -> float:
     """Return the fraction of the positions that are near the places where the robot would put the targets."""
-    five_times_typical = max(5.0 * interpretation.fit.typical, 2e-3)  # [m]
-    limit = min(2.0 * LARGEST_RESIDUAL, five_times_typical)
     distances = interpretation.fit.distances
-    known_distances = distances[np.isfinite(distances)]
-    return float(np.mean(known_distances < limit))
+    return float(np.mean(find_near(distances)[np.isfinite(distances)]))
+
+
+def find_near(distances: FloatArray) -> BoolArray:
+    """Return which positions (N, K) are near the places where the robot would put the targets.
+
+    Each target counts by itself: a load moves all positions under load, from places that fit exactly. Near is
+    five times the target's median distance, but no less than arms usually differ from their models, and no
+    more than 10 mm.
+
+    Args:
+        distances: (N, K) of the positions from their places by the robot [m]; NaN where no position is.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a target without a position has no median
+        limits = np.clip(5.0 * np.nanmedian(distances, axis=0), USUAL_RESIDUAL, 2.0 * LARGEST_RESIDUAL)
+    return np.asarray(distances < limits)
 
 
 def is_computed(interpretation: Interpretation) -> bool:

@@ -13,10 +13,12 @@ from jointstiff.solver.meaning.decision import (
     LARGEST_PART,
     LARGEST_RESIDUAL,
     LEAST_SHARE,
+    USUAL_RESIDUAL,
     Decision,
     decide,
     explains_by_rounding,
     find_doubt,
+    find_near,
     fits,
     is_computed,
 )
@@ -34,8 +36,6 @@ from jointstiff.solver.meaning.search import (
 from jointstiff.solver.meaning.table import JointColumns, LengthUnit, PointColumns, Table
 from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 
-USUAL_RESIDUAL: Final = 2e-3
-"""Median distance [m] up to which arms usually fit their nominal models."""
 _SAME_PLACE: Final = 0.02
 """Distance [m] of places on the flange up to which two readings are states of one target."""
 _EXCHANGES: Final = ((1, 0, 2), (2, 1, 0), (0, 2, 1))
@@ -202,9 +202,8 @@ def _build_proposal(
     """
     table = next(table for table in tables if table.name == interpretation.joints.table)
     readings = _find_readings(tables, table, interpretation, place_flange(table, interpretation))
-    distances = np.concatenate([reading.distances for reading in readings])
-    distances = distances[np.isfinite(distances)]
-    residual = float(np.median(distances))
+    distances = np.column_stack([reading.distances for reading in readings])
+    residual = float(np.nanmedian(distances))
     rival = decision.next
     return Proposal(
         robots=(interpretation.known, *_list_equal_robots(interpretation, decision.equals)),
@@ -214,20 +213,10 @@ def _build_proposal(
         frame=interpretation.fit.frame,
         residual=residual,
         next_residual=np.inf if rival is None else rival.fit.typical,
-        fitting=int((distances < _find_fitting_limit(residual)).sum()),
-        count=len(distances),
+        fitting=int(find_near(distances).sum()),
+        count=int(np.isfinite(distances).sum()),
         doubt=find_doubt(interpretation, decision.other_arm, interpretations),
     )
-
-
-def _find_fitting_limit(typical: float) -> float:
-    """Return the distance [m] from where the robot would put a target, below which a position fits.
-
-    It is five times the median distance `typical` [m], but no less than arms usually differ from their
-    models, and no more than 10 mm.
-    """
-    five_times_typical = max(5.0 * typical, USUAL_RESIDUAL)
-    return min(2.0 * LARGEST_RESIDUAL, five_times_typical)
 
 
 class FlangePlacement(NamedTuple):
@@ -381,7 +370,7 @@ def _fit_as_targets(positions: FloatArray, distances: FloatArray, interpretation
     typical = float(np.median(known_distances))
     movement = float(np.nanstd(positions, axis=0).max())
     largest_typical = min(LARGEST_RESIDUAL, LARGEST_PART * movement)
-    most_are_near = float(np.mean(known_distances < _find_fitting_limit(typical))) >= LEAST_SHARE
+    most_are_near = float(np.mean(find_near(distances)[is_known])) >= LEAST_SHARE
     fits_as_readings = typical < largest_typical and most_are_near
     return fits_as_readings and not explains_by_rounding(interpretation, typical)
 

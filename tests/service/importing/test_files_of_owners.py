@@ -5,6 +5,7 @@ import pytest
 from support.catalogue_arms import build_nominal_robots, readings_on
 
 import jointstiff as js
+from jointstiff.service.importing.grid import read_text
 from jointstiff.service.importing.joint_positions import read_joint_positions
 
 ARM = "Universal Robots UR10e"
@@ -116,3 +117,51 @@ def test_a_text_without_joint_positions_of_a_program_is_read_as_it_is(text):
 def test_positions_have_the_lines_of_the_program():
     lines = [each.line for each in read_joint_positions(f"MODULE T\n{JOINT_TARGETS}")]
     assert lines == list(range(2, 14))
+
+
+def name_points(names, order, left_out=()):
+    """Return a file of positions without and under load, in some order of the postures."""
+    rows = [
+        f"{names(i)};{state};" + ";".join(f"{v:.4f}" for v in MILLIMETRES[i] + [0.0, 0.0, sag])
+        for state, sag in (("empty", 0.0), ("18kg", -0.7))
+        for i in order
+        if (i, state) not in left_out
+    ]
+    return "\n".join(["pos;state;x;y;z", *rows]) + "\n"
+
+
+BACKWARDS = range(len(DEGREES))[::-1]
+NAMED_PROGRAMS = {
+    "RAPID": (f"MODULE T\n{JOINT_TARGETS}ENDMODULE\n", "t.mod", lambda i: f"p{i}"),
+    "KRL": (f"DEFDAT T\n{AXES}ENDDAT\n", "t.dat", lambda i: f"XP{i}"),
+    "LS": (f"/PROG T\n/POS\n{TP_POSITIONS}/END\n", "t.ls", lambda i: f"P[{i + 1}]"),
+}
+
+
+def read_program(tmp_path, form, points):
+    program, name, _ = NAMED_PROGRAMS[form]
+    (tmp_path / name).write_text(program)
+    (tmp_path / "points.csv").write_text(points)
+    return js.read(tmp_path / name, tmp_path / "points.csv", robot=ARM, encoders="motor")
+
+
+@pytest.mark.parametrize("form", NAMED_PROGRAMS)
+def test_positions_of_a_program_are_joined_by_their_names(form, tmp_path):
+    names = NAMED_PROGRAMS[form][2]
+    points = name_points(names, BACKWARDS, left_out={(3, "18kg")})
+    proposal = read_program(tmp_path, form, points)
+    assert "rows of the files joined by their names" in str(proposal)
+    assert "in 23 of 23 positions" in str(proposal)
+
+
+@pytest.mark.parametrize("form", NAMED_PROGRAMS)
+def test_points_with_other_numbers_than_the_positions_of_a_program_go_by_their_order(form, tmp_path):
+    proposal = read_program(tmp_path, form, name_points(lambda i: f"M{10 * i + 7}", range(len(DEGREES))))
+    assert "joined by their names" not in str(proposal)
+    assert "in 24 of 24 positions" in str(proposal)
+
+
+def test_positions_of_a_program_with_one_name_twice_keep_their_order():
+    twice = JOINT_TARGETS.replace("jointtarget p1:", "jointtarget p0:")
+    grid = read_text("t.mod", twice.encode(), None)
+    assert grid.rows[0].cells[0] == "J1 [deg]"

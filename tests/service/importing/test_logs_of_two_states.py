@@ -64,3 +64,48 @@ def test_no_and_yes_below_a_load_are_states_in_several_languages(tmp_path, heade
     (tmp_path / "a.csv").write_text("\n".join(";".join(row) for row in rows) + "\n")
     proposal = js.read(tmp_path / "a.csv", robot=ARM, **STATED)
     assert np.allclose(shifts_of(proposal), SAG, atol=2e-3)
+
+
+def controller_log(change=0.0):
+    """Return three lines a stop, without and under load, with registers of the posture and the state.
+
+    `change` is by how much the joints under load differ [rad].
+    """
+    noise = np.random.default_rng(7).normal(0.0, 5e-6, (2, 3, *READINGS.joints.shape))
+    rows = [
+        [*(READINGS.joints[k] + noise[state, line, k] + change * state), k + 1, state]
+        for state in (0, 1)
+        for k in range(len(READINGS.joints))
+        for line in range(3)
+    ]
+    header = " ".join([*(f"actual_q_{k}" for k in range(6)), "int_register_0", "int_register_1"])
+    lines = [" ".join(f"{value:.6f}" for value in row[:6]) + f" {row[6]} {row[7]}" for row in rows]
+    return "\n".join([header, *lines]) + "\n"
+
+
+def tracker_log():
+    rows = [
+        f"{k + 1},{state}," + ",".join(f"{value:.4f}" for value in FIRST[k] + state * SAG)
+        for state in (0, 1)
+        for k in reversed(range(len(FIRST)))
+    ]
+    return "\n".join(["pose,loaded,x,y,z", *rows]) + "\n"
+
+
+def read_controller(tmp_path, change=0.0, **stated):
+    (tmp_path / "robot.csv").write_text(controller_log(change))
+    (tmp_path / "tracker.csv").write_text(tracker_log())
+    return js.read(tmp_path / "robot.csv", tmp_path / "tracker.csv", robot=ARM, **STATED, **stated)
+
+
+def test_several_lines_of_a_controller_at_each_stop_are_one_posture(tmp_path):
+    proposal = read_controller(tmp_path)
+    assert "the mean of the joints of a posture in several lines" in str(proposal)
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (12, 1)), abs=2e-3)
+
+
+def test_joints_that_differ_between_the_states_are_one_posture_within_a_stated_tolerance_only(tmp_path):
+    with pytest.raises(js.CampaignError):
+        read_controller(tmp_path, change=1e-3)
+    proposal = read_controller(tmp_path, change=1e-3, joint_tolerance=0.1)
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (12, 1)), abs=2e-3)

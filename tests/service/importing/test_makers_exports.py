@@ -241,6 +241,66 @@ def test_joints_of_val3_data_are_joined_to_points_by_their_keys(tmp_path):
     assert "joint positions of fewer postures were not read: 'jHome'" in str(proposal.accept().files)
 
 
+def named_points(of_unloaded, of_loaded, lost=4):
+    """Return points named after the data of VAL3, without one reading under load."""
+    rows = []
+    for k, (unloaded, loaded) in enumerate(zip(UNLOADED, LOADED, strict=True)):
+        rows.append([f"jMes[{k}]{of_unloaded}", *unloaded])
+        if k != lost:
+            rows.append([f"jMes[{k}]{of_loaded}", *loaded])
+    return "Nom;X;Y;Z\n" + "".join(f"{name};{x:.4f};{y:.4f};{z:.4f}\n" for name, x, y, z in rows)
+
+
+@pytest.mark.parametrize(
+    ("of_unloaded", "of_loaded"),
+    [("_vide", "_50N"), ("_0N", "_50N"), ("", "_50N"), ("", "_10kg"), ("_a", "_b")],
+)
+def test_loads_in_names_of_points_are_states_though_a_point_is_absent(of_unloaded, of_loaded, tmp_path):
+    text = val3(("jMes", "jointRx", DEGREES))
+    points = named_points(of_unloaded, of_loaded)
+    proposal = propose(tmp_path, allow_missing=True, mes__dtx=text, points__csv=points)
+    assert_read_without(proposal, lost=4)
+
+
+def assert_read_without(proposal, lost):
+    observations = proposal.accept().measurement_set.observations
+    assert [each.label for each in observations] == [str(k) for k in range(COUNT) if k != lost]
+    shifts = [
+        np.subtract(reading.loaded, reading.unloaded) for each in observations for reading in each.readings
+    ]
+    assert shifts == pytest.approx(np.tile([0.0, 0.0, -0.4], (COUNT - 1, 1)), abs=2e-3)
+
+
+def test_points_with_an_unknown_word_behind_the_names_of_others_are_never_left_out(tmp_path):
+    text = val3(("jMes", "jointRx", DEGREES))
+    with pytest.raises(js.CampaignError) as refused:
+        propose(tmp_path, mes__dtx=text, points__csv=named_points("", "_50daN"))
+    assert "points whose names end with '50daN' would be left out" in str(refused.value)
+    assert "state_words" in str(refused.value)
+
+
+def repeated_points(distance):
+    """Return two numbered readings of each point, at a distance [mm] from each other."""
+    rows = [
+        f"pos{k}_{state}_{repeat};{x:.4f};{y:.4f};{z + distance * repeat:.4f}\n"
+        for k in range(COUNT)
+        for state, places in (("free", UNLOADED), ("load", LOADED))
+        for x, y, z in places[k : k + 1]
+        for repeat in (1, 2)
+    ]
+    return "Nom;X;Y;Z\n" + "".join(rows)
+
+
+@pytest.mark.parametrize(("distance", "targets"), [(0.02, ["T1"]), (1.0, ["1", "2"])])
+def test_numbers_behind_names_are_repeats_if_their_points_are_near(distance, targets, tmp_path):
+    joints = "Pos;" + ";".join(f"J{i}" for i in range(1, 7)) + "\n"
+    joints += "".join(f"pos{k};" + ";".join(f"{q:.4f}" for q in row) + "\n" for k, row in enumerate(DEGREES))
+    proposal = propose(tmp_path, joints__csv=joints, points__csv=repeated_points(distance))
+    assert ("the mean of repeated readings" in str(proposal)) == (len(targets) == 1)
+    first = proposal.accept().measurement_set.observations[0]
+    assert [reading.target for reading in first.readings] == targets
+
+
 ENTITIES = '<!DOCTYPE a [<!ENTITY b "bbbbbbbbbb"><!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;">]>'
 HOSTILE = {
     "declares a document type": val3(("j", "jointRx", DEGREES), head=ENTITIES),

@@ -1090,6 +1090,11 @@ def strangers() -> dict[str, Proposed]:
     three |= {
         f"{name}.csv": table(["Pose", *"XYZ"], strange.points(MEASURED, s)) for s, name in enumerate("ab")
     }
+    behind = [[f"{name}_b", *place] for name, *place in strange.points(MEASURED, 1)]
+    named_behind = {
+        "j.csv": joints,
+        "p.csv": table(["Pose", *"XYZ"], [*strange.points(MEASURED, 0), *behind]),
+    }
     unnamed = {
         name: "\n".join(line.split(";", 1)[1] for line in text.splitlines()) for name, text in three.items()
     }
@@ -1194,6 +1199,11 @@ def strangers() -> dict[str, Proposed]:
             "only '.*' has a row of TI loaded",
             {"a.csv": table(named, misspelt)},
             {"a.csv": table(named, of_targets)},
+        ),
+        "states behind names": Proposed(
+            "points whose names end with 'b' would be left out",
+            named_behind,
+            stated={"state_words": {"b": "loaded"}},
         ),
         "rows too few": Proposed(
             "has no row",

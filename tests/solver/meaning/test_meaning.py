@@ -226,6 +226,37 @@ def test_damaged_rows_do_not_hide_the_meaning(robots, damaged):
     assert best.fitting == 42
 
 
+def measure_with_load(known, sag):
+    """Return joints, and positions of a target without and under load, of an arm as good as its model.
+
+    `sag` is the greatest deflection [mm] under load.
+    """
+    joints, _ = measure(known)
+    place = place_exactly(known, joints)
+    shifts = np.outer(np.linspace(0.0, -sag, len(place)), [0.0, 0.0, 1.0])
+    points = np.stack([place, place + shifts], axis=1)
+    return joints, points + np.random.default_rng(4).normal(0.0, 0.08, points.shape)
+
+
+def test_positions_that_a_load_moves_fit_beside_positions_that_fit_exactly(robots):
+    known = robots["ABB IRB 6700-200/2.60"]
+    joints, points = measure_with_load(known, sag=9.0)
+    points[8, 1] = np.nan
+    best = propose([Table("j", joints), Table("p", points.reshape(-1, 3))], [known]).best
+    assert [(each.target, each.state) for each in best.readings] == [(1, 0), (1, 1)]
+    assert best.count == 31
+    assert best.fitting == 31
+
+
+def test_positions_that_half_fit_are_said_to_fit_in_part(robots):
+    known = robots["ABB IRB 6700-200/2.60"]
+    joints, points = measure_with_load(known, sag=0.0)
+    points[10:] += np.random.default_rng(5).uniform(-400.0, 400.0, (6, 1, 3))
+    answer = propose([Table("j", joints), Table("p", points.reshape(-1, 3))], [known])
+    assert answer.best is None
+    assert answer.reason.startswith("only 62% of the positions fit the robot (their median distance is 0.1")
+
+
 def test_columns_with_known_names_are_not_tried_as_others(robots):
     known = robots["Yaskawa GP12"]
     joints, points = measure(known)
