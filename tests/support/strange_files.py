@@ -383,7 +383,7 @@ def displacements_in_micrometres_without_units(c: Campaign) -> Files:
 def displacements_below_a_row_of_units(c: Campaign) -> Files:
     joints_and_positions = [*["deg"] * 6, *["mm"] * 3]
     units = ["", *joints_and_positions, *["µm"] * 3]
-    rows = wide(c, places(c), 1e3 * deflection(c), count=1)
+    rows = wide(c, places(c), 1e3 * deflection(c))
     return {"dx.csv": table(["#", *JOINTS, *"XYZ", "dX", "dY", "dZ"], [units, *rows])}
 
 
