@@ -558,7 +558,7 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
         grids = _read_sheets(file, options, every_length=every_length)
     else:
         grids = list(map(_note_encoding, _read_text_grids(file, kind, options, every_length=every_length)))
-    joined = [join_axis_rows(each) for each in grids]
+    joined = [join_axis_rows(each, Vocabulary(options)) for each in grids]
     return list(map(separate_units, joined)) if every_length else joined
 
 
