@@ -453,10 +453,26 @@ def find_state_in_name(name: str, extra: Mapping[str, State]) -> State | None:
     words = split_words(name)
     stated = {fold_word(word): state for word, state in extra.items()}
     found: set[State | None] = {stated[fold_word(word)] for word in words if fold_word(word) in stated}
-    if not found and any(fold_word(word) in _CERTAIN_STATES for word in words):
-        is_negated = any(fold_word(word) in _NEGATIONS for word in words)
-        found = set() if is_negated else {find_state(word, {}) for word in words} - {None}
-    return next(iter(found)) if len(found) == 1 else None
+    if found or not any(fold_word(word) in _CERTAIN_STATES for word in words):
+        return next(iter(found)) if len(found) == 1 else None
+    is_negated = any(fold_word(word) in _NEGATIONS for word in words)
+    return None if is_negated else join_states(words, {})
+
+
+def join_states(words: Iterable[str], extra: Mapping[str, State]) -> State | None:
+    """Return the only state that words of a name mean together; None if they mean none, or several.
+
+    Next to a word for unloaded, a word for `after` means after unloading; next to one for loaded, nothing.
+    `extra` are the caller's words for states.
+    """
+    state_of_word = {word: state for word in words if (state := find_state(word, extra)) is not None}
+    stated = {fold_word(word) for word in extra}
+    after = {word for word in state_of_word if fold_word(word) in _AFTER - stated}
+    states = {state for word, state in state_of_word.items() if word not in after}
+    if after and states == {"unloaded"}:
+        return "unloaded_after"
+    states = states or set(state_of_word.values())
+    return states.pop() if len(states) == 1 else None
 
 
 def is_key(text: str) -> bool:

@@ -1,12 +1,11 @@
 """Tables side by side in one sheet, each with its own labels, beside a sheet of joints."""
 
-import io
-
-import openpyxl
 import pytest
 from support.strange_files import JOINTS, digits, joint_rows, judge, names, shuffled, simulate, table
+from support.workbooks import workbook_of_sheets
 
 import jointstiff as js
+from jointstiff.service.importing.grid import looks_like_a_number
 
 ARM = "FANUC M-20iD/25"
 CAMPAIGN = simulate(ARM, seed=4, postures=9)
@@ -40,22 +39,14 @@ def beside(first, second, words=("Bez zátěže", "Zátěž 100 kg"), gap=1):
 
 
 def workbook(**sheets):
-    book = openpyxl.Workbook()
-    book.remove(book.active)
-    for name, rows in sheets.items():
-        sheet = book.create_sheet(name)
-        for row in rows:
-            sheet.append([_number(cell) for cell in row])
-    stream = io.BytesIO()
-    book.save(stream)
-    return stream.getvalue()
+    return workbook_of_sheets(
+        **{name: [list(map(number, row)) for row in rows] for name, rows in sheets.items()}
+    )
 
 
-def _number(cell):
-    try:
-        return float(cell)
-    except ValueError:
-        return cell or None
+def number(cell):
+    """Return a text that is a number as a number, and None for an empty text."""
+    return float(cell) if looks_like_a_number(cell) else cell or None
 
 
 def propose(content, folder, name="mereni.xlsx", **stated):
