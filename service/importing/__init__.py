@@ -11,7 +11,8 @@ reading      files to readings: the way through; rows of all files put together 
     ├── json_rows   of objects
     ├── axis_rows   of points whose axes have a row each, joined
     ├── cell_units   without units in cells
-    ├── blocks, transposed   of several blocks, or of columns of postures, for the robot's proposal
+    ├── blocks, adjacent_tables, transposed   of several blocks, of tables side by side, or of columns of
+    │                                         postures, for the robot's proposal
     ├── excel    of workbooks
     ├── certificates, val3 > elements   of certificates and of data of VAL3, in XML
     └── arrays > libraries   of MATLAB, HDF5 and Parquet, in a process of its own (child)

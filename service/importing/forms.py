@@ -32,6 +32,7 @@ class _Value(NamedTuple):
     """Number of a form."""
 
     header: str  # words of its row and of the rows above it
+    line: int  # of its row
     cell: str
     kind: CellKind
 
@@ -60,7 +61,10 @@ def join_forms(sheets: Sequence[Grid], words: Vocabulary) -> Grid | None:
     forms = _read_blocks(sheets[0]) if len(sheets) == 1 else list(map(_read_sheet, sheets))
     counts = Counter(form.headers for form in forms)
     headers, count = counts.most_common(1)[0] if counts else ((), 0)
-    if count < _LEAST_FORMS or 2 * count <= len(forms) or not _are_of_one_posture(headers, words):
+    if count < _LEAST_FORMS or 2 * count <= len(forms):
+        return None
+    usual = next(form for form in forms if form.headers == headers)
+    if not _is_of_one_posture(usual, words):
         return None
     file = sheets[0].file
     forms = [_complete(form, headers, words, file) for form in forms]
@@ -80,19 +84,24 @@ def _write_row(line: int, label: str, values: Sequence[_Value]) -> Row:
     return Row(line, cells, (_TEXT, *(value.kind for value in values)))
 
 
-def _are_of_one_posture(headers: Sequence[str], words: Vocabulary) -> bool:
-    """Return whether words name coordinates and joints, each number once.
+def _is_of_one_posture(form: _Form, words: Vocabulary) -> bool:
+    """Return whether the words of a form name coordinates and joints, each number once.
 
-    Joints may have names that are not known, such as those of another language: the robot finds them.
+    Joints may have names that are not known, such as those of another language: the robot finds them. They
+    are not in rows of coordinates, as the times of readings are.
     """
+    headers = form.headers
     if len(set(headers)) < len(headers) or len(headers) >= limits.MAX_COLUMNS:
         return False
     words.add_names_of_table(headers)
     meanings = [words.find(header) for header in headers]
     joints = [each.axis for each in meanings if each is not None and each.kind == "joint"]
     if not joints:
-        coordinate_count = sum(each is not None and each.kind == "position" for each in meanings)
-        return coordinate_count >= _LEAST_COORDINATES and meanings.count(None) >= _JOINTS.start
+        named = list(zip(form.values, meanings, strict=True))
+        coordinates = [value for value, each in named if each is not None and each.kind == "position"]
+        lines = {value.line for value in coordinates}
+        unknown_count = sum(each is None and value.line not in lines for value, each in named)
+        return len(coordinates) >= _LEAST_COORDINATES and unknown_count >= _JOINTS.start
     other_count = len(headers) - len(joints)
     is_each_once = sorted(axis or 0 for axis in joints) == list(range(len(joints)))
     return len(joints) in _JOINTS and is_each_once and other_count >= _LEAST_COORDINATES
@@ -113,7 +122,7 @@ def _complete(form: _Form, headers: Sequence[str], words: Vocabulary, file: str)
     meanings = [words.find(header) for header in lacking]
     are_coordinates = all(meaning is not None and meaning.kind in POINTS for meaning in meanings)
     if not more and are_coordinates and form.headers == present:
-        empty = (_Value(header, "", _TEXT) for header in headers)
+        empty = (_Value(header, form.line, "", _TEXT) for header in headers)
         return form._replace(values=[value_of_header.get(value.header, value) for value in empty])
     reason = f"the form {quote(form.label)} has the numbers of other forms in another order"
     if lacking or more:
@@ -193,7 +202,7 @@ def _name_numbers(row: Row, columns: Sequence[int], above: Sequence[str]) -> Ite
             header = f"{own_words} {'xyz'[number]}"
         else:
             header = f"{own_words} {number + 1}".strip()
-        yield _Value(header, row.cells[column], kinds[column])
+        yield _Value(header, row.line, row.cells[column], kinds[column])
 
 
 def _join_groups(above: Sequence[str], cells: Sequence[str]) -> tuple[str, ...]:

@@ -350,14 +350,14 @@ def is_force(name: str) -> bool:
     """Return whether a name without an axis is that of a force, such as `F`, `force_N` or `Kraft [kN]`."""
     base, unit = split_unit(name)
     if unit is None:
-        base, unit = _split_unit_suffix(base) or (base, None)
+        base, unit = split_unit_suffix(base) or (base, None)
     return _VECTOR_OF.get(fold_word(base)) == "force" and (unit is None or _is_unit_of("force", unit))
 
 
 def find_unit_of_size(header: str) -> str | None:
     """Return the unit of force of a load without an axis, such as `Kraft [kN]`; None for other headers."""
     base, unit = split_unit(header)
-    base, unit_of_name = _split_unit_suffix(base) or (base, unit)
+    base, unit_of_name = split_unit_suffix(base) or (base, unit)
     unit = unit or unit_of_name
     known = None if unit is None or unit_of_name != unit else find_known_unit(unit)
     is_force = known is not None and known[0] == "force" and _SIZE_OF_LOAD.fullmatch(base) is not None
@@ -373,7 +373,7 @@ def find_unit_of_force(header: str) -> str | None:
 def find_force_at_end(header: str) -> str | None:
     """Return the unit of force that a header ends with, as in `pull newton` or `F [N]`; None without one."""
     base, unit = split_unit(header)
-    _, ending = _split_unit_suffix(base) or (base, None)
+    _, ending = split_unit_suffix(base) or (base, None)
     known = find_known_unit(unit or ending or "")
     return known[1] if known is not None and known[0] == "force" else None
 
@@ -453,10 +453,26 @@ def find_state_in_name(name: str, extra: Mapping[str, State]) -> State | None:
     words = split_words(name)
     stated = {fold_word(word): state for word, state in extra.items()}
     found: set[State | None] = {stated[fold_word(word)] for word in words if fold_word(word) in stated}
-    if not found and any(fold_word(word) in _CERTAIN_STATES for word in words):
-        is_negated = any(fold_word(word) in _NEGATIONS for word in words)
-        found = set() if is_negated else {find_state(word, {}) for word in words} - {None}
-    return next(iter(found)) if len(found) == 1 else None
+    if found or not any(fold_word(word) in _CERTAIN_STATES for word in words):
+        return next(iter(found)) if len(found) == 1 else None
+    is_negated = any(fold_word(word) in _NEGATIONS for word in words)
+    return None if is_negated else join_states(words, {})
+
+
+def join_states(words: Iterable[str], extra: Mapping[str, State]) -> State | None:
+    """Return the only state that words of a name mean together; None if they mean none, or several.
+
+    Next to a word for unloaded, a word for `after` means after unloading; next to one for loaded, nothing.
+    `extra` are the caller's words for states.
+    """
+    state_of_word = {word: state for word in words if (state := find_state(word, extra)) is not None}
+    stated = {fold_word(word) for word in extra}
+    after = {word for word in state_of_word if fold_word(word) in _AFTER - stated}
+    states = {state for word, state in state_of_word.items() if word not in after}
+    if after and states == {"unloaded"}:
+        return "unloaded_after"
+    states = states or set(state_of_word.values())
+    return states.pop() if len(states) == 1 else None
 
 
 def is_key(text: str) -> bool:
@@ -593,7 +609,7 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
         example = show_object({header: "mass [kg]"})
         remedy = f"if it is a hung mass, write `mass [kg]`, or give `columns`: {example}"
         raise ImportFileError(NOWHERE, reason, remedy, UNKNOWN)
-    split_suffix = None if unit is not None else _split_unit_suffix(base)
+    split_suffix = None if unit is not None else split_unit_suffix(base)
     base, unit = split_suffix or (base, unit)
     base = _name_by_unit(base, unit)
     meaning = _parse_quantity(header, base, state_words)
@@ -633,7 +649,7 @@ def _parse_quantity(header: str, base: str, state_words: Mapping[str, State]) ->
     return _parse_position(header, base, state_words)
 
 
-def _split_unit_suffix(base: str) -> tuple[str, str] | None:
+def split_unit_suffix(base: str) -> tuple[str, str] | None:
     """Split a header such as `theta1_rad` or `force_x_N` into name and unit; None if it ends with no unit."""
     for count in (2, 1):  # the unit may be one word or two, such as `N m`
         parts = list(_TOKEN.finditer(base))

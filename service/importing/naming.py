@@ -73,7 +73,7 @@ def name_readings(
             _find_names(reading, table_of_name[reading.points.table], options, states_of_titles)
             for reading in proposal.readings
         ]
-        targets = _name_targets(proposal.readings, found)
+        targets = _number_states(_name_targets(proposal.readings, found), proposal.readings, options)
         named = _add_states(proposal.readings, targets, _add_states_of_words(found, contrasts), contrasts)
         if _are_distinct(named):
             return named
@@ -204,6 +204,15 @@ def _name_targets(readings: Sequence[TargetReading], found: Sequence[RowName]) -
         are_states = len(names) > 1 and not is_state_known[reading.target]
         targets.append(by_place if are_states or name.target is None else name.target)
     return targets
+
+
+def _number_states(
+    targets: Sequence[str], readings: Sequence[TargetReading], options: ImportOptions
+) -> list[str]:
+    """Return the targets; all have numbers if a word of one is a state in a header, such as `L`."""
+    words = [word for target in targets for word in target.replace("_", " ").split()]
+    are_clear = all(find_state(word, options.state_words) is None for word in words)
+    return list(targets) if are_clear else [f"T{reading.target}" for reading in readings]
 
 
 def _omit_words_of_states(readings: Sequence[TargetReading], found: Sequence[RowName]) -> list[RowName]:

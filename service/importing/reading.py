@@ -30,6 +30,7 @@ from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing import grid
+from jointstiff.service.importing.adjacent_tables import split_adjacent
 from jointstiff.service.importing.arrays import build_grids_of_matrices, read_arrays
 from jointstiff.service.importing.axis_rows import join_axis_rows
 from jointstiff.service.importing.blocks import read_blocks
@@ -541,7 +542,7 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
     There is a table for each sheet.
 
     With `every_length`, for a proposal, the arrays of each number of rows in a file of arrays make a table;
-    so do matrices in a text. Units are taken out of cells.
+    so do matrices in a text, and tables side by side. Units are taken out of cells.
 
     Raises:
         ImportFileError: the file is empty, of another type, or cannot be read.
@@ -561,7 +562,10 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
         grids = _read_sheets(file, options, every_length=every_length)
     else:
         grids = list(map(_note_encoding, _read_text_grids(file, kind, options, every_length=every_length)))
-    joined = [join_axis_rows(each) for each in grids]
+    if every_length:
+        adjacent = [table for each in grids for table in split_adjacent(each)]
+        grids = _mark_sheets(adjacent) if len(adjacent) > len(grids) else grids
+    joined = [join_axis_rows(each, Vocabulary(options)) for each in grids]
     return list(map(separate_units, joined)) if every_length else joined
 
 

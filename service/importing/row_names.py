@@ -95,7 +95,7 @@ def name_rows(
 def _add_targets(table: NumberTable, names: list[RowName]) -> list[RowName]:
     """Return names with the targets in the one column that distinguishes rows of a posture in one state.
 
-    The column has few texts, which all postures have. Rows that lie together are repeats of a reading, and
+    The column has few texts, which most postures have. Rows that lie together are repeats of a reading, and
     keep their names, as do those of several such columns. Rows with positions in two states are in no state.
     """
     rows_of_name: dict[RowName, list[int]] = {}
@@ -123,20 +123,24 @@ def _has_columns_of_states(table: NumberTable) -> bool:
 def are_far_apart(table: NumberTable, groups: Sequence[Sequence[int]], least: float) -> bool:
     """Return whether rows with the same names are positions of several targets: each is far from the others.
 
-    A table without coordinates has no positions.
+    A table without coordinates has no positions. A few groups may lack rows, or readings of their rows.
 
     Args:
         table: numbers of a file.
         groups: indices of the rows with the same names.
         least: least distance [m] of two targets along an axis of coordinates.
     """
-    if not all(1 < len(group) <= _MOST_CODES for group in groups):
-        return False
     sizes_of_units = find_units_of_coordinates(table)
-    if not sizes_of_units:
+    if not sizes_of_units or max(map(len, groups)) > _MOST_CODES:
         return False
     numbers = table.table.numbers
-    for group in groups:
+    is_known = np.isfinite(numbers[:, list(sizes_of_units)])
+    known = set(np.flatnonzero(is_known.any(axis=1)).tolist())
+    read = [[row for row in group if row in known] for group in groups]
+    several = [group for group in read if len(group) > 1]
+    if 2 * len(several) <= len(groups):
+        return False
+    for group in several:
         positions = np.array([size * numbers[group, column] for column, size in sizes_of_units.items()])
         distances = [
             float(np.fmax.reduce(np.abs(positions[:, first] - positions[:, second]), initial=0.0))
@@ -148,13 +152,15 @@ def are_far_apart(table: NumberTable, groups: Sequence[Sequence[int]], least: fl
 
 
 def _distinguishes(table: NumberTable, column: int, groups: Sequence[Sequence[int]]) -> bool:
-    """Return whether a column has the same few texts in each group of rows, and each text once."""
+    """Return whether a column has the same few texts in most groups of rows, and no text twice in a group."""
     is_free = table.meanings[column] is None and column not in table.ignored
     texts = _list_texts(table, column)
     words = set(texts)
     if not is_free or not 1 < len(words) <= _MOST_CODES or not _are_texts(list(words)):
         return False
-    return all(sorted(texts[row] for row in group) == sorted(words) for group in groups)
+    own = [[texts[row] for row in group] for group in groups]
+    complete_count = sum(len(each) == len(words) for each in own)
+    return 2 * complete_count > len(groups) and all(len(set(each)) == len(each) for each in own)
 
 
 def _omit_row_numbers(names: list[RowName]) -> list[RowName]:

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 from jointstiff.schemas.imports import State
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.grammar import find_state, split_words
+from jointstiff.service.importing.grammar import find_state, join_states, split_words
 from jointstiff.service.importing.grid import Grid, count_numbers
 from jointstiff.service.importing.loads import find_load, find_state_of_load, remove_load
 
@@ -84,13 +84,11 @@ def _are_states(names: Sequence[str], words: Mapping[str, State]) -> bool:
 def _read_state(name: str, words: Mapping[str, State]) -> _NamedState | None:
     """Return the only state that a name tells; None for a name with no state, or with several."""
     mass = find_load(name)
-    states, rest = set[State](), list[str]()
-    for word in split_words(remove_load(name)):
-        state = find_state(word, words)
-        if state is None:
-            rest.append(word.casefold())
-        else:
-            states.add(state)
+    own_words = split_words(remove_load(name))
+    rest = tuple(word.casefold() for word in own_words if find_state(word, words) is None)
+    state = join_states(own_words, words)
+    has_words = len(rest) < len(own_words)
     if mass is not None:
-        states.add(find_state_of_load(mass))
-    return _NamedState(states.pop(), mass, tuple(rest)) if len(states) == 1 else None
+        of_load = find_state_of_load(mass)
+        state = of_load if state == of_load or not has_words else None
+    return None if state is None else _NamedState(state, mass, rest)

@@ -93,3 +93,16 @@ def table_of(campaign):
             numbers += [number for state in states for number in reading[state]]
         rows.append([one["label"], *map(repr, numbers)])
     return "\n".join(";".join(row) for row in rows).encode()
+
+
+def workbook_of_sheets(**sheets):
+    """Return a workbook with the rows of each sheet."""
+
+    def add(book, first):
+        for name, rows in sheets.items():
+            sheet = book.create_sheet(name)
+            for row in rows:
+                sheet.append(row)
+        book.remove(first)
+
+    return workbook([["x"]], add)

@@ -1,4 +1,4 @@
-"""Tables with a row for each posture, state and target: the column of targets is found, repeats are not."""
+"""Tables with a row for each posture, state and target, or for each joint: targets are found, not repeats."""
 
 import pytest
 from support.strange_files import JOINTS, digits, judge, names, simulate, table
@@ -75,3 +75,61 @@ def test_rows_in_different_places_are_not_called_repeats(tmp_path):
     assert "'P01' has several rows of unloaded in different places" in text
     assert "header `target`" in text
     assert "mean_of_repeats" not in text
+
+
+# ---- a row for each joint
+
+AXES = [f"A{number}" for number in range(1, 7)]
+
+
+def rows_of_joints(cells=AXES, *further, step=1):
+    """Return a row for each posture and joint: its label, its cell, further numbers, the angle in degrees."""
+    return [
+        [label, cell, *further, *digits([angle])]
+        for label, q in zip(names(CAMPAIGN), CAMPAIGN.joints, strict=True)
+        for cell, angle in list(zip(cells, q, strict=True))[::step]
+    ]
+
+
+def melt(rows):
+    """Return the rows of each joint together, as a program melts a table."""
+    return [row for joint in range(6) for row in rows[joint::6]]
+
+
+def propose_joints(header, rows, folder):
+    readings = [
+        [label, *digits(1e3 * CAMPAIGN.unloaded[posture, 0]), *digits(1e3 * CAMPAIGN.loaded[posture, 0])]
+        for posture, label in enumerate(names(CAMPAIGN))
+    ]
+    states = [f"{state} {axis} [mm]" for state in ("unloaded", "loaded") for axis in "xyz"]
+    (folder / "joints.csv").write_text(table(header, rows, ","), encoding="utf-8")
+    (folder / "readings.csv").write_text(table(["pose", *states], readings, ","), encoding="utf-8")
+    return js.read(folder / "joints.csv", folder / "readings.csv", robot=ARM, **STATED)
+
+
+@pytest.mark.parametrize(
+    ("header", "rows"),
+    [
+        (["pose", "joint", "angle_deg"], rows_of_joints()),
+        (["pose", "variable", "value"], melt(rows_of_joints())),
+        (["Punkt", "Achse", "Winkel [°]"], rows_of_joints("123456")),
+        (
+            ["pose", "joint", "current", "angle [deg]"],
+            rows_of_joints([f"joint_{k}" for k in range(1, 7)], "0.0"),
+        ),
+        (["pose", "axis", "angle [deg]"], rows_of_joints(step=-1)),
+    ],
+    ids=["names", "melted", "numbers", "another number", "reversed"],
+)
+def test_a_table_with_a_row_for_each_joint_is_read(header, rows, tmp_path):
+    answer = propose_joints(header, rows, tmp_path).accept()
+    assert judge(CAMPAIGN, answer.measurement_set.model_dump(mode="json")) == []
+    assert "the rows of 10 postures by joint were joined" in answer.files[0].assumptions
+
+
+def test_a_posture_with_a_joint_twice_is_no_table_by_joint(tmp_path):
+    rows = rows_of_joints()
+    rows[7][1] = "A1"
+    with pytest.raises(js.CampaignError) as refused:
+        propose_joints(["pose", "joint", "angle_deg"], rows, tmp_path)
+    assert "joints.csv has no rows of numbers" in str(refused.value.problem)

@@ -1,8 +1,8 @@
 """Sheets of a workbook that a proposal reads: those whose numbers fit the robot, whatever their names."""
 
 import pytest
-from support.strange_files import JOINTS, both, digits, simulate
-from support.workbooks import workbook
+from support.strange_files import JOINTS, both, digits, judge, simulate
+from support.workbooks import workbook_of_sheets
 
 import jointstiff as js
 
@@ -19,17 +19,6 @@ def numbers(rows):
     return [[f"P{number}", *map(float, digits(row))] for number, row in enumerate(rows, 1)]
 
 
-def build(**sheets):
-    def add(book, first):
-        for name, rows in sheets.items():
-            sheet = book.create_sheet(name)
-            for row in rows:
-                sheet.append(row)
-        book.remove(first)
-
-    return workbook([["x"]], add)
-
-
 POSTURES = [["Pose", *(f"{joint} (deg)" for joint in JOINTS)], *numbers(CAMPAIGN.joints)]
 HEADER = ["Pose", "X (mm)", "Y (mm)", "Z (mm)"]
 FREE, HUNG = [HEADER, *numbers(UNLOADED)], [HEADER, *numbers(LOADED)]
@@ -42,7 +31,7 @@ RESULTS = [["axis", "k", "low", "high"], *([f"A{n}", 1.5 * n, 1.4 * n, 1.6 * n] 
 
 
 def propose(folder, **sheets):
-    (folder / "a.xlsx").write_bytes(build(**sheets))
+    (folder / "a.xlsx").write_bytes(workbook_of_sheets(**sheets))
     return js.read(folder / "a.xlsx", robot=ARM, **STATED)
 
 
@@ -88,3 +77,58 @@ def test_groups_of_points_in_sheets_of_states_are_postures_even_if_points_are_mi
     readings = [each for row in proposed.accept().measurement_set.observations for each in row.readings]
     assert {each.target for each in readings} == {"N1", "N2", "N3"}
     assert len(readings) == 3 * len(CAMPAIGN.joints) - len(missing)
+
+
+# ---- a workbook of joints, and another with a sheet for each state
+
+TIMED = [*HEADER, "Messdauer [s]"]
+AFTER = UNLOADED + 0.01
+
+
+def readings_of(positions):
+    return [TIMED, *([*row, 2] for row in numbers(positions))]
+
+
+def propose_states(folder, names, positions=(UNLOADED, LOADED, AFTER)):
+    sheets = {name: readings_of(own) for name, own in zip(names, positions, strict=True)}
+    (folder / "joints.xlsx").write_bytes(workbook_of_sheets(Achsen=POSTURES))
+    (folder / "leica.xlsx").write_bytes(workbook_of_sheets(**sheets))
+    return js.read(folder / "joints.xlsx", folder / "leica.xlsx", robot=ARM, **STATED)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("1 vorher ohne Last", "2 Last", "3 nachher ohne Last"),
+        ("unbelastet", "belastet", "danach"),
+        ("before", "under load", "afterwards"),
+        ("No load", "Load", "No load afterwards"),
+        ("sin carga antes", "con carga", "sin carga después"),
+    ],
+)
+def test_a_sheet_after_unloading_is_told_by_its_name(names, tmp_path):
+    answer = propose_states(tmp_path, names).accept()
+    assert answer.states == ["unloaded", "loaded", "unloaded_after"]
+    document = answer.measurement_set.model_dump(mode="json")
+    assert judge(CAMPAIGN, document) == []
+    after = [each["readings"][0]["unloaded_after"] for each in document["observations"]]
+    assert after == [pytest.approx(position, abs=1e-3) for position in AFTER.tolist()]
+
+
+def test_after_with_a_load_is_the_loaded_state(tmp_path):
+    answer = propose_states(tmp_path, ("vorher ohne Last", "nachher mit Last"), (UNLOADED, LOADED)).accept()
+    assert answer.states == ["unloaded", "loaded"]
+    assert judge(CAMPAIGN, answer.measurement_set.model_dump(mode="json")) == []
+
+
+def test_after_without_load_is_never_read_as_loaded(tmp_path):
+    """The sheets are in another order, and two states are not three."""
+    names = "nachher ohne Last", "mit Last", "vorher ohne Last"
+    answer = propose_states(tmp_path, names, (AFTER, LOADED, UNLOADED)).accept()
+    assert judge(CAMPAIGN, answer.measurement_set.model_dump(mode="json")) == []
+
+
+def test_sheets_of_timed_readings_are_no_postures(tmp_path):
+    """The times of ten points are no joints, so that three sheets of points are no three postures."""
+    answer = propose_states(tmp_path, ("Tabelle1", "Tabelle2", "Tabelle3")).accept()
+    assert judge(CAMPAIGN, answer.measurement_set.model_dump(mode="json")) == []
