@@ -94,7 +94,7 @@ def _is_explained(table: NumberTable, column: int) -> bool:
     """Return whether a column is empty, names rows or their loads, is kept, or is ignored by the caller."""
     is_empty = not any(row.cells[column] for row in table.rows)
     meaning = table.meanings[column]
-    is_label = column == 0 and bool(table.labels)
+    is_label = column == table.label_column
     is_named = meaning is not None and meaning.kind in KEPT_KINDS | (_NAMES - {"ignored"})
     is_load = is_in_kg(table.headers[column]) and any(name.mass is not None for name in table.turn)
     return is_empty or is_named or is_label or is_load or column in table.ignored

@@ -22,7 +22,7 @@ from jointstiff.service.importing.deflections import (
 )
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
 from jointstiff.service.importing.grammar import Vocabulary, is_in_kg
-from jointstiff.service.importing.joining import join_tables
+from jointstiff.service.importing.joining import join_tables, label_by_joints
 from jointstiff.service.importing.lengths import convert_columns, unify_lengths
 from jointstiff.service.importing.naming import (
     NamedReading,
@@ -31,7 +31,13 @@ from jointstiff.service.importing.naming import (
     list_state_words,
     name_readings,
 )
-from jointstiff.service.importing.numbers import GridReader, NumberTable, read_number_tables, read_tables
+from jointstiff.service.importing.numbers import (
+    GridReader,
+    NumberFiles,
+    NumberTable,
+    read_number_tables,
+    read_tables,
+)
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 from jointstiff.service.importing.rewriting import (
     has_column_of,
@@ -372,6 +378,9 @@ def _propose_importable(
             raise
         return alone
     try:
+        labelled = _label_by_joints(found_meaning, request, robots[0].robot.joint_names)
+        if labelled is not None:
+            found_meaning = _find_in_one_unit(labelled, request, robots)
         return _complete(found_meaning, request)
     except NoProposalError as error:
         raise UnfinishedError(error.reason, error.remedy, error.fault) from error
@@ -593,6 +602,27 @@ def _have_same_states(named: Sequence[NamedReading]) -> bool:
     return len({frozenset(states) for states in states_of_target.values()}) == 1
 
 
+def _label_by_joints(
+    found_meaning: _FoundMeaning, request: ImportRequest, names: Sequence[str]
+) -> _Numbers | None:
+    """Return the numbers with the rows of a posture in turn, if the joints that were found tell the postures.
+
+    None if the rows are in turn, or if the joints do not tell the postures. `names` are those of the joints.
+
+    Raises:
+        NoProposalError: rows of a posture do not fit each other.
+    """
+    numbers, joints = found_meaning.numbers, found_meaning.proposal.joints
+    table = next(table for table in numbers.tables if table.name == joints.table)
+    if joints.groups.count == len(table.turn):
+        return None
+    labelled = label_by_joints(numbers.separate, joints, request)
+    if labelled is None:
+        return None
+    joined = _join(numbers.files, labelled, request, names)
+    return joined._replace(notes=[*joined.notes, "rows with the same joints are one posture"])
+
+
 class _FoundMeaning(NamedTuple):
     """Meaning of the columns by the robot that fits, and the numbers in one unit."""
 
@@ -810,6 +840,8 @@ class _Numbers(NamedTuple):
     tables: Sequence[NumberTable]
     notes: Sequence[str]  # what a person should know of the rows
     masses: tuple[SourceFile, ...]  # files with the masses of the robot's bodies
+    files: NumberFiles  # as they were read
+    separate: Sequence[NumberTable]  # with their rows in the order of the files
 
 
 def _read_numbers(
@@ -838,12 +870,25 @@ def _read_numbers(
         raise UnreadError(reason, advise_on_files_without_rows(files, found.without))
     try:
         refuse_unknown_headers(found.tables, request)
-        words = Vocabulary(request, joints)
-        joined = join_tables(unify_lengths(found.tables), request)
-        tables, notes = add_deflections(joined.tables, words)
     except ImportFileError as fault:
         raise _describe_fault(fault) from fault
-    return _Numbers(tables, [*found.notes, *joined.notes, *notes], found.masses)
+    return _join(found, unify_lengths(found.tables), request, joints)
+
+
+def _join(
+    found: NumberFiles, tables: Sequence[NumberTable], request: ImportRequest, joints: Sequence[str]
+) -> _Numbers:
+    """Return tables of files with their rows in one order; `joints` are names of joints.
+
+    Raises:
+        NoProposalError: names of rows or headers do not fit.
+    """
+    try:
+        joined = join_tables(tables, request)
+        arranged, notes = add_deflections(joined.tables, Vocabulary(request, joints))
+    except ImportFileError as fault:
+        raise _describe_fault(fault) from fault
+    return _Numbers(arranged, [*found.notes, *joined.notes, *notes], found.masses, found, tables)
 
 
 def _describe_fault(fault: ImportFileError, kind: type[NoProposalError] = NoProposalError) -> NoProposalError:

@@ -109,3 +109,78 @@ def test_joints_that_differ_between_the_states_are_one_posture_within_a_stated_t
         read_controller(tmp_path, change=1e-3)
     proposal = read_controller(tmp_path, change=1e-3, joint_tolerance=0.1)
     assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (12, 1)), abs=2e-3)
+
+
+def samples_of_stops(states=(0, 1), samples=3, spread=0.01):
+    """Return lines of a log merged with a tracker: samples of each stop without load, then under load."""
+    noise = np.random.default_rng(8).normal(0.0, spread, (2, samples, *FIRST.shape))
+    rows = [
+        [*READINGS.joints[k], 8.0 * state, *(FIRST[k] + state * SAG + noise[state, line, k])]
+        for state in states
+        for k in (range(len(FIRST)) if state == 0 else reversed(range(len(FIRST))))
+        for line in range(samples)
+    ]
+    header = [*(f"target_q_{k}" for k in range(6)), "payload", "lt_x", "lt_y", "lt_z"]
+    return [header, *([f"{value:.7f}" for value in row] for row in rows)]
+
+
+def write_cells(path, rows):
+    path.write_text("\n".join(",".join(cells) for cells in rows) + "\n")
+    return path
+
+
+def test_samples_of_a_stop_with_the_same_joints_are_repeats_of_one_posture(tmp_path):
+    proposal = js.read(write_cells(tmp_path / "log.csv", samples_of_stops()), robot=ARM, **STATED)
+    assert "rows with the same joints are one posture" in str(proposal)
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (12, 1)), abs=0.03)
+
+
+def test_states_with_other_numbers_of_samples_are_repeats_too(tmp_path):
+    rows = samples_of_stops()[:-1]
+    proposal = js.read(write_cells(tmp_path / "log.csv", rows), robot=ARM, **STATED)
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (12, 1)), abs=0.03)
+
+
+def test_samples_of_a_stop_are_repeats_where_two_files_have_the_rows_in_one_order(tmp_path):
+    rows = samples_of_stops()
+    files = [
+        write_cells(tmp_path / "robot.csv", [cells[:7] for cells in rows]),
+        write_cells(tmp_path / "tracker.csv", [cells[6:] for cells in rows]),
+    ]
+    proposal = js.read(*files, robot=ARM, **STATED)
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (12, 1)), abs=0.03)
+
+
+def test_samples_of_a_stop_that_are_far_apart_are_no_repeats(tmp_path):
+    rows = samples_of_stops(spread=0.5)
+    with pytest.raises(js.CampaignError, match="has this row twice"):
+        js.read(write_cells(tmp_path / "log.csv", rows), robot=ARM, **STATED)
+
+
+def test_a_mean_of_repeats_is_never_that_of_several_postures_without_names(tmp_path):
+    rows = samples_of_stops()
+    proposal = js.read(write_cells(tmp_path / "log.csv", rows), robot=ARM, **STATED, mean_of_repeats=True)
+    assert len(shifts_of(proposal)) == len(FIRST)
+
+
+def test_a_stop_that_lacks_its_state_under_load_is_left_out_with_a_note(tmp_path):
+    rows = samples_of_stops()[:-3]
+    proposal = js.read(write_cells(tmp_path / "log.csv", rows), robot=ARM, **STATED)
+    assert "1: target lt was read only unloaded" in str(proposal)
+    assert len(shifts_of(proposal)) == len(FIRST) - 1
+
+
+def test_targets_in_rows_of_positions_with_one_header_are_named_by_the_rows(tmp_path):
+    rows = [[*(f"J{k} [deg]" for k in range(1, 7)), "loaded", "nest", "p x [mm]", "p y [mm]", "p z [mm]"]]
+    for state in ("false", "true"):
+        for k, angles in enumerate(np.rad2deg(READINGS.joints)):
+            for target in (0, 1):
+                place = 1e3 * READINGS.position[k, target] + (SAG if state == "true" else 0.0)
+                cells = [f"{value:.4f}" for value in (*angles, *place)]
+                rows.append([*cells[:6], state, f"nest{target + 1}", *cells[6:]])
+    proposal = js.read(write_cells(tmp_path / "log.csv", rows), robot=ARM, **STATED)
+    readings = [
+        each for own in proposal.accept().campaign.measurement_set.observations for each in own.readings
+    ]
+    assert {each.target for each in readings} == {"nest1", "nest2"}
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (24, 1)), abs=2e-3)
