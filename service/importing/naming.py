@@ -75,13 +75,13 @@ def name_readings(
         ]
         targets = _name_targets(proposal.readings, found)
         named = _add_states(proposal.readings, targets, _add_states_of_words(found, contrasts), contrasts)
-        if _are_distinct(named):
+        if are_distinct(named):
             return named
     by_number = [f"T{reading.target}" for reading in proposal.readings]
     without_names = [RowName()] * len(proposal.readings)
     by_words = _add_states_of_words(without_names, contrasts)
     named = _add_states(proposal.readings, by_number, by_words, contrasts)
-    if _are_distinct(named):
+    if are_distinct(named):
         return named
     return _add_states(proposal.readings, by_number, without_names, contrasts)
 
@@ -94,7 +94,7 @@ def _add_states_of_words(names: Sequence[RowName], contrasts: Sequence[Contrast]
     ]
 
 
-def _are_distinct(readings: Sequence[NamedReading]) -> bool:
+def are_distinct(readings: Sequence[NamedReading]) -> bool:
     """Return whether no two readings have the same target, state and load."""
     return len({(each.target, each.state, each.load) for each in readings}) == len(readings)
 

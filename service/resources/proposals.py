@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -26,6 +27,7 @@ from jointstiff.service.importing.joining import join_tables, label_by_joints
 from jointstiff.service.importing.lengths import convert_columns, unify_lengths
 from jointstiff.service.importing.naming import (
     NamedReading,
+    are_distinct,
     find_unknown_words,
     find_words_against_order,
     list_state_words,
@@ -396,6 +398,7 @@ def _complete(found_meaning: _FoundMeaning, request: ImportRequest) -> ProposedI
     tables = numbers.tables
     named = name_readings(proposal, tables, request)
     _refuse_contradiction(proposal, named, tables)
+    _refuse_repeats_without_names(proposal, named)
     _refuse_order_against_words(proposal, named)
     _refuse_loaded_after_unloading(named)
     _refuse_states_against_force(proposal, named, tables, request)
@@ -673,6 +676,22 @@ def _refuse_contradiction(
     if contradiction:
         remedy = "correct `columns`, or leave the statement out"
         raise NoProposalError(contradiction, remedy)
+
+
+def _refuse_repeats_without_names(proposal: Proposal, named: Sequence[NamedReading]) -> None:
+    """Refuse several positions of a target in one state, some of which have this state by their order.
+
+    Raises:
+        NoProposalError: there are such positions: the order of repeats tells no state.
+    """
+    if are_distinct(named) or not any(each.is_by_order for each in named):
+        return
+    most = max(Counter(each.target for each in named).items(), key=lambda item: item[1])
+    raise NoProposalError(
+        f"{describe(proposal, [each.words for each in named])} by their order, but {most[0]} has {most[1]} "
+        "positions in a posture, and no names of postures and states tell which of them are repeats",
+        "name the posture and the state of each row in columns with the headers `label` and `state`",
+    )
 
 
 def _refuse_loaded_after_unloading(named: Sequence[NamedReading]) -> None:

@@ -184,3 +184,31 @@ def test_targets_in_rows_of_positions_with_one_header_are_named_by_the_rows(tmp_
     ]
     assert {each.target for each in readings} == {"nest1", "nest2"}
     assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (24, 1)), abs=2e-3)
+
+
+def readings_of_stops(names=False):
+    """Return a table with a row for each posture, and one with two samples of each state of each posture."""
+    joints = [[f"q{k}" for k in range(6)], *([f"{each:.6f}" for each in row] for row in READINGS.joints)]
+    points = [["payload", "x", "y", "z"]]
+    for k, place in enumerate(FIRST):
+        joints[k + 1] += [f"P{k}"] if names else []
+        for state, sample in ((0, 0.0), (0, 0.01), (1, 0.0), (1, 0.01)):
+            cells = [f"{value:.4f}" for value in (8.0 * state, *(place + state * SAG + sample))]
+            points.append([*cells, f"P{k}"] if names else cells)
+    for rows in (joints, points) if names else ():
+        rows[0].append("label")
+    return joints, points
+
+
+def read_stops(tmp_path, names):
+    tables = zip(("joints.csv", "points.csv"), readings_of_stops(names), strict=True)
+    return js.read(*(write_cells(tmp_path / name, rows) for name, rows in tables), robot=ARM, **STATED)
+
+
+def test_the_order_of_several_samples_of_each_state_never_tells_the_states(tmp_path):
+    with pytest.raises(
+        js.CampaignError, match="no names of postures and states tell which of them are repeats"
+    ):
+        read_stops(tmp_path, names=False)
+    proposal = read_stops(tmp_path, names=True)
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (12, 1)), abs=2e-3)
