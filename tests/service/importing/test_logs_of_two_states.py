@@ -170,19 +170,40 @@ def test_a_stop_that_lacks_its_state_under_load_is_left_out_with_a_note(tmp_path
     assert len(shifts_of(proposal)) == len(FIRST) - 1
 
 
-def test_targets_in_rows_of_positions_with_one_header_are_named_by_the_rows(tmp_path):
-    rows = [[*(f"J{k} [deg]" for k in range(1, 7)), "loaded", "nest", "p x [mm]", "p y [mm]", "p z [mm]"]]
-    for state in ("false", "true"):
+def read_lines(tmp_path, header, no, yes):
+    """Read a table with rows of two targets, whose states are words below a header."""
+    names = ("pose_id", header, "nest")
+    rows = [["ts", *(f"J{k} [deg]" for k in range(1, 7)), *names, *(f"p {axis} [mm]" for axis in "xyz")]]
+    for word in (no, yes):
         for k, angles in enumerate(np.rad2deg(READINGS.joints)):
             for target in (0, 1):
-                place = 1e3 * READINGS.position[k, target] + (SAG if state == "true" else 0.0)
+                place = 1e3 * READINGS.position[k, target] + (SAG if word == yes else 0.0)
                 cells = [f"{value:.4f}" for value in (*angles, *place)]
-                rows.append([*cells[:6], state, f"nest{target + 1}", *cells[6:]])
-    proposal = js.read(write_cells(tmp_path / "log.csv", rows), robot=ARM, **STATED)
-    readings = [
-        each for own in proposal.accept().campaign.measurement_set.observations for each in own.readings
-    ]
-    assert {each.target for each in readings} == {"nest1", "nest2"}
+                names = (str(k + 20), word, f"nest{target + 1}")
+                rows.append([str(1700000000 + 7 * len(rows)), *cells[:6], *names, *cells[6:]])
+    return js.read(write_cells(tmp_path / "log.csv", rows), robot=ARM, **STATED)
+
+
+def test_rows_name_the_postures_and_targets_of_positions_with_one_header(tmp_path):
+    proposal = read_lines(tmp_path, "loaded", "false", "true")
+    observations = proposal.accept().campaign.measurement_set.observations
+    assert [each.label for each in observations] == [str(k + 20) for k in range(12)]
+    assert {each.target for own in observations for each in own.readings} == {"nest1", "nest2"}
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (24, 1)), abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("header", "no", "yes"),
+    [
+        *(("loaded", *words) for words in (("0", "1"), ("FALSE", "TRUE"), ("nein", "ja"), ("no", "yes"))),
+        *(("is_loaded", *words) for words in (("0", "1"), ("false", "true"))),
+        *(("unloaded", *words) for words in (("1", "0"), ("true", "false"), ("ja", "nein"))),
+        ("LAST", "0", "1"),
+    ],
+)
+def test_a_flag_below_a_state_says_whether_the_state_is_that_of_the_row(tmp_path, header, no, yes):
+    proposal = read_lines(tmp_path, header, no, yes)
+    assert "by their order" not in str(proposal)
     assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (24, 1)), abs=2e-3)
 
 
