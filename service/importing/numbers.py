@@ -363,7 +363,7 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
 
 
 def _list_measured_columns(meanings: Sequence[Meaning | None]) -> Iterator[int]:
-    """Yield the columns of positions whose names tell a state, such as `T1 sem x` beside `T1 com x`."""
+    """Yield the columns of positions with names of a state, such as `T1 sem x` next to `T1 com x`."""
     quantities = {column: meaning.quantity for column, meaning in enumerate(meanings) if meaning is not None}
     words_of_column = {
         column: (quantity.target or "").replace("_", " ").split()

@@ -679,7 +679,7 @@ def _refuse_contradiction(
 
 
 def _refuse_repeats_without_names(proposal: Proposal, named: Sequence[NamedReading]) -> None:
-    """Refuse several positions of a target in one state, some of which have this state by their order.
+    """Refuse repeated readings of a target in one state, if the order gives some of them this state.
 
     Raises:
         NoProposalError: there are such positions: the order of repeats tells no state.
