@@ -404,6 +404,11 @@ def is_in_kg(header: str) -> bool:
     return bool(_IN_KG.search(header))
 
 
+def is_no_load_header(header: str) -> bool:
+    """Return whether a header says that the cells of its column tell whether no load hangs."""
+    return fold_word(split_unit(header)[0]) in _WORDS["answers"]["no load"]
+
+
 def find_answer(word: str) -> State | None:
     """Return the state that a word means below a header such as `load`: `no` or `yes`; None for others."""
     return _STATE_OF_ANSWER.get(fold_word(word.strip()))
@@ -412,6 +417,11 @@ def find_answer(word: str) -> State | None:
 def is_cycle_header(header: str) -> bool:
     """Return whether a header says that its column may count the postures, such as `cycle`."""
     return fold_word(header) in _WORD_LISTS["cycles"]
+
+
+def is_posture_header(header: str) -> bool:
+    """Return whether a header says that its column has the numbers of the postures, such as `pose_id`."""
+    return fold_word(header) in _WORD_LISTS["posture numbers"]
 
 
 def is_repeat_header(header: str) -> bool:

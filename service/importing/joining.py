@@ -28,7 +28,8 @@ from jointstiff.service.importing.row_names import (
     omit_zeros,
 )
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.meaning.hypotheses import find_joint_noise
+from jointstiff.solver.meaning.hypotheses import find_joint_noise, number_postures
+from jointstiff.solver.meaning.table import JointColumns
 
 _LARGEST_RADIANS = 6.6
 """Largest joint in radians; larger numbers are degrees."""
@@ -110,12 +111,39 @@ def join_tables(tables: Sequence[NumberTable], options: ImportOptions) -> Joined
     return JoinedTables(tuple(arranged), tuple(notes))
 
 
+def label_by_joints(
+    tables: Sequence[NumberTable], joints: JointColumns, options: ImportOptions
+) -> list[NumberTable] | None:
+    """Return tables with the numbers of the postures, as the joints tell them, as the names of their rows.
+
+    None unless the rows of all tables have the same names of states in the same order, but no names of
+    postures, and most postures have all states.
+    """
+    names_of_table = [name_rows(table, options) for table in tables]
+    states = [name.state for name in names_of_table[0]]
+    are_alike = all([name.state for name in names] == states for names in names_of_table)
+    if not are_alike or any(name.label is not None for names in names_of_table for name in names):
+        return None
+    table = next(table for table in tables if table.name == joints.table)
+    postures = number_postures(table.table.numbers[:, list(joints.columns)])
+    states_of_posture: dict[int, set[str | None]] = {}
+    for posture, state in zip(postures.tolist(), states, strict=True):
+        states_of_posture.setdefault(posture, set()).add(state)
+    complete = [own for own in states_of_posture.values() if own == set(states)]
+    have_states = None not in states and len(set(states)) > 1
+    if not have_states or len(complete) < max(_LEAST_POSTURES, len(states_of_posture) / 2):
+        return None
+    stated = replace(table, table=replace(table.table, joints=joints.columns))
+    labels = [str(posture + 1) for posture in postures]
+    return [(stated if each is table else each).add_labels(labels) for each in tables]
+
+
 def _name(table: NumberTable, options: ImportOptions, labels: Sequence[str] = ()) -> _NamedTable:
     """Return a table with the names of its rows."""
     names = _omit_repeat_numbers(table, name_rows(table, options, labels))
     named = _NamedTable(table, _name_after_unloading(names))
     is_mean_stated = options.mean_of_repeats or has_repeats(table)
-    if len(named.keys) > 1 and (is_mean_stated or _has_clear_repeats(named)):
+    if named.labels and len(named.keys) > 1 and (is_mean_stated or _has_clear_repeats(named)):
         named = _average_repeats(named)
     return _unite_joints(_equal_joints(named, options.joint_tolerance), options.joint_tolerance)
 

@@ -75,13 +75,13 @@ def name_readings(
         ]
         targets = _number_states(_name_targets(proposal.readings, found), proposal.readings, options)
         named = _add_states(proposal.readings, targets, _add_states_of_words(found, contrasts), contrasts)
-        if _are_distinct(named):
+        if are_distinct(named):
             return named
     by_number = [f"T{reading.target}" for reading in proposal.readings]
     without_names = [RowName()] * len(proposal.readings)
     by_words = _add_states_of_words(without_names, contrasts)
     named = _add_states(proposal.readings, by_number, by_words, contrasts)
-    if _are_distinct(named):
+    if are_distinct(named):
         return named
     return _add_states(proposal.readings, by_number, without_names, contrasts)
 
@@ -94,7 +94,7 @@ def _add_states_of_words(names: Sequence[RowName], contrasts: Sequence[Contrast]
     ]
 
 
-def _are_distinct(readings: Sequence[NamedReading]) -> bool:
+def are_distinct(readings: Sequence[NamedReading]) -> bool:
     """Return whether no two readings have the same target, state and load."""
     return len({(each.target, each.state, each.load) for each in readings}) == len(readings)
 
@@ -113,12 +113,21 @@ def _find_names(
         mass = row.mass if name.mass is None else name.mass
         do_rows_differ = len({own.state for own in table.turn}) > 1  # where all have one header
         state = (row.state if do_rows_differ else None) or name.state or row.state
-        name = RowName(None, name.target or row.target, state, mass, row.force)
+        target = (row.target if _are_targets_in_rows(table) else None) or name.target or row.target
+        name = RowName(None, target, state, mass, row.force)
     if name.state is None and states is not None:
         name = _name_by_file(name, table, states)
     if name.state is None and options.state is not None:
         name = name._replace(state=options.state)
     return name
+
+
+def _are_targets_in_rows(table: NumberTable) -> bool:
+    """Return whether the rows of a posture are of several targets, and all positions have one header."""
+    in_headers = {
+        each.quantity.target for each in table.meanings if each is not None and each.kind == "position"
+    }
+    return len({row.target for row in table.turn}) > 1 and len(in_headers) == 1
 
 
 def _name_by_header(reading: TargetReading, table: NumberTable) -> RowName:

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import chain
 from pathlib import PurePath
 from typing import Final
@@ -93,6 +93,15 @@ class NumberTable:
     def title(self) -> str:
         """Name of the file without its extension, and of the sheet, which may say state and load."""
         return f"{self.stem} {self.grid.preview.sheet or ''}".strip()
+
+    @cached_property
+    def label_column(self) -> int | None:
+        """Column of the names of the postures: of these and no other, else the first; None without names."""
+        if not self.labels:
+            return None
+        labels = set(self.labels)
+        columns = range(len(self.headers))
+        return next((c for c in columns if {row.cells[c] for row in self.rows} == labels), 0)
 
     def replace_numbers(self, numbers_of_column: Mapping[int, FloatArray]) -> NumberTable:
         """Return the table with other numbers (N,) in some columns."""
@@ -201,6 +210,20 @@ class NumberTable:
             table=replace(self.table, numbers=numbers, others=others),
             ignored=self.ignored.union(replaced),
         )
+
+    def add_labels(self, labels: Sequence[str]) -> NumberTable:
+        """Return the table with a column of names of the postures."""
+        rows = tuple(
+            replace(row, cells=(*row.cells, label)) for row, label in zip(self.rows, labels, strict=True)
+        )
+        without_numbers = np.full((len(rows), 1), np.nan)
+        table = replace(
+            self.table,
+            numbers=np.hstack([self.table.numbers, without_numbers]),
+            others=self.table.others | {len(self.headers)},
+        )
+        headers, meanings = (*self.headers, "posture"), (*self.meanings, Meaning(Quantity("name")))
+        return replace(self, headers=headers, meanings=meanings, rows=rows, table=table)
 
     def name_size_along_z(self, column: int) -> NumberTable:
         """Return the table in which a column of sizes of a force, of any sign, is the force along −z."""
@@ -340,7 +363,7 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
 
 
 def _list_measured_columns(meanings: Sequence[Meaning | None]) -> Iterator[int]:
-    """Yield the columns of positions whose names tell a state, such as `T1 sem x` beside `T1 com x`."""
+    """Yield the columns of positions with names of a state, such as `T1 sem x` next to `T1 com x`."""
     quantities = {column: meaning.quantity for column, meaning in enumerate(meanings) if meaning is not None}
     words_of_column = {
         column: (quantity.target or "").replace("_", " ").split()

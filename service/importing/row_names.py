@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -22,6 +23,8 @@ from jointstiff.service.importing.grammar import (
     is_cycle_header,
     is_in_kg,
     is_load_header,
+    is_no_load_header,
+    is_posture_header,
     is_repeat_header,
     read_states,
 )
@@ -52,6 +55,9 @@ LEAST_BETWEEN_TARGETS: Final = 2e-3
 """Least distance [m] of two targets along an axis of coordinates; repeats of a reading are nearer."""
 _LARGEST_DEFLECTION: Final = 0.02
 """Distance [m] along an axis beyond which two positions of a posture are no states of one target."""
+_OPPOSITE: Final[Mapping[State | None, State]] = MappingProxyType(
+    {"loaded": "unloaded", "unloaded": "loaded"}
+)
 _MOST_DIFFERENT: Final = 2
 """States of a column of words that nobody knows."""
 
@@ -197,14 +203,24 @@ def _find_label_column(table: NumberTable, known_labels: Collection[str] = ()) -
     while first + 1 < len(table.headers) and _has_one_text(table, first):
         first += 1
     if table.meanings[first] is not None or first in table.ignored:
-        return None
+        return _find_posture_column(table)
     texts = _list_texts(table, first)
     are_counted = bool(table.headers[first]) and all(_COUNTED.fullmatch(text) for text in texts)
     is_label = (_are_texts(texts) or are_counted) and len(set(texts)) >= _LEAST_LABELS
     cycles = _find_cycle_column(table, len(set(texts))) if _are_texts(texts) else None
     if cycles is not None:
         return cycles
-    return first if is_label else None
+    posture_column = _find_posture_column(table)
+    return first if is_label and posture_column is None else posture_column
+
+
+def _find_posture_column(table: NumberTable) -> int | None:
+    """Return the first column whose header is a word for the number of a posture; None without one."""
+    for column, header in enumerate(table.headers):
+        is_free = table.meanings[column] is None and column not in table.ignored
+        if is_free and is_posture_header(header) and len(set(_list_texts(table, column))) >= _LEAST_LABELS:
+            return column
+    return None
 
 
 def _find_column_of_labels(table: NumberTable, labels: Collection[str]) -> int | None:
@@ -290,23 +306,32 @@ def _find_column_of_words(table: NumberTable, options: ImportOptions, columns: S
 
 def _list_states(table: NumberTable, column: int, words: Mapping[str, State]) -> dict[str, RowName]:
     """Return word → state and mass, of the words of a column of states; without words that are not known."""
-    known = _list_state_words(_list_texts(table, column), words)
-    return known or _find_answers(table, column, words)
+    answers = _find_answers(table, column, words)
+    if is_no_load_header(table.headers[column]) and answers:
+        return answers
+    return _list_state_words(_list_texts(table, column), words) or answers
 
 
 def _find_answers(table: NumberTable, column: int, words: Mapping[str, State]) -> dict[str, RowName]:
     """Return word → state of a column below a header such as `load`: no and yes, or no force and a force.
 
-    A column of other words, or of more than two, has no answers, as one of several forces.
+    Below a header such as `unloaded`, no and yes mean the other state, unless the caller states the words. A
+    column of other words, or of more than two, has no answers, as one of several forces.
     """
     meaning = table.meanings[column]
     is_free = meaning is None or meaning.kind == "state"
-    if not is_free or not is_load_header(table.headers[column]):
+    is_about_no_load = is_no_load_header(table.headers[column])
+    if not is_free or not (is_about_no_load or is_load_header(table.headers[column])):
         return {}
     different = list(dict.fromkeys(_list_texts(table, column)))
     if len(different) != _MOST_DIFFERENT:
         return {}
-    states = {word: _read_answer(word, words) for word in different}
+    if is_about_no_load:
+        stated = {fold_word(word): state for word, state in words.items()}
+        opposites = {word: _OPPOSITE.get(find_answer(word)) for word in different}
+        states = {word: stated.get(fold_word(word), opposites[word]) for word in different}
+    else:
+        states = {word: _read_answer(word, words) for word in different}
     if set(states.values()) != {"unloaded", "loaded"}:
         return {}
     return {word: RowName(state=state) for word, state in states.items()}
@@ -366,12 +391,11 @@ def _list_state_words(texts: Sequence[str], words: Mapping[str, State]) -> dict[
     known = {word: read for word in different if (read := _read_state_word(word, words)) is not None}
     for word, state in read_states(different, words).items():
         known[word] = known.get(word, RowName())._replace(state=state)
-    opposite: dict[State | None, State] = {"loaded": "unloaded", "unloaded": "loaded"}
     if len(different) == 2 and len(known) == 1:
         ((first, read),) = known.items()
         other = next(word for word in different if word != first)
-        if read.state in opposite:
-            known[other] = RowName(state=opposite[read.state])
+        if read.state in _OPPOSITE:
+            known[other] = RowName(state=_OPPOSITE[read.state])
     return known
 
 

@@ -19,6 +19,7 @@ from jointstiff.service.importing.grammar import (
     is_in_kg,
     looks_like_a_force,
 )
+from jointstiff.service.importing.grid import ARRAYS
 from jointstiff.service.importing.naming import NamedReading
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.rewriting import KEPT_KINDS
@@ -94,7 +95,7 @@ def _is_explained(table: NumberTable, column: int) -> bool:
     """Return whether a column is empty, names rows or their loads, is kept, or is ignored by the caller."""
     is_empty = not any(row.cells[column] for row in table.rows)
     meaning = table.meanings[column]
-    is_label = column == 0 and bool(table.labels)
+    is_label = column == table.label_column
     is_named = meaning is not None and meaning.kind in KEPT_KINDS | (_NAMES - {"ignored"})
     is_load = is_in_kg(table.headers[column]) and any(name.mass is not None for name in table.turn)
     return is_empty or is_named or is_label or is_load or column in table.ignored
@@ -155,7 +156,8 @@ def refuse_columns_left(
     joints = next(table for table in tables if table.name == proposal.joints.table)
     postures = len(joints.rows) // proposal.joints.groups.count
     for each in left:
-        if each.is_whole and not confirms_joints(each.table, proposal, joints):
+        is_other = confirms_joints(each.table, proposal, joints) or _is_square_matrix(each.table, postures)
+        if each.is_whole and not is_other:
             raise _build_file_error(each.table, joints, postures)
     if len({each.state for each in named}) > 1:
         return
@@ -332,6 +334,18 @@ def refuse_single_rows(proposal: Proposal, tables: Sequence[NumberTable]) -> Non
             "`joint_tolerance`"
         )
         raise ImportFileError(Place(joints.grid.file), reason, remedy)
+
+
+def _is_square_matrix(table: NumberTable, postures: int) -> bool:
+    """Return whether the arrays of a file with these rows are square, as a stiffness or a covariance is.
+
+    Rows of postures, columns of positions, and arrays of three rows, which may be points, are no such matrix.
+    """
+    count, width = table.table.numbers.shape
+    has_positions = any(each is not None and each.kind in ("position", "joint") for each in table.meanings)
+    is_array = table.grid.preview.format in ARRAYS.values()
+    is_square = count > _COORDINATES and width % count == 0 and bool(np.isfinite(table.table.numbers).all())
+    return is_array and is_square and not has_positions and count % postures > 0
 
 
 def _build_file_error(table: NumberTable, joints: NumberTable, postures: int) -> ImportFileError:

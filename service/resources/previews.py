@@ -47,7 +47,7 @@ def _preview(proposal: Proposal, named: Sequence[NamedReading], table: NumberTab
 def _describe_other(table: NumberTable, column: int) -> str:
     """Return the meaning of a column that is no joint and no position: what it names, or `ignored`."""
     meaning = table.meanings[column]
-    if column == 0 and table.labels:
+    if column == table.label_column:
         return "name"
     if meaning is None or meaning.kind not in KEPT_KINDS | _NAMES:
         return "ignored"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -22,16 +23,23 @@ from jointstiff.service.importing.deflections import (
 )
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
 from jointstiff.service.importing.grammar import Vocabulary, is_in_kg
-from jointstiff.service.importing.joining import join_tables
+from jointstiff.service.importing.joining import join_tables, label_by_joints
 from jointstiff.service.importing.lengths import convert_columns, unify_lengths
 from jointstiff.service.importing.naming import (
     NamedReading,
+    are_distinct,
     find_unknown_words,
     find_words_against_order,
     list_state_words,
     name_readings,
 )
-from jointstiff.service.importing.numbers import GridReader, NumberTable, read_number_tables, read_tables
+from jointstiff.service.importing.numbers import (
+    GridReader,
+    NumberFiles,
+    NumberTable,
+    read_number_tables,
+    read_tables,
+)
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 from jointstiff.service.importing.rewriting import (
     has_column_of,
@@ -372,6 +380,9 @@ def _propose_importable(
             raise
         return alone
     try:
+        labelled = _label_by_joints(found_meaning, request, robots[0].robot.joint_names)
+        if labelled is not None:
+            found_meaning = _find_in_one_unit(labelled, request, robots)
         return _complete(found_meaning, request)
     except NoProposalError as error:
         raise UnfinishedError(error.reason, error.remedy, error.fault) from error
@@ -387,6 +398,7 @@ def _complete(found_meaning: _FoundMeaning, request: ImportRequest) -> ProposedI
     tables = numbers.tables
     named = name_readings(proposal, tables, request)
     _refuse_contradiction(proposal, named, tables)
+    _refuse_repeats_without_names(proposal, named)
     _refuse_order_against_words(proposal, named)
     _refuse_loaded_after_unloading(named)
     _refuse_states_against_force(proposal, named, tables, request)
@@ -593,6 +605,27 @@ def _have_same_states(named: Sequence[NamedReading]) -> bool:
     return len({frozenset(states) for states in states_of_target.values()}) == 1
 
 
+def _label_by_joints(
+    found_meaning: _FoundMeaning, request: ImportRequest, names: Sequence[str]
+) -> _Numbers | None:
+    """Return the numbers with the rows of a posture in turn, if the joints that were found tell the postures.
+
+    None if the rows are in turn, or if the joints do not tell the postures. `names` are those of the joints.
+
+    Raises:
+        NoProposalError: rows of a posture do not fit each other.
+    """
+    numbers, joints = found_meaning.numbers, found_meaning.proposal.joints
+    table = next(table for table in numbers.tables if table.name == joints.table)
+    if joints.groups.count == len(table.turn):
+        return None
+    labelled = label_by_joints(numbers.separate, joints, request)
+    if labelled is None:
+        return None
+    joined = _join(numbers.files, labelled, request, names)
+    return joined._replace(notes=[*joined.notes, "rows with the same joints are one posture"])
+
+
 class _FoundMeaning(NamedTuple):
     """Meaning of the columns by the robot that fits, and the numbers in one unit."""
 
@@ -643,6 +676,22 @@ def _refuse_contradiction(
     if contradiction:
         remedy = "correct `columns`, or leave the statement out"
         raise NoProposalError(contradiction, remedy)
+
+
+def _refuse_repeats_without_names(proposal: Proposal, named: Sequence[NamedReading]) -> None:
+    """Refuse repeated readings of a target in one state, if the order gives some of them this state.
+
+    Raises:
+        NoProposalError: there are such positions: the order of repeats tells no state.
+    """
+    if are_distinct(named) or not any(each.is_by_order for each in named):
+        return
+    most = max(Counter(each.target for each in named).items(), key=lambda item: item[1])
+    raise NoProposalError(
+        f"{describe(proposal, [each.words for each in named])} by their order, but {most[0]} has {most[1]} "
+        "positions in a posture, and no names of postures and states tell which of them are repeats",
+        "name the posture and the state of each row in columns with the headers `label` and `state`",
+    )
 
 
 def _refuse_loaded_after_unloading(named: Sequence[NamedReading]) -> None:
@@ -810,6 +859,8 @@ class _Numbers(NamedTuple):
     tables: Sequence[NumberTable]
     notes: Sequence[str]  # what a person should know of the rows
     masses: tuple[SourceFile, ...]  # files with the masses of the robot's bodies
+    files: NumberFiles  # as they were read
+    separate: Sequence[NumberTable]  # with their rows in the order of the files
 
 
 def _read_numbers(
@@ -838,12 +889,25 @@ def _read_numbers(
         raise UnreadError(reason, advise_on_files_without_rows(files, found.without))
     try:
         refuse_unknown_headers(found.tables, request)
-        words = Vocabulary(request, joints)
-        joined = join_tables(unify_lengths(found.tables), request)
-        tables, notes = add_deflections(joined.tables, words)
     except ImportFileError as fault:
         raise _describe_fault(fault) from fault
-    return _Numbers(tables, [*found.notes, *joined.notes, *notes], found.masses)
+    return _join(found, unify_lengths(found.tables), request, joints)
+
+
+def _join(
+    found: NumberFiles, tables: Sequence[NumberTable], request: ImportRequest, joints: Sequence[str]
+) -> _Numbers:
+    """Return tables of files with their rows in one order; `joints` are names of joints.
+
+    Raises:
+        NoProposalError: names of rows or headers do not fit.
+    """
+    try:
+        joined = join_tables(tables, request)
+        arranged, notes = add_deflections(joined.tables, Vocabulary(request, joints))
+    except ImportFileError as fault:
+        raise _describe_fault(fault) from fault
+    return _Numbers(arranged, [*found.notes, *joined.notes, *notes], found.masses, found, tables)
 
 
 def _describe_fault(fault: ImportFileError, kind: type[NoProposalError] = NoProposalError) -> NoProposalError:

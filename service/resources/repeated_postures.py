@@ -11,8 +11,7 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.naming import NamedReading
 from jointstiff.service.importing.numbers import NumberTable
-from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.meaning.hypotheses import find_joint_noise
+from jointstiff.solver.meaning.hypotheses import number_postures
 from jointstiff.solver.meaning.proposal import Proposal
 
 _LEAST_REPEATED: Final = 3
@@ -21,10 +20,6 @@ _LEAST_PART: Final = 0.5
 """Least part of the postures that occur twice."""
 _REPEATABLE: Final = 5e-5
 """Distance [m] of two readings of a posture up to which they are repeats: noise, and the arm's return."""
-_CELL: Final = 4.0
-"""Size of a cell of joints in which rows are one posture, in the noise of joints."""
-_HALVES: Final = (0.0, 0.5)
-"""Shifts of the cells: noise crosses a border of one grid at most."""
 
 
 def refuse_repeated_postures(
@@ -40,8 +35,11 @@ def refuse_repeated_postures(
     if request.state is not None or states != {"unloaded"} or proposal.joints.groups.count > 1:
         return
     numbers = joints.table.numbers[:, list(proposal.joints.columns)]
-    found = (_find_repeated(numbers, shift) for shift in _HALVES)
-    repeated, count = max(found, key=lambda each: len(each[0]))
+    postures = number_postures(numbers)
+    counts = np.bincount(postures)
+    rows_of_postures = np.split(np.argsort(postures, kind="stable"), np.cumsum(counts)[:-1])
+    repeated = [rows for rows in rows_of_postures if len(rows) > 1]
+    count = len(counts)
     if len(repeated) < max(_LEAST_REPEATED, _LEAST_PART * count):
         return
     positions = named[0].reading.positions
@@ -58,16 +56,3 @@ def refuse_repeated_postures(
         "under load, give `state`",
         "state",
     )
-
-
-def _find_repeated(joints: FloatArray, shift: float) -> tuple[list[IndexArray], int]:
-    """Return the rows of each posture that occurs twice or more, and the number of postures.
-
-    Joints (N, n) are one posture if they are in one cell of a grid, which is shifted by a part of a cell.
-    """
-    cells = np.floor(joints / (_CELL * find_joint_noise(joints)) + shift)
-    _, posture, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-    order = np.argsort(posture.reshape(-1), kind="stable")
-    rows_of_postures = np.split(order, np.cumsum(counts)[:-1])
-    repeated = [rows for rows in rows_of_postures if len(rows) > 1]
-    return sorted(repeated, key=lambda rows: int(rows[0])), len(counts)

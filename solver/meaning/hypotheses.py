@@ -36,6 +36,10 @@ _ENCODER_NOISE: Final = 1e-4
 _LARGEST_STEP: Final = 0.01
 """Step [°] of rounded joints, at most, by which the joints of one posture may differ."""
 _ARITHMETIC: Final = 1e-9
+_CELL: Final = 4.0
+"""Size of a cell of joints in which rows are one posture, in the noise of joints."""
+_HALVES: Final = (0.0, 0.5)
+"""Shifts of the cells, as a part of a cell."""
 _LEAST_POSTURES: Final = 3
 """Least number of postures of a table."""
 _FIRST_POSTURES: Final = 4
@@ -181,6 +185,19 @@ def find_joint_noise(joints: FloatArray) -> float:
     radian = float(np.degrees(1.0)) if is_in_degrees else 1.0
     step, largest_step = find_rounding(joints), _LARGEST_STEP * radian / float(np.degrees(1.0))
     return max(_ENCODER_NOISE * radian, step if step <= largest_step else 0.0) + _ARITHMETIC
+
+
+def number_postures(joints: FloatArray) -> IndexArray:
+    """Return the number of the posture of each row of joints (N, n), in the order of appearance.
+
+    Rows are one posture if their joints are in one cell of a grid. Noise crosses a border of one of two grids
+    at most, so that the grid with fewer postures counts.
+    """
+    size = _CELL * find_joint_noise(joints)
+    numbered = (np.unique(np.floor(joints / size + shift), axis=0, return_inverse=True) for shift in _HALVES)
+    cells = min((inverse.reshape(-1) for _, inverse in numbered), key=lambda own: int(own.max()))
+    _, first, postures = np.unique(cells, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[postures.reshape(-1)]
 
 
 def _repeats(joints: FloatArray, bound: float) -> bool:

@@ -109,3 +109,127 @@ def test_joints_that_differ_between_the_states_are_one_posture_within_a_stated_t
         read_controller(tmp_path, change=1e-3)
     proposal = read_controller(tmp_path, change=1e-3, joint_tolerance=0.1)
     assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (12, 1)), abs=2e-3)
+
+
+def samples_of_stops(states=(0, 1), samples=3, spread=0.01):
+    """Return lines of a log merged with a tracker: samples of each stop without load, then under load."""
+    noise = np.random.default_rng(8).normal(0.0, spread, (2, samples, *FIRST.shape))
+    rows = [
+        [*READINGS.joints[k], 8.0 * state, *(FIRST[k] + state * SAG + noise[state, line, k])]
+        for state in states
+        for k in (range(len(FIRST)) if state == 0 else reversed(range(len(FIRST))))
+        for line in range(samples)
+    ]
+    header = [*(f"target_q_{k}" for k in range(6)), "payload", "lt_x", "lt_y", "lt_z"]
+    return [header, *([f"{value:.7f}" for value in row] for row in rows)]
+
+
+def write_cells(path, rows):
+    path.write_text("\n".join(",".join(cells) for cells in rows) + "\n")
+    return path
+
+
+def test_samples_of_a_stop_with_the_same_joints_are_repeats_of_one_posture(tmp_path):
+    proposal = js.read(write_cells(tmp_path / "log.csv", samples_of_stops()), robot=ARM, **STATED)
+    assert "rows with the same joints are one posture" in str(proposal)
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (12, 1)), abs=0.03)
+
+
+def test_states_with_other_numbers_of_samples_are_repeats_too(tmp_path):
+    rows = samples_of_stops()[:-1]
+    proposal = js.read(write_cells(tmp_path / "log.csv", rows), robot=ARM, **STATED)
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (12, 1)), abs=0.03)
+
+
+def test_samples_of_a_stop_are_repeats_where_two_files_have_the_rows_in_one_order(tmp_path):
+    rows = samples_of_stops()
+    files = [
+        write_cells(tmp_path / "robot.csv", [cells[:7] for cells in rows]),
+        write_cells(tmp_path / "tracker.csv", [cells[6:] for cells in rows]),
+    ]
+    proposal = js.read(*files, robot=ARM, **STATED)
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (12, 1)), abs=0.03)
+
+
+def test_samples_of_a_stop_that_are_far_apart_are_no_repeats(tmp_path):
+    rows = samples_of_stops(spread=0.5)
+    with pytest.raises(js.CampaignError, match="has this row twice"):
+        js.read(write_cells(tmp_path / "log.csv", rows), robot=ARM, **STATED)
+
+
+def test_a_mean_of_repeats_is_never_that_of_several_postures_without_names(tmp_path):
+    rows = samples_of_stops()
+    proposal = js.read(write_cells(tmp_path / "log.csv", rows), robot=ARM, **STATED, mean_of_repeats=True)
+    assert len(shifts_of(proposal)) == len(FIRST)
+
+
+def test_a_stop_that_lacks_its_state_under_load_is_left_out_with_a_note(tmp_path):
+    rows = samples_of_stops()[:-3]
+    proposal = js.read(write_cells(tmp_path / "log.csv", rows), robot=ARM, **STATED)
+    assert "1: target lt was read only unloaded" in str(proposal)
+    assert len(shifts_of(proposal)) == len(FIRST) - 1
+
+
+def read_lines(tmp_path, header, no, yes):
+    """Read a table with rows of two targets, whose states are words below a header."""
+    names = ("pose_id", header, "nest")
+    rows = [["ts", *(f"J{k} [deg]" for k in range(1, 7)), *names, *(f"p {axis} [mm]" for axis in "xyz")]]
+    for word in (no, yes):
+        for k, angles in enumerate(np.rad2deg(READINGS.joints)):
+            for target in (0, 1):
+                place = 1e3 * READINGS.position[k, target] + (SAG if word == yes else 0.0)
+                cells = [f"{value:.4f}" for value in (*angles, *place)]
+                names = (str(k + 20), word, f"nest{target + 1}")
+                rows.append([str(1700000000 + 7 * len(rows)), *cells[:6], *names, *cells[6:]])
+    return js.read(write_cells(tmp_path / "log.csv", rows), robot=ARM, **STATED)
+
+
+def test_rows_name_the_postures_and_targets_of_positions_with_one_header(tmp_path):
+    proposal = read_lines(tmp_path, "loaded", "false", "true")
+    observations = proposal.accept().campaign.measurement_set.observations
+    assert [each.label for each in observations] == [str(k + 20) for k in range(12)]
+    assert {each.target for own in observations for each in own.readings} == {"nest1", "nest2"}
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (24, 1)), abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("header", "no", "yes"),
+    [
+        *(("loaded", *words) for words in (("0", "1"), ("FALSE", "TRUE"), ("nein", "ja"), ("no", "yes"))),
+        *(("is_loaded", *words) for words in (("0", "1"), ("false", "true"))),
+        *(("unloaded", *words) for words in (("1", "0"), ("true", "false"), ("ja", "nein"))),
+        ("LAST", "0", "1"),
+    ],
+)
+def test_a_flag_below_a_state_says_whether_the_state_is_that_of_the_row(tmp_path, header, no, yes):
+    proposal = read_lines(tmp_path, header, no, yes)
+    assert "by their order" not in str(proposal)
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (24, 1)), abs=2e-3)
+
+
+def readings_of_stops(names=False):
+    """Return a table with a row for each posture, and one with two samples of each state of each posture."""
+    joints = [[f"q{k}" for k in range(6)], *([f"{each:.6f}" for each in row] for row in READINGS.joints)]
+    points = [["payload", "x", "y", "z"]]
+    for k, place in enumerate(FIRST):
+        joints[k + 1] += [f"P{k}"] if names else []
+        for state, sample in ((0, 0.0), (0, 0.01), (1, 0.0), (1, 0.01)):
+            cells = [f"{value:.4f}" for value in (8.0 * state, *(place + state * SAG + sample))]
+            points.append([*cells, f"P{k}"] if names else cells)
+    for rows in (joints, points) if names else ():
+        rows[0].append("label")
+    return joints, points
+
+
+def read_stops(tmp_path, names):
+    tables = zip(("joints.csv", "points.csv"), readings_of_stops(names), strict=True)
+    return js.read(*(write_cells(tmp_path / name, rows) for name, rows in tables), robot=ARM, **STATED)
+
+
+def test_the_order_of_several_samples_of_each_state_never_tells_the_states(tmp_path):
+    with pytest.raises(
+        js.CampaignError, match="no names of postures and states tell which of them are repeats"
+    ):
+        read_stops(tmp_path, names=False)
+    proposal = read_stops(tmp_path, names=True)
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (12, 1)), abs=2e-3)

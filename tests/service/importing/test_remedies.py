@@ -1121,7 +1121,7 @@ def strangers() -> dict[str, Proposed]:
     named = ["Pose", "Target", *IN_TURN[1:]]
     of_targets = [[row[0], f"T{row[1]}", *row[2:]] for row in OF_TWO_TARGETS]
     misspelt = [*of_targets[:6], [of_targets[6][0], "TI", *of_targets[6][2:]], *of_targets[7:]]
-    twice = [";".join(row[1:]) for row in TURNS]
+    twice = [";".join([*row[1:7], *row[8:]]) for row in TURNS]  # without the words for states
     uneven = [[*row[:3], f"{float(row[3]) + 0.3 * (n % 2)}", *row[4:]] for n, row in enumerate(TURNS)]
     return {
         "block": Proposed(
