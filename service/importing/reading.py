@@ -36,7 +36,6 @@ from jointstiff.service.importing.axis_rows import join_axis_rows
 from jointstiff.service.importing.blocks import read_blocks
 from jointstiff.service.importing.cell_units import separate_units
 from jointstiff.service.importing.certificates import read_certificate
-from jointstiff.service.importing.differences import omit_differences
 from jointstiff.service.importing.encoding import decode, describe_encoding
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.excel import read_workbook, split_sheets
@@ -371,8 +370,12 @@ class _Reader:
 
         If there are faults, the result has only the faults and the previews of the files.
         """
-        observations, notes = omit_differences(observations)
-        self._notes += notes
+        quantities = (quantity for observation in observations for quantity in observation.values)
+        if any(quantity.state == "deflection" for quantity in quantities):
+            from jointstiff.service.importing.differences import omit_differences  # imports numpy
+
+            observations, notes = omit_differences(observations)
+            self._notes += notes
         skipped = list[str]()
         if self._options.allow_missing:
             observations, skipped = _skip_incomplete_observations(observations)
