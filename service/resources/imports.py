@@ -30,6 +30,7 @@ from jointstiff.service.importing.grammar import Kind, Quantity, joint_number, s
 from jointstiff.service.importing.posture_files import join_posture_files
 from jointstiff.service.importing.reading import SourceFile, Understood, find_copy, understand_files
 from jointstiff.service.importing.rows import ObservationRecord, Value
+from jointstiff.service.importing.stated_loads import describe_stated_loads, find_stated_loads
 from jointstiff.service.problems import FilesError, reword_fault
 from jointstiff.solver.errors import MeasurementError
 
@@ -182,11 +183,6 @@ def import_files(
 
 def _describe_likely_force(files: Sequence[SourceFile]) -> str:
     """Return the end of a sentence on the loads that files state in words; empty without such loads."""
-    from jointstiff.service.importing.stated_loads import (  # imports numpy
-        describe_stated_loads,
-        find_stated_loads,
-    )
-
     sentence = describe_stated_loads(find_stated_loads(files))
     return f"; {sentence}" if sentence else ""
 
