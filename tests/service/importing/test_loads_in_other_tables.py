@@ -113,6 +113,15 @@ def test_moments_and_load_points_of_a_table_are_those_of_the_postures(tmp_path):
     assert np.allclose([each.moment for each in found.observations], moments)
 
 
+def test_masses_of_a_table_are_weights(tmp_path):
+    masses = [4 + number % 3 for number in range(COUNT)]
+    own = loads([(mass, 3, 21.5) for mass in masses], ("mass [kg]", "hook", "room temperature [°C]"))
+    proposal = read(tmp_path, {"j.csv": joints(), "p.csv": points(), "l.csv": own})
+    assert "'mass [kg]' of l.csv as weights along −z of R0" in str(proposal)
+    assert set_of(proposal).units.force == "kgf"
+    assert np.allclose(forces_of(proposal), np.outer(masses, [0, 0, -1]))
+
+
 def test_a_posture_with_two_forces_in_a_table_is_refused_by_its_line(tmp_path):
     rows = points(AXES, FORCES.astype(str).tolist())
     rows[-1][-1] = "55"
