@@ -524,7 +524,7 @@ def _find_headers(
     """
     with suppress(ImportFileError):
         heading = find_heading(grid, words, options)
-        is_above_data = heading.start == first or not heading.lines
+        is_above_data = _are_without_numbers(grid, heading.start, first) or not heading.lines
         if is_above_data and not heading.columns_are_assumed and len(heading.texts) == width:
             return heading.texts
     if options.header is not None and len(options.header) == width:
@@ -534,6 +534,13 @@ def _find_headers(
     if len(above) >= width and are_others_ignored:
         return above[:width]
     return ("",) * width
+
+
+def _are_without_numbers(grid: Grid, start: int, first: int) -> bool:
+    """Return whether rows from `start` have names, but no cells where the first row of data has numbers."""
+    numbers = [column for column, cell in enumerate(grid.rows[first].cells) if looks_like_a_number(cell)]
+    between = [row.resize(len(grid.rows[first].cells)) for row in grid.rows[start:first]]
+    return start <= first and not any(row.cells[column] for row in between for column in numbers)
 
 
 def _complete_headers(headers: tuple[str, ...], grid: Grid, first: int) -> tuple[str, ...]:

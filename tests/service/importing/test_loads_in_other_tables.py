@@ -68,8 +68,8 @@ def in_states(empty):
 
 @pytest.mark.parametrize(
     "own",
-    [loads(), [loads()[0], *loads()[:0:-1]], in_states(("0", "0", "0"))],
-    ids=["row a posture", "other order", "0 without load"],
+    [loads(), [loads()[0], *loads()[:0:-1]], in_states(("0", "0", "0")), in_states(("", "", ""))],
+    ids=["row a posture", "other order", "0 without load", "empty without load"],
 )
 def test_forces_in_a_table_of_their_own_are_those_of_the_postures_of_their_names(tmp_path, own):
     proposal = read(tmp_path, {"j.csv": joints(), "p.csv": points(), "l.csv": own})
