@@ -60,6 +60,8 @@ def gather_loads(proposal: Proposal, tables: Sequence[NumberTable], request: Imp
             loads = _read_loads(table, rows, columns, kind)
             headers = ", ".join(quote(table.headers[column]) for column in columns)
             copied.update(columns)
+            if kind != "load point" and not np.nan_to_num(loads).any():
+                continue  # a table of readings without load
             if has_column_of(with_loads, kind):
                 _refuse_other_loads(proposal, with_loads, table, kind, loads)
             else:

@@ -82,6 +82,14 @@ def test_forces_in_the_table_of_readings_are_those_of_the_postures(tmp_path):
     assert np.allclose(forces_of(read(tmp_path, tables)), FORCES)
 
 
+def test_forces_of_0_in_the_table_of_readings_without_load_give_way(tmp_path):
+    rows = points(AXES, FORCES.astype(str).tolist())
+    free = [rows[0], *([*row[:-3], "0", "0", "0"] for row in rows[1 : COUNT + 1])]
+    tables = {"j.csv": joints(), "free.csv": free, "loaded.csv": [rows[0], *rows[COUNT + 1 :]]}
+    tables = {name: [[row[0], *row[2 - (name == "j.csv") :]] for row in own] for name, own in tables.items()}
+    assert np.allclose(forces_of(read(tmp_path, tables)), FORCES)
+
+
 def test_forces_without_names_are_in_the_order_of_the_postures_if_the_caller_says_so(tmp_path):
     tables = {"j.csv": joints(), "p.csv": points(), "l.csv": [row[1:] for row in loads()]}
     assert np.allclose(forces_of(read(tmp_path, tables, by_order=True)), FORCES)
