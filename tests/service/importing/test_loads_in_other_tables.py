@@ -15,6 +15,7 @@ FORCES = np.random.default_rng(31).uniform(-120.0, 120.0, (COUNT, 3)).round(1)
 LOADED = FIRST + 2e-3 * FORCES
 NAMES = [f"C{number:02}" for number in range(1, COUNT + 1)]
 AXES = ("Fx [N]", "Fy [N]", "Fz [N]")
+R0 = np.eye(3)
 POINT = {"load_point": [0, 0, 100]}
 
 
@@ -31,10 +32,10 @@ def joints(extra=(), values=()):
     return [["ID", *(f"{axis} [deg]" for axis in "SLURBT"), *extra], *rows]
 
 
-def points(extra=(), values=()):
+def points(extra=(), values=(), turn=R0):
     values = values or [()] * COUNT
     rows = [
-        [name, state, *texts(place), *own]
+        [name, state, *texts(turn @ place), *own]
         for state, places in (("U", FIRST), ("L", LOADED))
         for name, place, own in zip(NAMES, places, values, strict=True)
     ]
@@ -80,6 +81,14 @@ def test_forces_in_a_table_of_their_own_are_those_of_the_postures_of_their_names
 def test_forces_in_the_table_of_readings_are_those_of_the_postures(tmp_path):
     tables = {"j.csv": joints(), "p.csv": points(AXES, FORCES.astype(str).tolist())}
     assert np.allclose(forces_of(read(tmp_path, tables)), FORCES)
+
+
+def test_forces_beside_readings_of_a_tracker_are_turned_into_r0_with_them(tmp_path):
+    turn = np.array([[0.0, -1.0, 0.0], [0.6, 0.0, -0.8], [0.8, 0.0, 0.6]])
+    rows = points(AXES, (FORCES @ turn.T).round(6).astype(str).tolist(), turn)
+    proposal = read(tmp_path, {"j.csv": joints(), "p.csv": rows})
+    assert "the forces turned into R0 with the positions" in str(proposal)
+    assert np.abs(forces_of(proposal) - FORCES).max() < 0.5
 
 
 def test_forces_of_0_in_the_table_of_readings_without_load_give_way(tmp_path):
