@@ -78,6 +78,8 @@ class NumberTable:
     ignored: frozenset[int] = frozenset()  # columns that the caller ignores
     turn: tuple[RowName, ...] = ()  # names of the rows of a posture, which follow each other; () if unknown
     labels: tuple[str, ...] = ()  # names of the postures, in the order of the rows; () without names
+    copied: frozenset[int] = frozenset()  # columns of loads that the table of joints has, too
+    copies: frozenset[int] = frozenset()  # columns of loads of other tables, in the table of joints
 
     @property
     def name(self) -> str:
@@ -191,24 +193,32 @@ class NumberTable:
 
     def add_forces(self, forces: FloatArray, unit: str | None, replaced: Collection[int] = ()) -> NumberTable:
         """Return the table with columns of forces (N, 3), in place of other columns."""
-        width = len(self.headers)
-        rows = tuple(
-            replace(row, cells=(*row.cells, *(_write_number(float(each), self.mark) for each in force)))
-            for row, force in zip(self.rows, forces, strict=True)
-        )
         meanings = [Meaning(Quantity("force"), axis, unit) for axis in range(3)]
-        others = self.table.others | {*replaced, width, width + 1, width + 2}
-        numbers = np.hstack([self.table.numbers, forces])
+        headers = [f"{meaning} [{unit}]" if unit else f"{meaning}" for meaning in meanings]
+        added = self.add_columns(headers, meanings, forces)
+        table = replace(added.table, others=added.table.others.union(replaced))
+        return replace(added, table=table, ignored=self.ignored.union(replaced))
+
+    def add_columns(
+        self, headers: Sequence[str], meanings: Sequence[Meaning | None], numbers: FloatArray
+    ) -> NumberTable:
+        """Return the table with further columns of numbers (N, m), which are neither joints nor positions."""
+        rows = tuple(
+            replace(row, cells=(*row.cells, *(_write_number(float(each), self.mark) for each in added)))
+            for row, added in zip(self.rows, numbers, strict=True)
+        )
+        width = len(self.headers)
+        table = replace(
+            self.table,
+            numbers=np.hstack([self.table.numbers, numbers]),
+            others=self.table.others.union(range(width, width + len(headers))),
+        )
         return replace(
             self,
-            headers=(
-                *self.headers,
-                *(f"{meaning} [{unit}]" if unit else f"{meaning}" for meaning in meanings),
-            ),
+            headers=(*self.headers, *headers),
             meanings=(*self.meanings, *meanings),
             rows=rows,
-            table=replace(self.table, numbers=numbers, others=others),
-            ignored=self.ignored.union(replaced),
+            table=table,
         )
 
     def add_labels(self, labels: Sequence[str]) -> NumberTable:
@@ -514,7 +524,7 @@ def _find_headers(
     """
     with suppress(ImportFileError):
         heading = find_heading(grid, words, options)
-        is_above_data = heading.start == first or not heading.lines
+        is_above_data = _are_without_numbers(grid, heading.start, first) or not heading.lines
         if is_above_data and not heading.columns_are_assumed and len(heading.texts) == width:
             return heading.texts
     if options.header is not None and len(options.header) == width:
@@ -524,6 +534,13 @@ def _find_headers(
     if len(above) >= width and are_others_ignored:
         return above[:width]
     return ("",) * width
+
+
+def _are_without_numbers(grid: Grid, start: int, first: int) -> bool:
+    """Return whether rows from `start` have names, but no cells where the first row of data has numbers."""
+    numbers = [column for column, cell in enumerate(grid.rows[first].cells) if looks_like_a_number(cell)]
+    between = [row.resize(len(grid.rows[first].cells)) for row in grid.rows[start:first]]
+    return start <= first and not any(row.cells[column] for row in between for column in numbers)
 
 
 def _complete_headers(headers: tuple[str, ...], grid: Grid, first: int) -> tuple[str, ...]:

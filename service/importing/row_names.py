@@ -75,27 +75,38 @@ def name_rows(
     label_column = None if options.by_order else _find_label_column(table, known_labels)
     state_column = _find_state_column(table, options, label_column)
     target_column = _find_target_column(table, (label_column, state_column))
-    masses = _list_masses(table)
-    forces = _list_forces(table) or _list_loads(table)
+    are_observations = False
     names = [RowName()] * len(table.rows)
     if label_column is not None:
         texts = [row.cells[label_column] for row in table.rows]
+        are_observations = len(set(texts)) == len(texts) and set(texts) <= set(known_labels)
         names = _split_names(texts, options, known_labels)
     states = {}
     if state_column is not None:
         states = _list_states(table, state_column, options.state_words)
     named = []
-    for number, (row, name) in enumerate(zip(table.rows, names, strict=True)):
+    for row, name in zip(table.rows, names, strict=True):
         if target_column is not None:
             name = name._replace(target=row.cells[target_column])
         if state_column is not None:
             name = _add_state(name, row.cells[state_column], states)
+        named.append(name)
+    named = named if are_observations else _add_loads(table, named)
+    return _omit_row_numbers(_add_targets(table, named))
+
+
+def _add_loads(table: NumberTable, names: Sequence[RowName]) -> list[RowName]:
+    """Return the names with the loads of columns, which tell the rows of an observation apart."""
+    masses = _list_masses(table)
+    forces = _list_forces(table) or _list_loads(table)
+    named = []
+    for number, name in enumerate(names):
         if masses is not None and name.mass is None:
             name = name._replace(mass=masses[number], state=find_state_of_load(masses[number]))
         if forces is not None and name.state is None:
             name = name._replace(state=forces[number].state, force=forces[number].force)
         named.append(name)
-    return _omit_row_numbers(_add_targets(table, named))
+    return named
 
 
 def _add_targets(table: NumberTable, names: list[RowName]) -> list[RowName]:

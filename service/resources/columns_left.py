@@ -23,6 +23,7 @@ from jointstiff.service.importing.grid import ARRAYS
 from jointstiff.service.importing.naming import NamedReading
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.rewriting import KEPT_KINDS
+from jointstiff.service.resources.posture_loads import LOADS
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.table import find_moving_columns
@@ -81,14 +82,14 @@ def list_other_columns(table: NumberTable, read: Collection[int]) -> ColumnsLeft
 
 
 def _list_columns_read(proposal: Proposal, table: NumberTable) -> set[int]:
-    """Return the columns of a table that are joints or positions of a proposal."""
+    """Return the columns of a table that are joints, positions or loads of a proposal."""
     read = {
         column
         for reading in proposal.readings
         if reading.points.table == table.name
         for column in reading.points.columns
     }
-    return read | set(proposal.joints.columns if table.name == proposal.joints.table else ())
+    return read | table.copied | set(proposal.joints.columns if table.name == proposal.joints.table else ())
 
 
 def _is_explained(table: NumberTable, column: int) -> bool:
@@ -187,7 +188,7 @@ def refuse_force_beside_columns(
         if table is joints:
             columns = [column for column in columns if column != table.find_size_of_force()]
         else:
-            columns += table.find_force_columns().values()
+            columns += sorted(set(table.find_force_columns().values()) - table.copied)
         if columns:
             listed = ", ".join(_name_column(table, column) for column in columns)
             reason = f"`force` is stated, but columns that are not read look like forces: {listed}"
@@ -356,6 +357,13 @@ def _build_file_error(table: NumberTable, joints: NumberTable, postures: int) ->
         reason = f"{name} is not read: it has {len(table.rows)} rows for {postures} postures"
         remedy = f"give each posture a row in every file, or {leave_out}"
         return ImportFileError(place, reason, remedy)
+    if any(meaning is not None and meaning.kind in LOADS for meaning in table.meanings):
+        reason = f"{name} is not read: no names of postures join its loads to those of {quote(joints.name)}"
+        remedy = (
+            "name the rows of both alike in a first column `label`; or, if the rows of all files are in one "
+            f"order, state `by_order`; or {leave_out}"
+        )
+        return ImportFileError(place, reason, remedy, "by_order")
     reason = f"{name} is not read: its numbers are no positions in the postures of {quote(joints.name)}"
     remedy = (
         "put the rows of all files in one order, or name them alike in a first column `label`; or "

@@ -77,8 +77,8 @@ class ForceEvidence:
         in_posture = [row if row < groups.count else 0 for row in rows]
         return np.nan_to_num(by_posture[:, in_posture])
 
-    def judge_axes(self, forces: FloatArray) -> JudgedAxes | None:
-        """Return whether forces (rows, 3) are likely in the axes of the positions, and why.
+    def judge_axes(self, forces: FloatArray, table: str) -> JudgedAxes | None:
+        """Return whether forces (rows, 3) of a table are likely in the axes of the positions, and why.
 
         None if both readings are the same, or if the deflections show that the axes are those of R0. Forces
         that are vertical in one reading only are weights. Else the deflections decide, even without a margin,
@@ -99,7 +99,7 @@ class ForceEvidence:
         lean = self._measure_lean(turned, forces)
         if abs(lean) >= _LEAST_LEAN:
             return JudgedAxes(lean > 0.0, "as the deflections rather show", change)
-        is_one_table = all(each.reading.points.table == self._joints.name for each in self._loaded)
+        is_one_table = all(each.reading.points.table == table for each in self._loaded)
         reason = "as they are in one table" if is_one_table else "as the positions are in another table"
         return JudgedAxes(is_one_table, reason, change)
 

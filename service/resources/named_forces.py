@@ -22,7 +22,8 @@ from jointstiff.service.resources.columns_left import (
 )
 from jointstiff.service.resources.force_evidence import ForceEvidence
 from jointstiff.service.resources.force_sizes import StatedForce, compare_stated_force, take_sizes_as_weights
-from jointstiff.service.resources.no_proposal import NoProposalError
+from jointstiff.service.resources.no_proposal import NoProposalError, UnfinishedError
+from jointstiff.service.resources.posture_loads import GatheredLoads, gather_loads
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.states import order_states
@@ -39,8 +40,13 @@ _MEDIAN_ASIDE: Final = np.radians(10.0)
 """Largest median of the angles of all moves to −z of R0 [rad], if a force without an axis is a weight."""
 
 
-def order_by_forces(proposal: Proposal, tables: Sequence[NumberTable]) -> Proposal:
-    """Return the proposal with the state first that has no load, if columns of forces show which one."""
+def order_by_forces(proposal: Proposal, tables: Sequence[NumberTable], request: ImportRequest) -> Proposal:
+    """Return the proposal with the state first that has no load, if columns of forces show which one.
+
+    Raises:
+        NoProposalError: a posture has two different loads.
+    """
+    tables = take_loads(proposal, tables, request).tables
     joints = next(table for table in tables if table.name == proposal.joints.table)
     stated = read_forces(joints)
     if stated is None:
@@ -48,6 +54,18 @@ def order_by_forces(proposal: Proposal, tables: Sequence[NumberTable]) -> Propos
     groups = proposal.joints.groups
     forces = groups.split(stated)[:, 0]
     return order_states(proposal, [table.table for table in tables], np.nan_to_num(forces))
+
+
+def take_loads(proposal: Proposal, tables: Sequence[NumberTable], request: ImportRequest) -> GatheredLoads:
+    """Return the tables with the loads of other tables in the table of joints, and notes on them.
+
+    Raises:
+        NoProposalError: a posture has two different loads.
+    """
+    try:
+        return gather_loads(proposal, tables, request)
+    except ImportFileError as fault:
+        raise UnfinishedError(f"{fault.place}: {fault.reason}", fault.remedy, fault) from fault
 
 
 def name_forces(
@@ -73,41 +91,8 @@ def name_forces(
     found, notes = _name_force_of_size(proposal, named, tables, request)
     if notes or request.force is not None:
         return found, notes
-    found, notes = _name_masses_of_readings(proposal, named, tables)
-    if notes:
-        return found, notes
     left = list_columns_left(proposal, tables, named)
     return take_sizes_as_weights(left, proposal, named, tables, evidence)
-
-
-def _name_masses_of_readings(
-    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable]
-) -> tuple[Sequence[NumberTable], list[str]]:
-    """Return the tables, with the masses in a table of readings as weights in the table of joints.
-
-    The table of joints has no load, and all readings of a posture have one mass, which is not in their names.
-    """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
-    loaded = [each for each in named if each.state == "loaded"]
-    with_mass = [table for table in tables if table is not joints and has_column_of(table, "mass")]
-    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
-    if has_load or len(with_mass) != 1 or any(each.mass is not None for each in loaded):
-        return tables, []
-    (table,) = with_mass
-    column = table.find_column("mass") or 0
-    masses = [
-        each.reading.points.groups.split(table.table.numbers[:, [column]])[:, each.reading.index, 0]
-        for each in loaded
-        if each.reading.points.table == table.name
-    ]
-    if not masses or not all((own > 0.0).all() and np.array_equal(own, masses[0]) for own in masses):
-        return tables, []
-    groups = proposal.joints.groups
-    is_in_blocks = groups.order == "in blocks"
-    of_rows = np.tile(masses[0], groups.count) if is_in_blocks else np.repeat(masses[0], groups.count)
-    with_weights = joints.add_forces(np.outer(of_rows, [0.0, 0.0, -1.0]), "kgf")
-    note = f"{quote(table.headers[column])} of {table.name} as weights along −z of R0"
-    return [with_weights if each is joints else each for each in tables], [note]
 
 
 def _turn_forces(
@@ -119,7 +104,8 @@ def _turn_forces(
     """
     joints = next(table for table in tables if table.name == proposal.joints.table)
     columns = list(joints.find_columns_of("force").values())
-    axes = evidence.judge_axes(joints.table.numbers[:, columns])
+    source = next((table for table in tables if _has_copied_force(table)), joints)
+    axes = evidence.judge_axes(joints.table.numbers[:, columns], source.name)
     if axes is None:
         return tables, []
     difference = (
@@ -131,6 +117,11 @@ def _turn_forces(
     turned = joints.turn_vectors(("force", "moment"), proposal.frame.rotation)
     note = f"the forces turned into R0 with the positions, {difference}"
     return [turned if table is joints else table for table in tables], [note]
+
+
+def _has_copied_force(table: NumberTable) -> bool:
+    """Return whether the table of joints has the force of a table."""
+    return not table.copied.isdisjoint(table.find_columns_of("force").values())
 
 
 def _name_bare_forces(

@@ -26,8 +26,9 @@ def preview_tables(
 def _preview(proposal: Proposal, named: Sequence[NamedReading], table: NumberTable) -> FilePreview:
     """Return the preview of a table."""
     uses = describe_uses(proposal, named, table)
-    columns = []
-    for column, header in enumerate(table.headers):
+    columns, of_file = [], [column for column in range(len(table.headers)) if column not in table.copies]
+    for column in of_file:
+        header = table.headers[column]
         words, _, unit = uses.get(column, _describe_other(table, column)).partition(" [")
         meaning = ColumnMeaning(
             column=column + 1, header=header, meaning=words, unit=unit.rstrip("]") or None
@@ -38,7 +39,7 @@ def _preview(proposal: Proposal, named: Sequence[NamedReading], table: NumberTab
         "decimal_mark": table.mark if table.grid.preview.format == "text" else None,
         "columns": columns,
         "row_count": len(table.rows),
-        "first_rows": [list(row.cells) for row in first_rows],
+        "first_rows": [[row.cells[column] for column in of_file] for row in first_rows],
         "first_lines": [row.line for row in first_rows],
     }
     return table.grid.preview.model_copy(update=understood)

@@ -75,6 +75,7 @@ from jointstiff.service.resources.named_forces import (
     note_force,
     order_by_forces,
     read_forces,
+    take_loads,
     take_stated_force,
 )
 from jointstiff.service.resources.no_proposal import NoProposalError, UnfinishedError, UnreadError
@@ -395,7 +396,7 @@ def _complete(found_meaning: _FoundMeaning, request: ImportRequest) -> ProposedI
         NoProposalError: a person must state more, or the import refuses the table with the proposed meaning.
     """
     numbers, proposal = found_meaning.numbers, found_meaning.proposal
-    tables = numbers.tables
+    tables, load_notes = take_loads(proposal, numbers.tables, request)
     named = name_readings(proposal, tables, request)
     _refuse_contradiction(proposal, named, tables)
     _refuse_repeats_without_names(proposal, named)
@@ -410,7 +411,7 @@ def _complete(found_meaning: _FoundMeaning, request: ImportRequest) -> ProposedI
     named = add_uncertainties(named, tables, words, proposal.unit)
     left = list_columns_left(proposal, tables, named)
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    notes = [*numbers.notes, *force_notes, *note_force(joints), *_note_uncertainties(named)]
+    notes = [*numbers.notes, *load_notes, *force_notes, *note_force(joints), *_note_uncertainties(named)]
     confirming = [each for each in left if confirms_joints(each.table, proposal, joints)]
     unread = [each for each in left if each not in confirming]
     notes += [*note_mean_of_joints(proposal, joints), *name_columns_left(unread, tables)]
@@ -661,7 +662,7 @@ def _find_in_one_unit(
     other_unit = "m" if proposal.unit == "mm" else "mm"
     note = f"the other positions of {', '.join(names)} converted from {other_unit}"
     in_one_unit = numbers._replace(tables=converted, notes=[*numbers.notes, note])
-    return _FoundMeaning(in_one_unit, order_by_forces(again, converted))
+    return _FoundMeaning(in_one_unit, order_by_forces(again, converted, request))
 
 
 def _refuse_contradiction(
@@ -745,6 +746,7 @@ def _propose_as_template(
         raise NoProposalError("the files have fewer columns than those of the template")
     tables = _restrict_columns(tables, template)
     proposal = _find_proposal(tables, request, robots)
+    tables, load_notes = take_loads(proposal, tables, request)
     reasons = []
     for order in _TURNS_OF_AXES:
         turned = proposal.with_axes(order)
@@ -754,7 +756,7 @@ def _propose_as_template(
             words = Vocabulary(request, turned.robots[0].robot.joint_names)
             named = add_uncertainties(named, tables, words, turned.unit)
             tables, notes = name_forces(turned, named, tables, request)
-            return _build_import(turned, named, tables, request, notes)
+            return _build_import(turned, named, tables, request, [*load_notes, *notes])
         reasons.append(reason)
     raise NoProposalError(reasons[0])
 
@@ -777,7 +779,7 @@ def _find_proposal(
         raise UnreadError(found.reason)
     if reason := _find_contradiction(found.best, request):
         raise NoProposalError(reason)
-    return order_by_forces(found.best, tables)
+    return order_by_forces(found.best, tables, request)
 
 
 def _build_import(

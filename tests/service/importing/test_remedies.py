@@ -35,7 +35,10 @@ from jointstiff.service.resources.proposals import import_or_propose
 ROOM = Path(importing.__file__).parent
 SITES = (
     *sorted(ROOM.glob("*.py")),
-    *(ROOM.parent / "resources" / f"{name}.py" for name in ("imports", "columns_left", "proposals")),
+    *(
+        ROOM.parent / "resources" / f"{name}.py"
+        for name in ("imports", "columns_left", "posture_loads", "proposals")
+    ),
 )
 """Modules that report faults of files."""
 EXCLUDED = "the position has no target or no state"
@@ -1122,6 +1125,13 @@ def strangers() -> dict[str, Proposed]:
     of_targets = [[row[0], f"T{row[1]}", *row[2:]] for row in OF_TWO_TARGETS]
     misspelt = [*of_targets[:6], [of_targets[6][0], "TI", *of_targets[6][2:]], *of_targets[7:]]
     twice = [";".join([*row[1:7], *row[8:]]) for row in TURNS]  # without the words for states
+    forces = ["Fx [N];Fy [N];Fz [N]\n", *(len(MEASURED.joints) * ["0;0;-981\n"])]
+    with_forces = {
+        name: "".join(f"{row};{own}" for row, own in zip(three[name].splitlines(), forces, strict=True))
+        for name in ("a.csv", "b.csv")
+    }
+    of_states = table(["Pose", "Zustand", *"XYZ", "Fx [N]", "Fy [N]", "Fz [N]"],
+                      [[row[0], *row[7:], "0", "0", "-981"] for row in TURNS])  # fmt: skip
     uneven = [[*row[:3], f"{float(row[3]) + 0.3 * (n % 2)}", *row[4:]] for n, row in enumerate(TURNS)]
     return {
         "block": Proposed(
@@ -1258,6 +1268,29 @@ def strangers() -> dict[str, Proposed]:
             "its numbers are no positions in the postures",
             {**unnamed, "b.csv": "\n".join(["X;Y;Z", *unnamed["b.csv"].splitlines()[:0:-1]])},
             unnamed,
+        ),
+        "loads without names of postures": Proposed(
+            "no names of postures join its loads to those of 'j.csv'",
+            {
+                "j.csv": unnamed["j.csv"],
+                "unloaded.csv": unnamed["a.csv"],
+                "loaded.csv": unnamed["b.csv"],
+                "f.csv": "".join(forces),
+            },
+            options={"force": None},
+            stated={"force": None, "by_order": True},
+        ),
+        "two forces of a posture": Proposed(
+            "the force differs from that of the same posture in line",
+            {"j.csv": joints, "p.csv": of_states.replace("-981", "-90", 1)},
+            {"j.csv": joints, "p.csv": of_states.replace("-981", "0", 1)},
+            options={"force": None},
+        ),
+        "two forces of a posture in two files": Proposed(
+            "the force of posture .* differs from that of 'b.csv'",
+            {**three, **with_forces, "b.csv": with_forces["b.csv"].replace("-981", "-90", 1)},
+            {**three, **with_forces},
+            options={"force": None},
         ),
         "joints that differ in a posture": Proposed(
             "the 2 rows of a posture have different joints",
