@@ -322,12 +322,18 @@ class _Stencils:
         columns = [cell.column for cell in first.cells]
         headers: dict[int, str] = {}
         title = ""
+        has_group_of_all = False
         for number in range(run.start - 1, max(run.start - 2 - _MOST_HEADER_ROWS, -1), -1):
             line = self._lines[number]
             if line.section != first.section or line.numbers:
                 break
+            is_apart = self._is_sheet and bool(headers) and line.line < self._lines[number + 1].line - 1
+            is_of_all = self._is_sheet and bool(headers) and _is_group_of_all(line, columns)
+            if len(line.cells) > 1 and (is_apart or (is_of_all and has_group_of_all)):
+                break
             if self._is_sheet and len(line.cells) > 1:
                 headers = _add_group(headers, line, columns)
+                has_group_of_all = has_group_of_all or is_of_all
             elif len(line.cells) == len(columns) and not headers and not self._is_sheet:
                 headers = dict(zip(columns, line.words, strict=True))
             else:
@@ -654,6 +660,12 @@ def _split_at_gaps(row: Sequence[_Place], first: dict[_Place, _Value]) -> Iterat
             group = []
         group.append(place)
     yield group
+
+
+def _is_group_of_all(line: _Line, columns: Sequence[int]) -> bool:
+    """Return whether a row has one text that groups all columns, or all but the first, of a table."""
+    starts = [cell.column for cell in line.cells if cell.column > columns[0]]
+    return len(columns) > 1 and starts == [columns[1]]
 
 
 def _add_group(headers: dict[int, str], line: _Line, columns: Sequence[int]) -> dict[int, str]:
