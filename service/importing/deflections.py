@@ -13,6 +13,7 @@ from jointstiff.service.importing.differences import are_differences
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.grammar import Meaning, Quantity, Vocabulary, split_unit
 from jointstiff.service.importing.lengths import find_size, guess_unit
+from jointstiff.service.importing.naming import find_states_of_titles
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.table import METRES
@@ -30,6 +31,8 @@ SIZES: Final[Mapping[str, float]] = {**{str(unit): size for unit, size in METRES
 """Unit of a displacement or an uncertainty → its size [m]."""
 _LEAST, _MOST = 5e-6, 0.03
 """Displacements under load that are plausible [m]: larger than a tracker's noise, and elastic."""
+_MOST_UNCERTAIN: Final = 1e-4
+"""Uncertainty [m] up to which an instrument writes coordinates."""
 
 
 class Displacement(NamedTuple):
@@ -44,7 +47,8 @@ def add_deflections(tables: Sequence[NumberTable], words: Vocabulary) -> tuple[l
     """Return tables whose displacements were added to the positions before the load, and notes.
 
     The positions are in the same table, or in another one with as many rows. A displacement without such a
-    position is not changed. One that is the difference of two positions, or has no number, is ignored.
+    position is not changed. One that is the difference of two positions, or has no number, is ignored, as are
+    uncertainties under such a header, such as `dX`, of positions whose states are named.
 
     Raises:
         ImportFileError: displacements without a unit may be in two units.
@@ -52,7 +56,8 @@ def add_deflections(tables: Sequence[NumberTable], words: Vocabulary) -> tuple[l
     changed, notes = list(tables), list[str]()
     if any(_list_displacements(table, words) for table in tables):
         named = [_name_initial(table) for table in tables]
-        changed = [_ignore_differences(table, words, notes) for table in named]
+        are_states_named = _names_states(named)
+        changed = [_ignore_others(table, words, notes, are_states_named=are_states_named) for table in named]
     for number, table in enumerate(changed):
         for found in _list_displacements(table, words):
             others = [other for other in range(len(tables)) if other != number]
@@ -86,10 +91,23 @@ def _name_initial(table: NumberTable) -> NumberTable:
     return replace(table, meanings=tuple(meanings))
 
 
-def _ignore_differences(table: NumberTable, words: Vocabulary, notes: list[str]) -> NumberTable:
-    """Return a table that ignores displacements that are differences of its positions, or have no number.
+def _names_states(tables: Sequence[NumberTable]) -> bool:
+    """Return whether rows, headers or titles of tables name positions without load, and others under load."""
+    states = set(find_states_of_titles([table.title for table in tables], {}).values())
+    for table in tables:
+        states.update(row.state for row in table.turn if row.state is not None)
+        quantities = (meaning.quantity for meaning in table.meanings if meaning is not None)
+        states.update(each.state for each in quantities if each.kind == "position" and each.state is not None)
+    return {"unloaded", "loaded"} <= states
 
-    A note on each of these displacements is added to `notes`.
+
+def _ignore_others(
+    table: NumberTable, words: Vocabulary, notes: list[str], *, are_states_named: bool
+) -> NumberTable:
+    """Return a table that ignores columns under headers of displacements that state no displacement.
+
+    They are differences of its positions, have no number, or are uncertainties of positions whose states are
+    named. A note on each is added to `notes`.
     """
     ignored = set[int]()
     for found in _list_displacements(table, words):
@@ -101,8 +119,27 @@ def _ignore_differences(table: NumberTable, words: Vocabulary, notes: list[str])
             ignored.update(found.columns)
             first, second = (", ".join(table.headers[column] for column in columns) for columns in pair)
             notes.append(f"{headers} ignored, the difference of {first} and {second}")
+        elif are_states_named and _are_uncertainties(table, found):
+            ignored.update(found.columns)
+            limit = f"{1e3 * _MOST_UNCERTAIN:g} mm"
+            notes.append(f"{headers} ignored as uncertainties: all are above 0 and below {limit}")
     meanings = [None if column in ignored else each for column, each in enumerate(table.meanings)]
     return replace(table, meanings=tuple(meanings), ignored=table.ignored | ignored)
+
+
+def _are_uncertainties(table: NumberTable, found: Displacement) -> bool:
+    """Return whether numbers under headers of a displacement are all above 0, and small: no load moves so."""
+    positions = [
+        column
+        for column, meaning in enumerate(table.meanings)
+        if meaning is not None and meaning.kind == "position" and meaning.quantity.state != "deflection"
+    ]
+    if not positions:
+        return False
+    unit = found.unit or _find_unit(table, positions[0]) or guess_unit(find_size(table, positions))
+    numbers = table.table.numbers[:, list(found.columns)]
+    known = numbers[np.isfinite(numbers)]
+    return bool((known > 0.0).all()) and float(known.max()) * SIZES[unit] < _MOST_UNCERTAIN
 
 
 def _find_difference(table: NumberTable, found: Displacement) -> tuple[Sequence[int], Sequence[int]] | None:

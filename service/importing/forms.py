@@ -14,6 +14,8 @@ from jointstiff.service.importing.grammar import (
     POINTS,
     Vocabulary,
     find_state_in_name,
+    find_unit_of_force,
+    is_force,
     lacks_number,
     split_unit,
 )
@@ -58,7 +60,8 @@ def join_forms(sheets: Sequence[Grid], words: Vocabulary) -> Grid | None:
     Raises:
         ImportFileError: a form has other numbers than the others.
     """
-    forms = _read_blocks(sheets[0]) if len(sheets) == 1 else list(map(_read_sheet, sheets))
+    is_single = len(sheets) == 1
+    forms = _read_blocks(sheets[0], words) if is_single else [_read_sheet(sheet, words) for sheet in sheets]
     counts = Counter(form.headers for form in forms)
     headers, count = counts.most_common(1)[0] if counts else ((), 0)
     if count < _LEAST_FORMS or 2 * count <= len(forms):
@@ -131,12 +134,12 @@ def _complete(form: _Form, headers: Sequence[str], words: Vocabulary, file: str)
     raise ImportFileError(Place(file, form.line), reason, "complete the form, or remove it")
 
 
-def _read_sheet(sheet: Grid) -> _Form:
+def _read_sheet(sheet: Grid, words: Vocabulary) -> _Form:
     """Return the form in a sheet, whose name is the name of the posture."""
-    return _Form(sheet.preview.sheet or "", sheet.rows[0].line, list(_list_values(sheet.rows)))
+    return _Form(sheet.preview.sheet or "", sheet.rows[0].line, list(_list_values(sheet.rows, words)))
 
 
-def _read_blocks(sheet: Grid) -> list[_Form]:
+def _read_blocks(sheet: Grid, words: Vocabulary) -> list[_Form]:
     """Return the form of each block that begins with a title such as `Pose 1`; none without such titles."""
     titles = [_find_title(row) for row in sheet.rows]
     kinds = Counter(_NUMBER.sub("0", title) for title in titles if title)
@@ -149,7 +152,7 @@ def _read_blocks(sheet: Grid) -> list[_Form]:
         return []
     ends = [*starts[1:], len(titles)]
     return [
-        _Form(titles[start], sheet.rows[start].line, list(_list_values(sheet.rows[start + 1 : end])))
+        _Form(titles[start], sheet.rows[start].line, list(_list_values(sheet.rows[start + 1 : end], words)))
         for start, end in zip(starts, ends, strict=True)
     ]
 
@@ -162,7 +165,7 @@ def _find_title(row: Row) -> str:
     return text if is_title and len(_NUMBER.findall(text)) == 1 else ""
 
 
-def _list_values(rows: Sequence[Row]) -> Iterator[_Value]:
+def _list_values(rows: Sequence[Row], words: Vocabulary) -> Iterator[_Value]:
     """Yield the numbers of a form with the words of their rows, and of the row of texts above them.
 
     The texts above hold for each row below them that begins with a text, and for one other row.
@@ -179,9 +182,25 @@ def _list_values(rows: Sequence[Row]) -> Iterator[_Value]:
             is_below_texts = True
             continue
         is_below_texts = False
+        if columns[0] > 0 and not any(row.cells[: columns[0]]):
+            above = _spread_unit(above, words)
         yield from _name_numbers(row, columns, above)
         if columns[0] == 0 or not any(row.cells[: columns[0]]):
             above = ()
+
+
+def _spread_unit(headers: Sequence[str], words: Vocabulary) -> tuple[str, ...]:
+    """Return headers of the parts of a force with the unit in the first cell, such as `Force [kN]`.
+
+    Other headers, and those with a unit, do not change. No number is below the first cell.
+    """
+    first, *parts = headers or ("",)
+    unit = find_unit_of_force(first) if is_force(first) else None
+    meanings = [words.find(part) for part in parts if part]
+    are_forces = all(each is not None and each.kind == "force" and each.unit is None for each in meanings)
+    if unit is None or not are_forces:
+        return tuple(headers)
+    return (first, *(f"{part} [{unit}]" if part else "" for part in parts))
 
 
 def _name_numbers(row: Row, columns: Sequence[int], above: Sequence[str]) -> Iterator[_Value]:

@@ -167,6 +167,7 @@ def strip_comment_mark(text: str) -> str:
 
 # ---- types of files, by their first bytes or the parts of an archive
 
+XML: Final = "an XML document"
 _SIGNATURES: Final = (
     (b"%PDF-", "a PDF document"),
     (b"\x89PNG\r\n", "a picture (PNG)"),
@@ -179,7 +180,7 @@ _SIGNATURES: Final = (
     (b"{\\rtf", "an RTF document"),
     (b"<!DOCTYPE html", "a web page (HTML)"),
     (b"<html", "a web page (HTML)"),
-    (b"<?xml", "an XML document"),
+    (b"<?xml", XML),
     (b"<svg", "a picture (SVG)"),
 )
 JSON: Final = "a JSON document"

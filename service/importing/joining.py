@@ -232,9 +232,13 @@ def _list_spellings(named: _NamedTable, labels: Sequence[str], fold: Callable[[s
 
 
 def _choose_first(tables: Sequence[NumberTable], options: ImportOptions) -> NumberTable | None:
-    """Return the table whose observations give the order: that of most columns with names of rows."""
+    """Return the table with names of rows whose observations give the order: of joints, or most columns."""
     named = [table for table in tables if _name(table, options).labels]
-    return max(named, key=lambda table: table.table.size[1], default=None)
+    return max(
+        named,
+        key=lambda table: (table.find_column("joint") is not None, table.table.size[1]),
+        default=None,
+    )
 
 
 def _shares_labels(named: _NamedTable, labels: Sequence[str]) -> bool:

@@ -6,6 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from functools import partial
 from itertools import combinations
 from types import MappingProxyType
 from typing import Final
@@ -72,7 +73,7 @@ def name_rows(
         options: words for states, and the template of names of points.
         known_labels: names of the observations in another table, which are parts of the names of points.
     """
-    label_column = None if options.by_order else _find_label_column(table, known_labels)
+    label_column = None if options.by_order else _find_label_column(table, options.state_words, known_labels)
     state_column = _find_state_column(table, options, label_column)
     target_column = _find_target_column(table, (label_column, state_column))
     are_observations = False
@@ -197,15 +198,18 @@ def _are_texts(texts: Sequence[str]) -> bool:
     return all(text and not looks_like_a_number(text) for text in texts)
 
 
-def _find_label_column(table: NumberTable, known_labels: Collection[str] = ()) -> int | None:
+def _find_label_column(
+    table: NumberTable, words: Mapping[str, State], known_labels: Collection[str] = ()
+) -> int | None:
     """Return the column of names of observations or points; None without one.
 
-    A column with more of the known labels, and no other text, comes before a column of names of points.
+    A column with more of the known labels, and no other text but words for states, comes before a column of
+    names of points.
     Without a header that says so, the first column has names if its cells are texts, or if they are whole
     numbers below a header that is not known. A column with one text, such as a collection, may be before it.
     """
     named = table.find_column("name")
-    of_known = _find_column_of_labels(table, known_labels)
+    of_known = _find_column_of_labels(table, known_labels, words)
     if of_known is not None and (named is None or _has_more_texts(table, of_known, named)):
         return of_known
     if named is not None and len(set(_list_texts(table, named))) >= _LEAST_LABELS:
@@ -234,18 +238,37 @@ def _find_posture_column(table: NumberTable) -> int | None:
     return None
 
 
-def _find_column_of_labels(table: NumberTable, labels: Collection[str]) -> int | None:
-    """Return the first column whose cells are most of the known labels, and no other text; else None."""
+def _find_column_of_labels(
+    table: NumberTable, labels: Collection[str], words: Mapping[str, State]
+) -> int | None:
+    """Return the first column whose cells are most of the known labels, and no other text; else None.
+
+    Without such a column, all cells may have a word for a state next to a label, such as `unloaded p01`.
+    """
     known = set(map(omit_zeros, labels))
     if not known:
         return None
-    for column in range(len(table.headers)):
-        own = set(map(omit_zeros, _list_texts(table, column)))
-        meaning = table.meanings[column]
-        is_free = column not in table.ignored and (meaning is None or meaning.kind in _NAMING_KINDS)
-        if is_free and own <= known and 2 * len(own) > len(known):
-            return column
+    free = [
+        column
+        for column, meaning in enumerate(table.meanings)
+        if column not in table.ignored and (meaning is None or meaning.kind in _NAMING_KINDS)
+    ]
+    for without_state in (omit_zeros, partial(_omit_state, words=words)):
+        for column in free:
+            own = set(map(without_state, _list_texts(table, column)))
+            if own <= known and 2 * len(own) > len(known):
+                return column
     return None
+
+
+def _omit_state(text: str, words: Mapping[str, State]) -> str:
+    """Return the other part of a name of two parts, one a word for a state, in the spelling of `omit_zeros`.
+
+    Other names give an empty text.
+    """
+    parts = [part for part in _SEPARATORS.split(text) if part]
+    others = [part for part in parts if find_state(part, words) is None]
+    return omit_zeros(others[0]) if len(parts) == 2 and len(others) == 1 else ""
 
 
 def _has_more_texts(table: NumberTable, column: int, other: int) -> bool:
@@ -364,7 +387,7 @@ def _read_answer(word: str, words: Mapping[str, State]) -> State | None:
 
 def find_unknown_states(table: NumberTable, options: ImportOptions) -> tuple[str, ...]:
     """Return the two words of a column that may be states; none unless one column has two words."""
-    label_column = None if options.by_order else _find_label_column(table)
+    label_column = None if options.by_order else _find_label_column(table, options.state_words)
     if _find_state_column(table, options, label_column) is not None:
         return ()
     found = []

@@ -10,10 +10,11 @@ from typing import Any, Final, NamedTuple
 from pydantic_core import from_json
 
 from jointstiff.service.importing.arrays import read_arrays
+from jointstiff.service.importing.elements import list_leaves, read_elements
 from jointstiff.service.importing.encoding import decode
 from jointstiff.service.importing.errors import ImportFileError, quote
 from jointstiff.service.importing.grammar import UNIT_OF_LOAD, is_force, is_hung
-from jointstiff.service.importing.grid import ARRAYS, JSON, WORKBOOKS, ArrayFormat, file_type
+from jointstiff.service.importing.grid import ARRAYS, JSON, WORKBOOKS, XML, ArrayFormat, file_type
 from jointstiff.service.importing.reading import SourceFile, read_sheets
 from jointstiff.service.importing.yaml_rows import is_named_yaml, read_yaml_documents
 
@@ -42,6 +43,8 @@ def read_statements(file: SourceFile) -> Iterator[Statement]:
             yield from _read_rows(file)
         elif kind is not None and kind in ARRAYS:
             yield from _read_scalars(file, ARRAYS[kind])
+        elif kind == XML:
+            yield from _read_leaves(file)
         elif kind in (None, JSON):
             yield from _read_text(file)
 
@@ -61,6 +64,14 @@ def _read_scalars(file: SourceFile, kind: ArrayFormat) -> Iterator[Statement]:
     for grid in read_arrays(file.name, file.content, kind, [None]):
         for scalar in grid.comments:
             yield Statement("its arrays", scalar.text)
+
+
+def _read_leaves(file: SourceFile) -> Iterator[Statement]:
+    """Yield the single numbers and texts of a document of XML with their names, as `mass kg: 5`."""
+    for leaf in list_leaves(read_elements(file.name, file.content)):
+        if len(leaf.values) == 1:
+            words = " ".join((*leaf.tags, *leaf.names))
+            yield Statement(f"line {leaf.line}", f"{words}: {leaf.values[0]}")
 
 
 def _read_text(file: SourceFile) -> Iterator[Statement]:

@@ -18,8 +18,9 @@ from pydantic_core import from_json
 
 from jointstiff.schemas.imports import FilePreview, ImportOptions
 from jointstiff.service.importing import grid, limits
+from jointstiff.service.importing.elements import list_leaves, read_elements
 from jointstiff.service.importing.encoding import decode
-from jointstiff.service.importing.errors import quote
+from jointstiff.service.importing.errors import ImportFileError, quote
 from jointstiff.service.importing.grammar import find_any_unit, is_statistic, split_unit
 from jointstiff.service.importing.grid import CellKind, Grid, Remark, Row, file_type, looks_like_a_number
 from jointstiff.service.importing.reading import SourceFile, read_grids, read_sheets
@@ -112,8 +113,8 @@ def read_stencils(file: SourceFile, options: ImportOptions, *, are_turned: bool 
         lines = list(_list_rows(file, options))
     elif kind == grid.JSON:
         lines = list(_list_leaves(file))
-    elif kind is None or kind == "an XML document":
-        lines = list(_list_lines(file))
+    elif kind is None or kind == grid.XML:
+        lines = _list_elements(file) or list(_list_lines(file))
     else:
         return read_grids(file, options, every_length=True)
     is_sheet = kind in grid.WORKBOOKS
@@ -184,6 +185,28 @@ def _walk(value: Any, path: tuple[str, ...], depth: int) -> Iterator[tuple[tuple
             yield from _walk(each, path, depth + 1)
     else:
         yield path, [value]
+
+
+def _list_elements(file: SourceFile) -> list[_Line]:
+    """Return the leaves of a document of XML with points, with their names as words.
+
+    None of another file, or of a document with more numbers in an element than a table has columns.
+    """
+    try:
+        leaves = list_leaves(read_elements(file.name, file.content))
+    except ImportFileError:
+        return []
+    longest = max((len(leaf.values) for leaf in leaves), default=0)
+    if longest > limits.MAX_COLUMNS or not any(leaf.is_point for leaf in leaves):
+        return []
+    lines = []
+    for leaf in leaves:
+        words = [*leaf.tags, *leaf.names]
+        cells = [_Cell(word, column) for column, word in enumerate(words)]
+        for column, value in enumerate(leaf.values, len(cells)):
+            cells.append(_Cell(value, column, leaf.are_numbers, is_value=not leaf.are_numbers))
+        lines.append(_Line("", leaf.line, tuple(cells), " ".join(cell.text for cell in cells)))
+    return lines
 
 
 def _list_lines(file: SourceFile) -> Iterator[_Line]:
@@ -299,12 +322,18 @@ class _Stencils:
         columns = [cell.column for cell in first.cells]
         headers: dict[int, str] = {}
         title = ""
+        has_group_of_all = False
         for number in range(run.start - 1, max(run.start - 2 - _MOST_HEADER_ROWS, -1), -1):
             line = self._lines[number]
             if line.section != first.section or line.numbers:
                 break
+            is_apart = self._is_sheet and bool(headers) and line.line < self._lines[number + 1].line - 1
+            is_of_all = self._is_sheet and bool(headers) and _is_group_of_all(line, columns)
+            if len(line.cells) > 1 and (is_apart or (is_of_all and has_group_of_all)):
+                break
             if self._is_sheet and len(line.cells) > 1:
                 headers = _add_group(headers, line, columns)
+                has_group_of_all = has_group_of_all or is_of_all
             elif len(line.cells) == len(columns) and not headers and not self._is_sheet:
                 headers = dict(zip(columns, line.words, strict=True))
             else:
@@ -387,7 +416,7 @@ class _Stencils:
         if len(sections) >= LEAST_POSTURES:
             return list(sections.values())
         stencils = {
-            number: self._find_stencil(self._lines[number]) for number in rest if self._lines[number].numbers
+            number: self._find_stencil(self._lines[number]) for number in rest if self._lines[number].values
         }
         counts = Counter(stencils.values())
         anchor = next((each for each in stencils.values() if counts[each] >= LEAST_POSTURES), None)
@@ -486,9 +515,7 @@ class _Stencils:
 
     def _label(self, lines: Sequence[_Line]) -> list[str]:
         """Return the names of records: their sheets, or their first lines with one number; else numbers."""
-        labels = [
-            line.text if len(line.numbers) == 1 and len(line.text) <= _MOST_LABEL else "" for line in lines
-        ]
+        labels = [_find_label(line) for line in lines]
         if len({line.section for line in lines}) == len(lines):
             labels = [line.section for line in lines]
         are_names = all(labels) and len(set(labels)) == len(labels)
@@ -562,6 +589,12 @@ class _Table:
         return self.title or words[:_MOST_LABEL] or self.rows[0][1][0]
 
 
+def _find_label(line: _Line) -> str:
+    """Return the name of a record by its first line: a short line with one value, or this value if a text."""
+    text = line.values[0].text if line.values and line.values[0].is_value else line.text
+    return text if len(line.values) == 1 and len(text) <= _MOST_LABEL else ""
+
+
 def _list_texts(row: dict[int, _Cell], columns: Sequence[int]) -> list[str]:
     """Return the texts of a row in some columns; empty texts where the row has no cell."""
     return [row[column].text if column in row else "" for column in columns]
@@ -627,6 +660,12 @@ def _split_at_gaps(row: Sequence[_Place], first: dict[_Place, _Value]) -> Iterat
             group = []
         group.append(place)
     yield group
+
+
+def _is_group_of_all(line: _Line, columns: Sequence[int]) -> bool:
+    """Return whether a row has one text that groups all columns, or all but the first, of a table."""
+    starts = [cell.column for cell in line.cells if cell.column > columns[0]]
+    return len(columns) > 1 and starts == [columns[1]]
 
 
 def _add_group(headers: dict[int, str], line: _Line, columns: Sequence[int]) -> dict[int, str]:

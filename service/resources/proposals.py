@@ -691,7 +691,7 @@ def _refuse_repeats_without_names(proposal: Proposal, named: Sequence[NamedReadi
     raise NoProposalError(
         f"{describe(proposal, [each.words for each in named])} by their order, but {most[0]} has {most[1]} "
         "positions in a posture, and no names of postures and states tell which of them are repeats",
-        "name the posture and the state of each row in columns with the headers `label` and `state`",
+        "name the posture of each row in a column with the header `label`, and state or load in another one",
     )
 
 
