@@ -81,8 +81,7 @@ def name_rows(
     forces = _list_forces(table) or _list_loads(table)
     names = [RowName()] * len(table.rows)
     if label_column is not None:
-        texts = [row.cells[label_column] for row in table.rows]
-        names = _split_names(texts, options, known_labels)
+        names = _split_names(table, label_column, options, known_labels)
     states = {}
     if state_column is not None:
         states = _list_states(table, state_column, options.state_words)
@@ -572,13 +571,14 @@ def _add_state(name: RowName, word: str, states: Mapping[str, RowName]) -> RowNa
 
 
 def _split_names(
-    texts: Sequence[str], options: ImportOptions, known_labels: Collection[str]
+    table: NumberTable, column: int, options: ImportOptions, known_labels: Collection[str]
 ) -> list[RowName]:
-    """Split names of points into observation, target, state and load.
+    """Split the names of points in a column into observation, target, state and load.
 
     The template `point_name` says how. Without it, the part that is a known label is the observation, and a
     part that is a word for a state or a load in every name is the state. What is left is the target.
     """
+    texts = _list_texts(table, column)
     if options.point_name:
         return _split_by_template(texts, options.point_name, options.state_words)
     if known_labels and set(map(omit_zeros, texts)) <= set(map(omit_zeros, known_labels)):
@@ -586,9 +586,9 @@ def _split_names(
     parts = _add_lacking_states(texts, options.state_words)
     if len({len(each) for each in parts}) != 1 or len(parts[0]) == 1:
         return [RowName(text) for text in texts]
-    columns = [list(column) for column in zip(*parts, strict=True)]
+    columns = [list(each) for each in zip(*parts, strict=True)]
     state_part = _find_state_part(columns, options.state_words)
-    label_part = _find_label_part(columns, known_labels, state_part)
+    label_part = _find_label_part(table, columns, known_labels, state_part)
     if label_part is None:
         return [RowName(text) for text in texts]
     states = {}
@@ -678,17 +678,34 @@ def _find_state_part(columns: Sequence[Sequence[str]], words: Mapping[str, State
 
 
 def _find_label_part(
-    columns: Sequence[Sequence[str]], known_labels: Collection[str], state_part: int | None
+    table: NumberTable,
+    columns: Sequence[Sequence[str]],
+    known_labels: Collection[str],
+    state_part: int | None,
 ) -> int | None:
-    """Return the part of names that is the observation: a known label, else the only part of many values."""
-    others = [number for number in range(len(columns)) if number != state_part]
-    if known_labels:
-        spelt = {omit_zeros(label) for label in known_labels}
-        known = [number for number in others if set(map(omit_zeros, columns[number])) <= spelt]
-        known = known or _find_parts_with_numbers_of(columns, others, known_labels)
-        if known:
-            return max(known, key=lambda number: len(set(columns[number])))
-    counts = sorted((len(set(columns[number])), number) for number in others)
-    most, number = counts[-1]
+    """Return the part of names that is the observation: a known label, else the only part of many values.
+
+    Of several known parts, it is the one in whose postures the others are targets on one flange, else the one
+    of most labels, else the one that is spelt as they are.
+    """
+    parts = [number for number in range(len(columns)) if number != state_part]
+    known = _find_known_parts(columns, parts, known_labels) if known_labels else []
+    for part in known if len(known) > 1 else ():
+        others = zip(*(columns[other] for other in parts if other != part), strict=True)
+        if _are_targets(table, columns[part], list(map(" ".join, others))):
+            return part
+    if known:
+        return max(known, key=lambda part: len(set(columns[part])))
+    counts = sorted((len(set(columns[part])), part) for part in parts)
+    most, part = counts[-1]
     is_clear = len(counts) == 1 or most > counts[-2][0]
-    return number if is_clear and most >= _LEAST_LABELS and state_part is not None else None
+    return part if is_clear and most >= _LEAST_LABELS and state_part is not None else None
+
+
+def _find_known_parts(
+    columns: Sequence[Sequence[str]], parts: Sequence[int], labels: Collection[str]
+) -> list[int]:
+    """Return the parts of names that are known labels: first those spelt alike, then by their numbers."""
+    spelt = set(map(omit_zeros, labels))
+    as_spelt = [part for part in parts if set(map(omit_zeros, columns[part])) <= spelt]
+    return list(dict.fromkeys([*as_spelt, *_find_parts_with_numbers_of(columns, parts, labels)]))

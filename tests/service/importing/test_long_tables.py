@@ -115,6 +115,33 @@ def test_a_count_of_postures_beside_names_of_points_makes_these_targets(order, t
     assert judge(CAMPAIGN, answer.measurement_set.model_dump(mode="json")) == []
 
 
+def propose_points(campaign, template, targets, folder):
+    """Return the proposal for joints with numbers, and for a list of points of each state."""
+    rows = [[number, *digits(q)] for number, q in enumerate(campaign.joints, 1)]
+    paths = [folder / "joints.csv"]
+    paths[0].write_text(table(["label", *JOINTS], rows), encoding="utf-8")
+    for state, word in enumerate(("without", "with")):
+        points = [
+            [template.format(posture=posture + 1, target=target + 1), *digits(1e3 * place[posture])]
+            for posture in range(len(campaign.joints))
+            for target in targets
+            for place in [(campaign.unloaded, campaign.loaded)[state][:, target]]
+        ]
+        paths.append(folder / f"{word}.txt")
+        paths[-1].write_text(table([], points, "\t"), encoding="utf-8")
+    return js.read(*paths, robot=ARM, **STATED)
+
+
+@pytest.mark.parametrize("template", ["P{posture}_{target}", "{target}_P{posture}", "{posture}-{target}"])
+@pytest.mark.parametrize("postures", [3, 4, 10])
+def test_a_number_in_a_name_is_the_posture_in_which_the_others_are_targets(template, postures, tmp_path):
+    """Each number of a target is also the number of a posture, also where there are as many of both."""
+    campaign = simulate(ARM, seed=5, postures=postures)
+    answer = propose_points(campaign, template, range(3), tmp_path).accept()
+    assert answer.targets == ["1", "2", "3"]
+    assert judge(campaign, answer.measurement_set.model_dump(mode="json")) == []
+
+
 # ---- a row for each joint
 
 AXES = [f"A{number}" for number in range(1, 7)]
