@@ -1,4 +1,4 @@
-"""Tables whose label, joints, state or force stand in the first of several rows only, as in merged cells."""
+"""Tables whose names, joints or force stand in the first of several rows only, as in merged cells."""
 
 from __future__ import annotations
 
@@ -16,8 +16,12 @@ _JOINTS: Final = range(3, 8)
 """Numbers of joints of a robot whose headers name none."""
 _LEAST_READINGS: Final = 3
 """Columns with a number in each row, at least: the coordinates of a target."""
+_MOST_NAMES: Final = 16
+"""Most different names of targets or states."""
 _OF_POSTURES: Final = frozenset(("name", "joint", "force", "moment", "load point"))
 """Kinds of columns that are the same for all rows of a posture."""
+_OF_READINGS: Final = frozenset(("target", "state"))
+"""Kinds of columns that are the same for some rows of a posture."""
 
 
 class FilledRows(NamedTuple):
@@ -28,9 +32,10 @@ class FilledRows(NamedTuple):
 
 
 def fill_down(rows: Sequence[Row], headers: Sequence[str], meanings: Sequence[Meaning | None]) -> FilledRows:
-    """Fill the empty cells of label, joints, force and state below the first row of each posture.
+    """Fill the empty cells of label, joints, force, target and state below the first row of each posture.
 
-    Each posture has to have as many rows as the others, or fewer; readings are never filled.
+    Each posture, and each target or state in a posture, has to have as many rows as the others, or fewer;
+    readings are never filled.
 
     Args:
         rows: rows of data, as long as the header.
@@ -64,14 +69,16 @@ def _find_begins(
 ) -> dict[int, Sequence[int]]:
     """Return column → rows whose cells hold for the empty cells below them; arguments as of `fill_down`."""
     starts = _find_starts(rows, meanings)
-    if not starts:
-        return {}
-    columns = _list_columns_of_postures(rows, headers, meanings, starts)
-    begins_of_column: dict[int, Sequence[int]] = dict.fromkeys(columns, starts)
+    begins_of_column: dict[int, Sequence[int]] = {}
+    if starts:
+        begins_of_column = dict.fromkeys(_list_columns_of_postures(rows, headers, meanings, starts), starts)
+    postures = starts or _find_changes(rows, meanings)
     for column, meaning in enumerate(meanings):
         begins = _list_filled(rows, column)
-        is_state = meaning is not None and meaning.kind == "state"
-        if is_state and _are_even(begins, starts, len(rows)):
+        names_readings = meaning is not None and meaning.kind in _OF_READINGS
+        may_name = meaning is None and len(begins) > len(postures) and _has_names(rows, column)
+        are_of_postures = bool(postures) and set(postures) <= set(begins)
+        if (names_readings or may_name) and are_of_postures and _are_alike(begins, len(rows)):
             begins_of_column[column] = begins
     return begins_of_column
 
@@ -81,12 +88,33 @@ def _find_starts(rows: Sequence[Row], meanings: Sequence[Meaning | None]) -> lis
 
     None if each row has these cells, or if a posture has more rows than most: then a cell is missing.
     """
-    joints = [column for column, meaning in enumerate(meanings) if meaning and meaning.kind == "joint"]
-    starts = _list_filled(rows, joints[0] if joints else 0)
-    sizes = Counter(end - begin for begin, end in pairwise([*starts, len(rows)]))
-    usual, count = sizes.most_common(1)[0] if sizes else (0, 0)
-    are_alike = usual > 1 and max(sizes) == usual and 2 * count > len(starts)
-    return starts if are_alike and starts[0] == 0 and len(starts) >= _LEAST_POSTURES else []
+    starts = _list_filled(rows, _list_posture_columns(meanings)[0])
+    return starts if _are_postures(starts, len(rows)) else []
+
+
+def _find_changes(rows: Sequence[Row], meanings: Sequence[Meaning | None]) -> list[int]:
+    """Return the first row of each posture, if each row has the cells of its joints, or of its label."""
+    columns = _list_posture_columns(meanings)
+    cells = [tuple(row.cells[column] for column in columns) for row in rows]
+    changes = [number for number, own in enumerate(cells) if number == 0 or own != cells[number - 1]]
+    return changes if all(map(all, cells)) and _are_postures(changes, len(rows)) else []
+
+
+def _list_posture_columns(meanings: Sequence[Meaning | None]) -> list[int]:
+    """Return the columns of joints; the first column if no header names joints."""
+    return [column for column, meaning in enumerate(meanings) if meaning and meaning.kind == "joint"] or [0]
+
+
+def _are_postures(starts: Sequence[int], count: int) -> bool:
+    """Return whether rows are the first ones of postures of several rows, of `count` rows."""
+    return len(starts) >= _LEAST_POSTURES and starts[0] == 0 and _are_alike(starts, count)
+
+
+def _are_alike(begins: Sequence[int], count: int) -> bool:
+    """Return whether most parts of `count` rows have the same several rows, and no part has more."""
+    sizes = Counter(end - begin for begin, end in pairwise([*begins, count]))
+    usual, usual_count = sizes.most_common(1)[0] if sizes else (0, 0)
+    return usual > 1 and max(sizes) == usual and 2 * usual_count > len(begins)
 
 
 def _list_filled(rows: Sequence[Row], column: int) -> list[int]:
@@ -125,7 +153,9 @@ def _has_numbers(rows: Sequence[Row], column: int, numbers: Sequence[int]) -> bo
     return all(looks_like_a_number(rows[number].cells[column]) for number in numbers)
 
 
-def _are_even(begins: Sequence[int], starts: Sequence[int], count: int) -> bool:
-    """Return whether states begin with each posture, and all have as many rows, of `count` rows."""
-    lengths = {end - begin for begin, end in pairwise([*begins, count])}
-    return set(starts) <= set(begins) and len(lengths) == 1 and max(lengths) > 1
+def _has_names(rows: Sequence[Row], column: int) -> bool:
+    """Return whether the cells of a column are a few texts or whole numbers, as names of readings are."""
+    names = {row.cells[column] for row in rows} - {""}
+    return len(names) <= _MOST_NAMES and all(
+        name.isdigit() or not looks_like_a_number(name) for name in names
+    )

@@ -56,6 +56,8 @@ LEAST_BETWEEN_TARGETS: Final = 2e-3
 """Least distance [m] of two targets along an axis of coordinates; repeats of a reading are nearer."""
 _LARGEST_DEFLECTION: Final = 0.02
 """Distance [m] along an axis beyond which two positions of a posture are no states of one target."""
+_MOST_CHANGE: Final = 1e-3
+"""Most change [m] of the distance of two targets from posture to posture; the flange is rigid."""
 _OPPOSITE: Final[Mapping[State | None, State]] = MappingProxyType(
     {"loaded": "unloaded", "unloaded": "loaded"}
 )
@@ -79,9 +81,9 @@ def name_rows(
     are_observations = False
     names = [RowName()] * len(table.rows)
     if label_column is not None:
-        texts = [row.cells[label_column] for row in table.rows]
+        texts = _list_texts(table, label_column)
         are_observations = len(set(texts)) == len(texts) and set(texts) <= set(known_labels)
-        names = _split_names(texts, options, known_labels)
+        names = _split_names(table, label_column, options, known_labels)
     states = {}
     if state_column is not None:
         states = _list_states(table, state_column, options.state_words)
@@ -113,8 +115,9 @@ def _add_loads(table: NumberTable, names: Sequence[RowName]) -> list[RowName]:
 def _add_targets(table: NumberTable, names: list[RowName]) -> list[RowName]:
     """Return names with the targets in the one column that distinguishes rows of a posture in one state.
 
-    The column has few texts, which most postures have. Rows that lie together are repeats of a reading, and
-    keep their names, as do those of several such columns. Rows with positions in two states are in no state.
+    The column has few texts or numbers, which most postures have; the points that numbers name keep their
+    distances. Rows that lie together are repeats of a reading, and keep their names, as do those of several
+    such columns. Rows with positions in two states are in no state.
     """
     rows_of_name: dict[RowName, list[int]] = {}
     for row, name in enumerate(names):
@@ -125,7 +128,13 @@ def _add_targets(table: NumberTable, names: list[RowName]) -> list[RowName]:
     least = LEAST_BETWEEN_TARGETS if have_states else _LARGEST_DEFLECTION
     if not have_labels or has_repeats(table) or not are_far_apart(table, groups, least):
         return names
-    columns = [column for column in range(len(table.headers)) if _distinguishes(table, column, groups)]
+    labels = [name.label or "" for name in names]
+    columns = [
+        column
+        for column in range(len(table.headers))
+        if _distinguishes(table, column, groups)
+        and (_has_words(table, column) or _are_targets(table, labels, _list_texts(table, column)))
+    ]
     if len(columns) != 1:
         return names
     texts = _list_texts(table, columns[0])
@@ -170,15 +179,62 @@ def are_far_apart(table: NumberTable, groups: Sequence[Sequence[int]], least: fl
 
 
 def _distinguishes(table: NumberTable, column: int, groups: Sequence[Sequence[int]]) -> bool:
-    """Return whether a column has the same few texts in most groups of rows, and no text twice in a group."""
-    is_free = table.meanings[column] is None and column not in table.ignored
+    """Return whether a column has the same few names in most groups of rows, and no name twice in a group."""
     texts = _list_texts(table, column)
     words = set(texts)
-    if not is_free or not 1 < len(words) <= _MOST_CODES or not _are_texts(list(words)):
+    are_names = _has_words(table, column) or all(map(_COUNTED.fullmatch, words))
+    if not _may_name(table, column) or not 1 < len(words) <= _MOST_CODES or not are_names:
         return False
     own = [[texts[row] for row in group] for group in groups]
     complete_count = sum(len(each) == len(words) for each in own)
     return 2 * complete_count > len(groups) and all(len(set(each)) == len(each) for each in own)
+
+
+def _may_name(table: NumberTable, column: int) -> bool:
+    """Return whether a column has no known meaning, or one of names, and is not ignored."""
+    meaning = table.meanings[column]
+    return column not in table.ignored and (meaning is None or meaning.kind in _NAMING_KINDS)
+
+
+def _has_words(table: NumberTable, column: int) -> bool:
+    """Return whether all cells of a column are texts other than numbers."""
+    return _are_texts(_list_texts(table, column))
+
+
+def _are_targets(table: NumberTable, postures: Sequence[str], points: Sequence[str]) -> bool:
+    """Return whether points are targets on one flange: most keep their distances, and move with the postures.
+
+    Points that repeats or loads tell apart do not move so far. A point of a posture is the mean of its rows.
+
+    Args:
+        table: numbers of a file.
+        postures: name of the posture of each row.
+        points: name of the point of each row.
+    """
+    sizes_of_units = find_units_of_coordinates(table)
+    labels, targets = list(dict.fromkeys(postures)), list(dict.fromkeys(points))
+    if not sizes_of_units or len(labels) < _LEAST_LABELS or not 1 < len(targets) <= _MOST_CODES:
+        return False
+    number_of_label = {label: number for number, label in enumerate(labels)}
+    number_of_target = {target: number for number, target in enumerate(targets)}
+    place = (
+        [number_of_label[label] for label in postures],
+        [number_of_target[target] for target in points],
+    )
+    coordinates = table.table.numbers[:, list(sizes_of_units)] * list(sizes_of_units.values())
+    sums = np.zeros((len(labels), len(targets), len(sizes_of_units)))
+    counts = np.zeros((len(labels), len(targets), 1))
+    np.add.at(sums, place, coordinates)
+    np.add.at(counts, place, 1.0)
+    positions = np.divide(sums, counts, out=np.full_like(sums, np.nan), where=counts > 0.0)
+    first, second = np.triu_indices(len(targets), 1)
+    distances = np.linalg.norm(positions[:, first] - positions[:, second], axis=2)
+    moved = np.linalg.norm(np.diff(positions, axis=0), axis=2)
+    if 2 * np.isfinite(distances).sum() <= distances.size or not np.isfinite(moved).any():
+        return False
+    distances = distances[:, np.isfinite(distances).any(axis=0)]
+    changes = np.abs(distances - np.nanmedian(distances, axis=0))
+    return bool(np.nanmedian(changes) <= _MOST_CHANGE and np.nanmedian(moved) > _LARGEST_DEFLECTION)
 
 
 def _omit_row_numbers(names: list[RowName]) -> list[RowName]:
@@ -204,14 +260,17 @@ def _find_label_column(
     """Return the column of names of observations or points; None without one.
 
     A column with more of the known labels, and no other text but words for states, comes before a column of
-    names of points.
-    Without a header that says so, the first column has names if its cells are texts, or if they are whole
-    numbers below a header that is not known. A column with one text, such as a collection, may be before it.
+    names of points, as does one that counts the postures of points that are targets. Without a header that
+    says so, the first column has names if its cells are texts, or if they are whole numbers below a header
+    that is not known. A column with one text, such as a collection, may be before it.
     """
     named = table.find_column("name")
     of_known = _find_column_of_labels(table, known_labels, words)
     if of_known is not None and (named is None or _has_more_texts(table, of_known, named)):
         return of_known
+    of_targets = None if named is None else _find_column_of_postures(table, named)
+    if of_targets is not None:
+        return of_targets
     if named is not None and len(set(_list_texts(table, named))) >= _LEAST_LABELS:
         return named
     first = 0
@@ -227,6 +286,23 @@ def _find_label_column(
         return cycles
     posture_column = _find_posture_column(table)
     return first if is_label and posture_column is None else posture_column
+
+
+def _find_column_of_postures(table: NumberTable, points: int) -> int | None:
+    """Return the only column of counts that are the postures of targets named in another column; else None.
+
+    Each posture has most of the targets.
+    """
+    names = _list_texts(table, points)
+    if points in table.stated or not 1 < len(set(names)) <= _MOST_CODES:
+        return None
+    found = []
+    for column in range(len(table.headers)):
+        texts = _list_texts(table, column)
+        is_free = table.meanings[column] is None and column not in table.ignored
+        if is_free and all(map(_COUNTED.fullmatch, texts)) and _are_targets(table, texts, names):
+            found.append(column)
+    return found[0] if len(found) == 1 else None
 
 
 def _find_posture_column(table: NumberTable) -> int | None:
@@ -437,15 +513,14 @@ def _find_target_column(table: NumberTable, others: tuple[int | None, int | None
     """Return the column of names of targets; None without one, or if there is a single name.
 
     It is the first one if another column counts the postures, and the column of names of points if another
-    one has more names. `others` are the columns of labels and states.
+    one names the postures. `others` are the columns of labels and states.
     """
     column = table.find_column("target")
     label_column, _ = others
     if column is None and label_column and is_cycle_header(table.headers[label_column]):
         column = 0
-    named = table.find_column("name")
-    if column is None and label_column is not None and named is not None:
-        column = named if _has_more_texts(table, label_column, named) else None
+    if column is None and label_column is not None:
+        column = table.find_column("name")
     if column is None or column in others:
         return None
     count = len(set(_list_texts(table, column)))
@@ -530,13 +605,14 @@ def _add_state(name: RowName, word: str, states: Mapping[str, RowName]) -> RowNa
 
 
 def _split_names(
-    texts: Sequence[str], options: ImportOptions, known_labels: Collection[str]
+    table: NumberTable, column: int, options: ImportOptions, known_labels: Collection[str]
 ) -> list[RowName]:
-    """Split names of points into observation, target, state and load.
+    """Split the names of points in a column into observation, target, state and load.
 
     The template `point_name` says how. Without it, the part that is a known label is the observation, and a
     part that is a word for a state or a load in every name is the state. What is left is the target.
     """
+    texts = _list_texts(table, column)
     if options.point_name:
         return _split_by_template(texts, options.point_name, options.state_words)
     if known_labels and set(map(omit_zeros, texts)) <= set(map(omit_zeros, known_labels)):
@@ -544,9 +620,9 @@ def _split_names(
     parts = _add_lacking_states(texts, options.state_words)
     if len({len(each) for each in parts}) != 1 or len(parts[0]) == 1:
         return [RowName(text) for text in texts]
-    columns = [list(column) for column in zip(*parts, strict=True)]
+    columns = [list(each) for each in zip(*parts, strict=True)]
     state_part = _find_state_part(columns, options.state_words)
-    label_part = _find_label_part(columns, known_labels, state_part)
+    label_part = _find_label_part(table, columns, known_labels, state_part)
     if label_part is None:
         return [RowName(text) for text in texts]
     states = {}
@@ -636,17 +712,34 @@ def _find_state_part(columns: Sequence[Sequence[str]], words: Mapping[str, State
 
 
 def _find_label_part(
-    columns: Sequence[Sequence[str]], known_labels: Collection[str], state_part: int | None
+    table: NumberTable,
+    columns: Sequence[Sequence[str]],
+    known_labels: Collection[str],
+    state_part: int | None,
 ) -> int | None:
-    """Return the part of names that is the observation: a known label, else the only part of many values."""
-    others = [number for number in range(len(columns)) if number != state_part]
-    if known_labels:
-        spelt = {omit_zeros(label) for label in known_labels}
-        known = [number for number in others if set(map(omit_zeros, columns[number])) <= spelt]
-        known = known or _find_parts_with_numbers_of(columns, others, known_labels)
-        if known:
-            return max(known, key=lambda number: len(set(columns[number])))
-    counts = sorted((len(set(columns[number])), number) for number in others)
-    most, number = counts[-1]
+    """Return the part of names that is the observation: a known label, else the only part of many values.
+
+    Of several known parts, it is the one in whose postures the others are targets on one flange, else the one
+    of most labels, else the one that is spelt as they are.
+    """
+    parts = [number for number in range(len(columns)) if number != state_part]
+    known = _find_known_parts(columns, parts, known_labels) if known_labels else []
+    for part in known if len(known) > 1 else ():
+        others = zip(*(columns[other] for other in parts if other != part), strict=True)
+        if _are_targets(table, columns[part], list(map(" ".join, others))):
+            return part
+    if known:
+        return max(known, key=lambda part: len(set(columns[part])))
+    counts = sorted((len(set(columns[part])), part) for part in parts)
+    most, part = counts[-1]
     is_clear = len(counts) == 1 or most > counts[-2][0]
-    return number if is_clear and most >= _LEAST_LABELS and state_part is not None else None
+    return part if is_clear and most >= _LEAST_LABELS and state_part is not None else None
+
+
+def _find_known_parts(
+    columns: Sequence[Sequence[str]], parts: Sequence[int], labels: Collection[str]
+) -> list[int]:
+    """Return the parts of names that are known labels: first those spelt alike, then by their numbers."""
+    spelt = set(map(omit_zeros, labels))
+    as_spelt = [part for part in parts if set(map(omit_zeros, columns[part])) <= spelt]
+    return list(dict.fromkeys([*as_spelt, *_find_parts_with_numbers_of(columns, parts, labels)]))

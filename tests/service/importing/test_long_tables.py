@@ -68,13 +68,78 @@ def test_texts_of_one_target_that_moves_by_millimetres_are_no_targets(tmp_path):
 
 
 def test_rows_in_different_places_are_not_called_repeats(tmp_path):
-    rows = write_rows(["1", "2"], [places_of(0), places_of(1)])
+    """Two columns tell the rows of a posture apart: nobody says which of them names the targets."""
+    rows = write_rows(["1;4", "2;5"], [places_of(0), places_of(1)])
     with pytest.raises(js.CampaignError) as refused:
-        propose("No.", rows, tmp_path)
+        propose("No.;Side", rows, tmp_path)
     text = str(refused.value.problem)
     assert "'P01' has several rows of unloaded in different places" in text
     assert "header `target`" in text
     assert "mean_of_repeats" not in text
+
+
+@pytest.mark.parametrize("header", ["No.", "측정점", "SMR #"])
+def test_numbers_of_points_that_keep_their_distances_are_targets(header, tmp_path):
+    rows = write_rows("123", [places_of(target) for target in range(3)])
+    answer = propose(header, rows, tmp_path).accept()
+    assert answer.targets == ["1", "2", "3"]
+    assert judge(CAMPAIGN, answer.measurement_set.model_dump(mode="json")) == []
+
+
+def test_numbers_of_points_that_do_not_keep_their_distances_are_no_targets(tmp_path):
+    """The second place of each posture is the other posture's: no target is fixed to the flange."""
+    first, second = places_of(0), tuple(each[::-1] for each in places_of(1))
+    with pytest.raises(js.CampaignError) as refused:
+        propose("No.", write_rows("12", [first, second]), tmp_path)
+    assert "several rows of unloaded in different places" in str(refused.value.problem)
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)], ids=["posture first", "point first"])
+def test_a_count_of_postures_beside_names_of_points_makes_these_targets(order, tmp_path):
+    """A column `point` names postures elsewhere; here three points keep their distances in each of `n`."""
+    rows = [
+        [
+            *[(str(posture + 1), "abc"[target])[k] for k in order],
+            12 * state,
+            *digits(1e3 * places_of(target)[state][posture]),
+        ]
+        for posture in range(len(CAMPAIGN.joints))
+        for state in range(2)
+        for target in range(3)
+    ]
+    header = [*[("n", "point")[k] for k in order], "load", *"xyz"]
+    (tmp_path / "joints.csv").write_text(table(JOINTS, map(digits, CAMPAIGN.joints)), encoding="utf-8")
+    (tmp_path / "tracker.csv").write_text(table(header, rows), encoding="utf-8")
+    answer = js.read(tmp_path / "joints.csv", tmp_path / "tracker.csv", robot=ARM, **STATED).accept()
+    assert answer.targets == ["a", "b", "c"]
+    assert judge(CAMPAIGN, answer.measurement_set.model_dump(mode="json")) == []
+
+
+def propose_points(campaign, template, targets, folder):
+    """Return the proposal for joints with numbers, and for a list of points of each state."""
+    rows = [[number, *digits(q)] for number, q in enumerate(campaign.joints, 1)]
+    paths = [folder / "joints.csv"]
+    paths[0].write_text(table(["label", *JOINTS], rows), encoding="utf-8")
+    for state, word in enumerate(("without", "with")):
+        points = [
+            [template.format(posture=posture + 1, target=target + 1), *digits(1e3 * place[posture])]
+            for posture in range(len(campaign.joints))
+            for target in targets
+            for place in [(campaign.unloaded, campaign.loaded)[state][:, target]]
+        ]
+        paths.append(folder / f"{word}.txt")
+        paths[-1].write_text(table([], points, "\t"), encoding="utf-8")
+    return js.read(*paths, robot=ARM, **STATED)
+
+
+@pytest.mark.parametrize("template", ["P{posture}_{target}", "{target}_P{posture}", "{posture}-{target}"])
+@pytest.mark.parametrize("postures", [3, 4, 10])
+def test_a_number_in_a_name_is_the_posture_in_which_the_others_are_targets(template, postures, tmp_path):
+    """Each number of a target is also the number of a posture, also where there are as many of both."""
+    campaign = simulate(ARM, seed=5, postures=postures)
+    answer = propose_points(campaign, template, range(3), tmp_path).accept()
+    assert answer.targets == ["1", "2", "3"]
+    assert judge(campaign, answer.measurement_set.model_dump(mode="json")) == []
 
 
 # ---- a row for each joint

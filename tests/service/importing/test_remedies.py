@@ -1181,9 +1181,9 @@ def strangers() -> dict[str, Proposed]:
             {**three, "b.csv": table(["Pose", *"XYZ"], strange.points(MEASURED, 1)[:3])},
             three,
         ),
-        "targets in a column of numbers": Proposed(
+        "targets in one of two columns of numbers": Proposed(
             "has several rows of unloaded in different places",
-            {"a.csv": table(["Pose", "No.", *IN_TURN[1:]], OF_TWO_TARGETS)},
+            {"a.csv": table(["Pose", "No.", *IN_TURN[1:], "Nest"], [[*r, r[1]] for r in OF_TWO_TARGETS])},
             stated={"columns": {"No.": "target"}},
         ),
         "form that lacks a row": Proposed(

@@ -61,6 +61,16 @@ def rows_of_states_and_targets():
             yield [*BLANK, "", "SMR2", *cells(SECOND[number] + shift)]
 
 
+def rows_of_targets_and_states(header="SMR", *, are_joints_merged=True, without=()):
+    yield ["Pose", *(f"Axis{i}" for i in range(1, 7)), header, "Load", *"XYZ"]
+    for number in range(len(DEGREES)):
+        for target, places in (("upper", FIRST), ("lower", SECOND)):
+            first = names_of(number) if target == "upper" or not are_joints_merged else BLANK
+            yield [*first, target, "off", *cells(places[number])]
+            if (number, target) not in without:
+                yield [*(BLANK if are_joints_merged else first), "", "on", *cells(places[number] + SAG)]
+
+
 def write_csv(rows):
     return "\n".join(";".join(row) for row in rows).encode() + b"\n"
 
@@ -94,8 +104,29 @@ def shifts_of(proposal):
         ("targets.csv", write_csv(rows_of_targets()), {"SMR1", "SMR2"}),
         ("states.csv", write_csv(rows_of_states()), {"T1"}),
         ("both.csv", write_csv(rows_of_states_and_targets()), {"SMR1", "SMR2"}),
+        ("smr.csv", write_csv(rows_of_targets_and_states()), {"upper", "lower"}),
+        ("side.csv", write_csv(rows_of_targets_and_states("Side")), {"upper", "lower"}),
+        (
+            "full.csv",
+            write_csv(rows_of_targets_and_states(are_joints_merged=False)),
+            {"upper", "lower"},
+        ),
+        (
+            "short.csv",
+            write_csv(rows_of_targets_and_states(without=[(2, "lower")])),
+            {"upper", "lower"},
+        ),
     ],
-    ids=["merged cells", "rows of targets", "rows of states", "states of two rows"],
+    ids=[
+        "merged cells",
+        "rows of targets",
+        "rows of states",
+        "states of two rows",
+        "targets of two rows",
+        "unknown names of two rows",
+        "joints in each row",
+        "a row is missing",
+    ],
 )
 def test_names_and_joints_of_the_first_row_hold_for_the_rows_of_their_posture(
     name, content, targets, tmp_path
@@ -106,6 +137,16 @@ def test_names_and_joints_of_the_first_row_hold_for_the_rows_of_their_posture(
     assert set(shifts) == targets
     assert len(observations) == len(DEGREES)
     assert all(np.allclose(shift, SAG, atol=2e-3) for shift in shifts.values())
+
+
+def test_a_target_of_more_rows_than_the_others_is_not_filled():
+    """The name of the second target of a posture is missing: its rows are not those of the first."""
+    cells_of_rows = list(rows_of_targets_and_states())[1:]
+    cells_of_rows[6][7] = ""
+    rows = [row(number, *texts) for number, texts in enumerate(cells_of_rows)]
+    meanings = (*[JOINT] * 7, Meaning(Quantity("target")), Meaning(Quantity("state")), *[X] * 3)
+    filled = fill_down(rows, [""] * len(meanings), meanings).rows
+    assert [each.cells[7] for each in filled] == [each.cells[7] for each in rows]
 
 
 def row(line, *texts):
