@@ -30,9 +30,6 @@ MAX_SHEET_CELLS: Final = 500_000
 """Cells of all sheets that are read, which take longer to read than those of a text."""
 MAX_XML_TAGS: Final = 2_500_000
 """Tags in the parts of an Excel file that are read: four for each number, six for each text, and rows."""
-_DIGITS: Final = 15
-"""Digits that Excel shows of a number, at most."""
-_LONG_NUMBER: Final = re.compile(r"-?\d{1,15}\.\d{1,30}(?:E-?\d{1,2})?")
 _MAX_PARTS: Final = 1_000
 _MAX_RATIO: Final = 100
 """Greatest ratio of the size of a part to its packed size; the ratio of sheets is around 10."""
@@ -373,8 +370,6 @@ class _Sheet:
                 f"a cell of type {quote(type_)} contains {quote(tags)}, which is not allowed"
             )
         value = self._read_value(children[holder], type_) if holder in children else ""
-        if kind == "number":
-            value = _shorten(value)
         if "f" in children:
             if not value and type_ != "str":
                 return "= …", "formula"  # of this kind no number and no name is read
@@ -398,12 +393,6 @@ class _Sheet:
     def _workbook_error(self, reason: str) -> ImportFileError:
         """Return the error that the workbook cannot be read, at the current row and column."""
         return self._archive.build_error(reason, self._line or None, self._column or None)
-
-
-def _shorten(number: str) -> str:
-    """Return a number with the digits that Excel shows, at most: 0.1 of 0.10000000000000001."""
-    is_long = len(number) > _DIGITS and _LONG_NUMBER.fullmatch(number)
-    return f"{float(number):.{_DIGITS}g}" if is_long else number
 
 
 # ---- the parts of the archive

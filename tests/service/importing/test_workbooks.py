@@ -261,11 +261,3 @@ def test_the_preview_shows_numbers_as_excel_does_and_the_import_keeps_all_digits
     first_row = answered(file).files[0].first_rows[0]
     assert (first_row[2], first_row[7]) == ("-69.96", "841.8997")
     assert points_of(read(file))["c01", "P10", "unloaded"][0] == 841.8997000000001
-
-
-def test_numbers_are_shown_with_the_digits_that_excel_shows():
-    stored = workbook(
-        [["name", "x [mm]", "y [mm]", "z [mm]"], ["c01_P10_unloaded", -92.43300000000001, 0.1, 2]]
-    )
-    preview = read(("a.xlsx", stored)).preview.files[0]
-    assert preview.first_rows == [["c01_P10_unloaded", "-92.433", "0.1", "2"]]
