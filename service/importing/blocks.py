@@ -548,12 +548,22 @@ def _has_cell(row: Row, column: int, text: str) -> bool:
 
 
 def _list_labels(blocks: Sequence[_Block]) -> list[str]:
-    """Return the first titles of the blocks, if they differ; else no labels."""
-    titles = [_find_first_title(block) for block in blocks]
-    are_labels = all(titles) and len(set(titles)) == len(titles)
-    return titles if are_labels else []
+    """Return a title of each block, if they differ; else no labels.
+
+    It is the first one, or that in the form of most first titles: a remark of the file may be above it.
+    """
+    titles = [_list_titles(block) or [""] for block in blocks]
+    usual, _ = Counter(_NUMBER.sub("0", own[0]) for own in titles).most_common(1)[0]
+    labels = [next((each for each in own if _NUMBER.sub("0", each) == usual), own[0]) for own in titles]
+    return labels if all(labels) and len(set(labels)) == len(labels) else []
 
 
-def _find_first_title(block: _Block) -> str:
-    """Return the text of the first title; empty without one."""
-    return " ".join(cell for cell in block.titles[0].cells if cell) if block.titles else ""
+def _list_titles(block: _Block) -> list[str]:
+    """Return the texts of the titles without numbers that they name: `Pos 2: A1=-37.44 …` gives `Pos 2`."""
+    titles = []
+    for row in block.titles:
+        text = " ".join(filter(None, row.cells))
+        signs = list(_SIGN.finditer(text[:_MOST_CHARACTERS]))
+        name = text[: signs[0].start()].strip(" ,;:") if len(signs) >= _LEAST_VALUES else ""
+        titles.append(name or text)
+    return titles

@@ -285,19 +285,26 @@ NumberedLine = tuple[int, str]
 
 
 def read_text(
-    file: str, content: bytes, delimiter: Delimiter | None, *, are_marks_literal: bool = False
+    file: str,
+    content: bytes,
+    delimiter: Delimiter | None,
+    *,
+    are_marks_literal: bool = False,
+    is_table: bool = False,
 ) -> Grid:
     """Decode a text file and split it into cells; find the delimiter from the lines if `delimiter` is None.
 
     With `are_marks_literal`, quotation marks that enclose no cell are characters, as of `split_line`.
 
     A robot program with joint positions, a report of measured points, or records of named numbers are read as
-    a table of these.
+    a table of these, unless the file is known to be one, with `is_table`: its cells may have such texts.
 
     Raises:
         ImportFileError: the file is not plain text, has no row, or its delimiter is ambiguous.
     """
     text, encoding = decode(file, content)
+    if is_table:
+        return _read_table(file, text, encoding, delimiter, are_marks_literal=are_marks_literal)
     if positions := read_joint_positions(text):
         return _build_grid_of_positions(file, encoding, positions)
     if states := read_joint_states(text) or read_rows_of_joint_states(text):

@@ -105,6 +105,7 @@ class SourceFile:
 
     name: str  # without a folder; the name may contain target and state
     content: bytes
+    is_table: bool = False  # whether the import wrote it: no cell makes a program or a report of it
 
 
 def read_sources(files: Iterable[str | PathLike[str]]) -> list[SourceFile]:
@@ -623,6 +624,8 @@ def _read_text_grids(
     Raises:
         ImportFileError: the file is of another type, or cannot be read.
     """
+    if file.is_table:
+        return [read_text(file.name, file.content, options.delimiter, is_table=True)]
     is_text = kind in (None, grid.JSON)  # a matrix without a name begins as a list of JSON does
     objects = _read_objects(file, kind) if is_text else None
     if objects is not None:

@@ -67,7 +67,7 @@ def write_readings(
     for columns in cases:
         empty = [""] * len(columns["label"])  # for a target that was not read under this load
         writer.writerows(zip(*(columns.get(head, empty) for head in headers), strict=True))
-    return SourceFile(_name_table(tables[0]), text.getvalue().encode())
+    return SourceFile(_name_table(tables[0]), text.getvalue().encode(), is_table=True)
 
 
 def write_deflections(
@@ -90,7 +90,7 @@ def write_deflections(
             columns.append([f"{each.target} deflection {axis} [mm]", *cells])
     text = io.StringIO()
     csv.writer(text, delimiter=";", lineterminator="\n").writerows(zip(*columns, strict=True))
-    return SourceFile(_name_table(joints), text.getvalue().encode())
+    return SourceFile(_name_table(joints), text.getvalue().encode(), is_table=True)
 
 
 def _name_table(table: NumberTable) -> str:

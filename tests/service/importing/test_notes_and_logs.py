@@ -538,3 +538,33 @@ def test_messages_with_more_than_lists_are_no_joint_states(form):
 def test_deep_lists_of_messages_end():
     text = "".join(write_message(number) + "x: " + 20_000 * "[" + "\n---\n" for number in range(4))
     assert read_joint_states(text) is None
+
+
+# ---- joints in comments
+
+
+def write_commented_log(angles):
+    """Return a log with the joints of each posture in a comment above its points."""
+    parts = ["// Stiffness  SA Export, mm\n"]
+    for row, *positions in zip(joint_rows(CAMPAIGN), *both(CAMPAIGN), strict=True):
+        number = row[0][1:]
+        parts.append(f"// Pos {number}: {' '.join(map(angles.format, range(1, 7), row[1:]))}\n")
+        parts += [f"R::Stiff::S1_{number}_{'UL'[s]} {' '.join(digits(p))}\n" for s, p in enumerate(positions)]
+    return {"log.txt": "".join(parts)}
+
+
+@pytest.mark.parametrize("angles", ["A{}={}", "J{} = {}", "A{}: {}", "A{}={};"])
+def test_joints_in_comments_have_the_unit_that_the_robot_decided(angles, tmp_path):
+    assert_read(write_commented_log(angles), tmp_path)
+
+
+def test_a_posture_in_a_comment_has_the_words_before_its_joints_as_its_label(tmp_path):
+    labels = [each["label"] for each in read(write_commented_log("A{}={}"), tmp_path)["observations"]]
+    assert labels == [f"Pos {name[1:]}" for name in names(CAMPAIGN)]
+
+
+@pytest.mark.parametrize("label", ["P{}: A1={} A2={} A3={}", "P{} x: {}; y: {}; z: {}"])
+def test_labels_that_name_numbers_make_no_other_file_of_a_table(label, tmp_path):
+    rows = [[label.format(row[0], *row[1:]), *row[1:]] for row in WIDE]
+    headers = ["what", *"abcdef", *"uvwxyz"]
+    assert_read({"all.csv": table(headers, rows, "\t")}, tmp_path)
