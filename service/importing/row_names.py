@@ -101,7 +101,7 @@ def name_rows(
 def _add_loads(table: NumberTable, names: Sequence[RowName]) -> list[RowName]:
     """Return the names with the loads of columns, which tell the rows of an observation apart."""
     masses = _list_masses(table)
-    forces = _list_forces(table) or _list_loads(table)
+    forces = _list_forces(table, names) or _list_loads(table)
     named = []
     for number, name in enumerate(names):
         if masses is not None and name.mass is None:
@@ -540,10 +540,11 @@ def _list_masses(table: NumberTable) -> list[float] | None:
     return None
 
 
-def _list_forces(table: NumberTable) -> list[RowName] | None:
+def _list_forces(table: NumberTable, names: Sequence[RowName]) -> list[RowName] | None:
     """Return state and force of each row by its columns of forces, if some rows have none; else None.
 
-    Sizes that occur once are those of one load that was read in each posture, and no further loads.
+    Sizes that occur in one posture are those of one load that was read in each posture, and no further loads.
+    `names` have the postures; without a name, each row counts.
     """
     columns = [column for column, meaning in enumerate(table.meanings) if meaning and meaning.kind == "force"]
     size_column = table.find_size_of_force()
@@ -555,7 +556,8 @@ def _list_forces(table: NumberTable) -> list[RowName] | None:
         f"{math.hypot(*table.table.numbers[row, columns]):.4g}" if state == "loaded" else ""
         for row, state in enumerate(states)
     ]
-    counts = Counter(filter(None, sizes))
+    postures = [row if name.label is None else name.label for row, name in enumerate(names)]
+    counts = Counter(size for size, _ in set(zip(sizes, postures, strict=True)) if size)
     has_several = 1 < len(counts) <= _MOST_CODES and min(counts.values()) > 1
     meaning = table.meanings[columns[0]]
     unit = find_unit_of_size(table.headers[columns[0]]) if meaning is None else meaning.unit

@@ -1,5 +1,8 @@
 """Readings that are missing: a proposal names and omits them; damaged numbers are errors."""
 
+from itertools import product
+
+import numpy as np
 import pytest
 from support.strange_files import JOINTS, digits, joint_rows, places, simulate, table
 
@@ -52,6 +55,29 @@ def test_a_row_that_is_missing_is_a_missing_reading(number, tmp_path):
     proposed = read(tmp_path, rows)
     assert "1 reading is missing or incomplete" in str(proposed)
     assert count_readings(proposed) == 23
+
+
+def list_rows_with_forces():
+    """Return a row for each posture, state and target, with the force of the posture under load."""
+    rows = []
+    for number, row in enumerate(joint_rows(CAMPAIGN)):
+        for state, target in product((0, 1), (0, 1)):
+            force = digits([0.0, 0.0, -state * (900.0 + 35.0 * number)])
+            rows.append([*row, f"B{target + 1}", *force, *digits(places(CAMPAIGN, target, state)[number])])
+    return rows
+
+
+@pytest.mark.parametrize("number", [None, 0, 7, 20, 22])
+def test_a_size_of_force_in_one_posture_is_the_load_of_all_its_targets(number, tmp_path):
+    rows = list_rows_with_forces()
+    if number is not None:
+        del rows[number]
+    header = [*HEADER[:7], "SMR", "Fx [N]", "Fy [N]", "Fz [N]", "X", "Y", "Z"]
+    proposed = read(tmp_path, rows, header, force=None)
+    assert ("1 reading is missing or incomplete" in str(proposed)) == (number is not None)
+    forces = [each.force[2] for each in proposed.accept().measurement_set.observations]
+    np.testing.assert_allclose(forces, [-900.0 - 35.0 * number for number in range(12)])
+    assert count_readings(proposed) == (24 if number is None else 23)
 
 
 def test_digits_that_are_no_number_are_an_error(tmp_path):
