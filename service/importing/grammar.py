@@ -461,12 +461,23 @@ def find_state_in_name(name: str, extra: Mapping[str, State]) -> State | None:
     are not enough, such as `on`, `last` or `before`, and with a negation no word is.
     """
     words = split_words(name)
-    stated = {fold_word(word): state for word, state in extra.items()}
-    found: set[State | None] = {stated[fold_word(word)] for word in words if fold_word(word) in stated}
+    found = _list_stated_states(words, extra)
     if found or not any(fold_word(word) in _CERTAIN_STATES for word in words):
         return next(iter(found)) if len(found) == 1 else None
     is_negated = any(fold_word(word) in _NEGATIONS for word in words)
     return None if is_negated else join_states(words, {})
+
+
+def find_stated_state(name: str, stated: Mapping[str, State]) -> State | None:
+    """Return the only state that the caller's words give a name, or the words of a name; else None."""
+    found = _list_stated_states([name], stated) or _list_stated_states(split_words(name), stated)
+    return next(iter(found)) if len(found) == 1 else None
+
+
+def _list_stated_states(words: Iterable[str], stated: Mapping[str, State]) -> set[State]:
+    """Return the states that the caller's words give some words."""
+    state_of = {fold_word(word): state for word, state in stated.items()}
+    return {state_of[fold_word(word)] for word in words if fold_word(word) in state_of}
 
 
 def join_states(words: Iterable[str], extra: Mapping[str, State]) -> State | None:

@@ -10,8 +10,9 @@ from functools import cached_property
 
 import numpy as np
 
-from jointstiff.schemas.imports import ImportOptions
+from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
+from jointstiff.service.importing.grammar import find_state, is_likely_unloaded
 from jointstiff.service.importing.lengths import find_units_of_coordinates
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.repeats import MOST_REPEAT, are_repeats, measure_distance
@@ -595,14 +596,21 @@ def _refuse_states_as_repeats(table: NumberTable, rows: Sequence[int]) -> None:
 def _build_words_error(table: NumberTable, row: int, column: int, words: tuple[str, ...]) -> ImportFileError:
     """Return the error that words of rows with the same names may be states."""
     listed = " and ".join(map(quote, words))
+    unloaded = max(reversed(words), key=_rate_as_unloaded)
     return ImportFileError(
         table.grid.place(table.rows[row], column),
         f"rows with the same names differ by {listed}, which may be words for states",
         "state the words by `state_words`, such as "
-        f"{quote(words[-1])} as `unloaded`; or leave out the rows of one word",
+        f"{quote(unloaded)} as `unloaded`; or leave out the rows of one word",
         "state_words",
         words,
     )
+
+
+def _rate_as_unloaded(word: str) -> int:
+    """Return how likely a word means without load: the greatest number is that of a word that says so."""
+    rating_of_state: dict[State | None, int] = {"unloaded": 2, "loaded": -1}
+    return rating_of_state.get(find_state(word, {}), int(is_likely_unloaded(word)))
 
 
 def _build_repeat_error(named: _NamedTable, row: int, name: RowName) -> ImportFileError:

@@ -20,6 +20,7 @@ from jointstiff.service.importing.grammar import (
     find_answer,
     find_state,
     find_state_in_name,
+    find_stated_state,
     find_unit_of_size,
     is_cycle_header,
     is_in_kg,
@@ -379,10 +380,9 @@ def _find_state_column(table: NumberTable, options: ImportOptions, label_column:
     named = table.find_column("state")
     if named is not None:
         return named
-    stated = set(map(fold_word, options.state_words))
     free = [c for c in range(len(table.headers)) if c != label_column and c not in table.ignored]
     for column in free:
-        if _has_stated_words(table, column, stated):
+        if _has_stated_words(table, column, options.state_words):
             return column
     for column in free:
         if _find_answers(table, column, options.state_words):
@@ -390,16 +390,27 @@ def _find_state_column(table: NumberTable, options: ImportOptions, label_column:
     return _find_column_of_words(table, options, free)
 
 
-def _has_stated_words(table: NumberTable, column: int, stated: Collection[str]) -> bool:
-    """Return whether a column has two words or more, all of them the caller's words for states."""
-    words = set(map(fold_word, _list_texts(table, column)))
-    return len(words) > 1 and words <= set(stated)
+def _has_stated_words(table: NumberTable, column: int, words: Mapping[str, State]) -> bool:
+    """Return whether a column has two words or more that are, or contain, the caller's words for states.
+
+    Of two words of a column of names, the caller may state one: the other one means the other state.
+    """
+    texts = set(_list_texts(table, column))
+    stated = [text for text in texts if find_stated_state(text, words) is not None]
+    may_state_one = len(texts) == _MOST_DIFFERENT and _may_name(table, column)
+    return len(texts) > 1 and (len(stated) == len(texts) or (may_state_one and bool(stated)))
 
 
 def _find_column_of_words(table: NumberTable, options: ImportOptions, columns: Sequence[int]) -> int | None:
-    """Return the first of some columns without a known header whose cells are words for states or loads."""
+    """Return the first of some columns without a known header whose cells are words for states or loads.
+
+    A column of groups is such a column if its groups have different states or loads.
+    """
     for column in columns:
-        if table.meanings[column] is not None:
+        meaning = table.meanings[column]
+        if meaning is not None and meaning.kind == "group" and _has_groups_in_states(table, column, options):
+            return column
+        if meaning is not None:
             continue
         texts = _list_texts(table, column)
         words = set(texts)
@@ -412,6 +423,13 @@ def _find_column_of_words(table: NumberTable, options: ImportOptions, columns: S
         if are_states or (has_load and len(_list_state_words(texts, options.state_words)) == 2):
             return column
     return None
+
+
+def _has_groups_in_states(table: NumberTable, column: int, options: ImportOptions) -> bool:
+    """Return whether the groups of a column are words for states or loads, and no two are alike."""
+    groups = set(_list_texts(table, column))
+    read = {_read_state_word(group, options.state_words) for group in groups}
+    return 1 < len(read) == len(groups) <= _MOST_CODES and _are_states(groups, options.state_words)
 
 
 def _list_states(table: NumberTable, column: int, words: Mapping[str, State]) -> dict[str, RowName]:
@@ -588,7 +606,9 @@ def _read_state_word(word: str, words: Mapping[str, State]) -> RowName | None:
         return RowName(state=state)
     mass = find_load(word)
     if mass is not None:
-        return RowName(state=find_state_of_load(mass), mass=mass)
+        state = find_state_in_name(word, words)  # `unloaded_200kg` names the load that does not hang
+        is_without = state in ("unloaded", "unloaded_after")
+        return RowName(state=state) if is_without else RowName(state=find_state_of_load(mass), mass=mass)
     force = _FORCE_WITH_UNIT.fullmatch(word)
     if force is not None:
         size = float(force[1].replace(",", "."))

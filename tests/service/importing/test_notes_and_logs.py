@@ -568,3 +568,39 @@ def test_labels_that_name_numbers_make_no_other_file_of_a_table(label, tmp_path)
     rows = [[label.format(row[0], *row[1:]), *row[1:]] for row in WIDE]
     headers = ["what", *"abcdef", *"uvwxyz"]
     assert_read({"all.csv": table(headers, rows, "\t")}, tmp_path)
+
+
+# ---- groups of points as states
+
+
+def write_groups(*groups):
+    """Return joints, and an export of SpatialAnalyzer with a group without load and one under load."""
+    lines = ["// Collection, Group, Point, X, Y, Z"]
+    for state, group in enumerate(groups):
+        for target in (0, 1):
+            rows = points(CAMPAIGN, state, target=target)
+            lines += [", ".join(["A", group, f"T{target + 1}_{name}", *place]) for name, *place in rows]
+    return {"SA.txt": "\n".join(lines) + "\n", "j.csv": joints(CAMPAIGN, label="Pose")}
+
+
+@pytest.mark.parametrize("loaded", ["LOADED_100KG", "loaded 100 kg", "100kg"])
+def test_groups_whose_words_are_states_state_the_load(loaded, tmp_path):
+    proposed = propose(write_groups("UNLOADED", loaded), tmp_path, force=None)
+    assert "loaded 100 kg: force 0, 0, −980.7 N" in str(proposed)
+    (tmp_path / "again").mkdir()
+    assert_read(write_groups("UNLOADED", loaded), tmp_path / "again", force=None)
+
+
+def test_groups_that_name_the_load_of_another_group_are_without_load(tmp_path):
+    assert_read(write_groups("UNLOADED_100KG", "LOADED_100KG"), tmp_path, force=None)
+
+
+@pytest.mark.parametrize("words", [{"BETA": "loaded"}, {"ALPHA": "unloaded"}, {"BETA_2": "loaded"}])
+def test_a_stated_word_of_a_group_is_its_state(words, tmp_path):
+    assert_read(write_groups("ALPHA_1", "BETA_2"), tmp_path, state_words=words)
+
+
+@pytest.mark.parametrize("groups", [("ZERO_1", "RUN_2"), ("RUN_1", "ZERO_2")])
+def test_the_word_that_is_likely_without_load_is_offered_as_unloaded(groups, tmp_path):
+    problem = refuse(write_groups(*groups), tmp_path)
+    assert "'ZERO' as `unloaded`" in problem.remedy
