@@ -199,6 +199,10 @@ class NumberTable:
         table = replace(added.table, others=added.table.others.union(replaced))
         return replace(added, table=table, ignored=self.ignored.union(replaced))
 
+    def mark_copies(self, original: NumberTable) -> NumberTable:
+        """Return the table whose columns that an original lacks are loads of another table."""
+        return replace(self, copies=self.copies.union(range(len(original.headers), len(self.headers))))
+
     def add_columns(
         self, headers: Sequence[str], meanings: Sequence[Meaning | None], numbers: FloatArray
     ) -> NumberTable:
@@ -431,7 +435,10 @@ def _find_other_columns(meanings: Sequence[Meaning | None]) -> frozenset[int]:
 def _is_data(row: Row) -> bool:
     """Return whether a row has enough numbers to be a row of data, and no word such as `mean` before them."""
     first_filled = next((cell for cell in row.cells if cell), "")
-    return count_numbers(row) >= _LEAST_NUMBERS and not is_statistic(first_filled)
+    count = count_numbers(row)
+    if count and any(_DIRECTION.fullmatch(cell.strip()) for cell in row.cells):
+        count += _LEAST_NUMBERS  # a direction is a unit vector of three numbers
+    return count >= _LEAST_NUMBERS and not is_statistic(first_filled)
 
 
 def _fit_rows(grid: Grid, data: Sequence[int]) -> tuple[Row, ...]:
