@@ -291,9 +291,9 @@ def _name_force_of_size(
         note = f"{header} as the size of a force along −z of R0, as the targets move"
         return [along_z if table is joints else table for table in tables], [note]
     if len({each.force for each in named if each.state == "loaded"}) > 1:
-        found = describe(proposal, [each.words for each in named])
+        described = describe(proposal, [each.words for each in named])
         raise NoProposalError(
-            f"{found}, but {header} has several forces without a direction",
+            f"{described}, but {header} has several forces without a direction",
             "write the force in columns `Fx [N]`, `Fy [N]` and `Fz [N]` in axes of R0",
         )
     return tables, []

@@ -289,25 +289,28 @@ def _propose_by_stencils(
             raise
         except (NoProposalError, ImportFileError):
             continue
-    _refuse_lacking_lines(files, request, robots)
-    raise unread
+    lacking = _propose_lacking_lines(files, request, robots)
+    if lacking is None:
+        raise unread
+    return lacking
 
 
-def _refuse_lacking_lines(
+def _propose_lacking_lines(
     files: Sequence[SourceFile], request: ImportRequest, robots: Sequence[KnownRobot]
-) -> None:
-    """Refuse files whose repeated places have a meaning, but are not in all blocks, sheets or objects.
+) -> ProposedImport | None:
+    """Return the proposal for repeated places that some blocks, sheets or objects lack; None without one.
 
     Raises:
-        UnfinishedError: there is such a meaning.
+        UnfinishedError: there is such a proposal, and the request does not accept a proposal.
     """
     if request.allow_missing:
-        return
-    lacking = request.model_copy(update={"allow_missing": True})
+        return None
     try:
-        proposed = _propose(files, lacking, robots, read=read_stencils)
+        proposed = _propose(files, request, robots, read=partial(read_stencils, may_lack_lines=True))
     except (NoProposalError, ImportFileError):
-        return
+        return None
+    if request.accept_proposal:
+        return replace(proposed, notes=(*proposed.notes, "a posture lacks lines that the others have"))
     raise UnfinishedError(
         f"{proposed.sentence}, but a posture lacks lines that the others have",
         "complete this posture, or use `allow_missing` to leave out what is missing",
