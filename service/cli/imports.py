@@ -652,7 +652,7 @@ def _find_meaning(readings: _StatedReadings, dialogue: _Dialogue) -> _StatedRead
     from jointstiff.service.resources.proposals import NoProposal  # imports numpy
 
     while True:
-        proposed = _propose(readings)
+        proposed = _propose(readings, yes=dialogue.yes)
         if proposed is None:
             return readings
         if not isinstance(proposed, NoProposal):
@@ -667,8 +667,10 @@ def _find_meaning(readings: _StatedReadings, dialogue: _Dialogue) -> _StatedRead
     return replace(readings, is_refused=True)
 
 
-def _propose(readings: _StatedReadings) -> ProposedImport | NoProposal | None:
+def _propose(readings: _StatedReadings, *, yes: bool) -> ProposedImport | NoProposal | None:
     """Return the robot's proposal for readings; None if names explain them, or if there is no reason for one.
+
+    With `yes`, which accepts a proposal, the proposal leaves out lines that are missing.
 
     Raises:
         CampaignError: the files cannot be read; the texts name command-line options in place of fields.
@@ -676,8 +678,8 @@ def _propose(readings: _StatedReadings) -> ProposedImport | NoProposal | None:
     from jointstiff.service.resources.documents import parse_document
     from jointstiff.service.resources.imports import import_files, lack_meaning
 
-    options = _split_typed_header(readings.options, readings.sources) | {"show_faults": True}
-    request = parse_document(options, ImportRequest)
+    options = _split_typed_header(readings.options, readings.sources)
+    request = parse_document(options | {"show_faults": True, "accept_proposal": yes}, ImportRequest)
     robots = _list_robots(readings.robot)
     stated = None if readings.robot is None else robots[0].robot
     if readings.meaning is None:

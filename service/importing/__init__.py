@@ -18,7 +18,7 @@ reading      files to readings: the way through; rows of all files put together 
     └── arrays > libraries   of MATLAB, HDF5 and Parquet, in a process of its own (child)
 
 For the robot's proposal, `posture_files` joins files of one posture, `numbers` reads tables of numbers,
-`joining` puts their rows in one order by `row_names`, `lengths` and `deflections` convert numbers,
+`joining` puts their rows in one order by `row_names`, `lengths`, `polar` and `deflections` convert numbers,
 `differences` finds displacements that positions state, too, `naming` names positions, `uncertainties` finds
 theirs, and `rewriting` writes the table to import.
 

@@ -741,7 +741,7 @@ def _find_marks(
     sure_marks: set[str] = set()
     for row, column in product(rows, columns):
         text = row.cells[column]
-        if lacks_number(text):
+        if lacks_number(text) or not any(map(str.isdigit, text)):
             continue
         marks = [mark for mark in ",." if mark in text]
         mark_by_thousands = _find_mark_by_thousands(text) if are_thousands_separated else None

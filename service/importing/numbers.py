@@ -28,6 +28,7 @@ from jointstiff.service.importing.grammar import (
     find_unit_of_size,
     is_planned,
     is_statistic,
+    lacks_number,
 )
 from jointstiff.service.importing.grid import (
     Grid,
@@ -198,6 +199,10 @@ class NumberTable:
         added = self.add_columns(headers, meanings, forces)
         table = replace(added.table, others=added.table.others.union(replaced))
         return replace(added, table=table, ignored=self.ignored.union(replaced))
+
+    def mark_copies(self, original: NumberTable) -> NumberTable:
+        """Return the table whose columns that an original lacks are loads of another table."""
+        return replace(self, copies=self.copies.union(range(len(original.headers), len(self.headers))))
 
     def add_columns(
         self, headers: Sequence[str], meanings: Sequence[Meaning | None], numbers: FloatArray
@@ -431,14 +436,18 @@ def _find_other_columns(meanings: Sequence[Meaning | None]) -> frozenset[int]:
 def _is_data(row: Row) -> bool:
     """Return whether a row has enough numbers to be a row of data, and no word such as `mean` before them."""
     first_filled = next((cell for cell in row.cells if cell), "")
-    return count_numbers(row) >= _LEAST_NUMBERS and not is_statistic(first_filled)
+    count = count_numbers(row)
+    if count and any(_DIRECTION.fullmatch(cell.strip()) for cell in row.cells):
+        count += _LEAST_NUMBERS  # a direction is a unit vector of three numbers
+    return count >= _LEAST_NUMBERS and not is_statistic(first_filled)
 
 
 def _fit_rows(grid: Grid, data: Sequence[int]) -> tuple[Row, ...]:
     """Return the rows of data with as many cells as most of them have; `data` are their indices.
 
     Texts behind the last column, such as remarks, are cut off; a row without such texts is filled up. Rows
-    above the table, and rows that are apart below the table, are no rows of the table.
+    above the table, and rows that are apart below the table, are no rows of the table if their numbers are in
+    other columns, or if they are sentences.
 
     Raises:
         ImportFileError: a row of the table has more or fewer numbers than the others.
@@ -454,7 +463,7 @@ def _fit_rows(grid: Grid, data: Sequence[int]) -> tuple[Row, ...]:
         lacking = columns.intersection(range(len(row.cells), width))
         is_other = bool(lacking) or any(map(looks_like_a_number, row.cells[width:]))
         is_outside = index < full[0] or (index > full[-1] and _is_apart(grid, end, index))
-        if is_other and is_outside:
+        if is_outside and (is_other or _is_sentence(row, columns)):
             continue
         if is_other:
             reason = f"the row has {len(row.cells)} cells, but the other rows of the table have {width}"
@@ -463,6 +472,12 @@ def _fit_rows(grid: Grid, data: Sequence[int]) -> tuple[Row, ...]:
         rows.append(row.resize(width))
         end = index
     return tuple(rows)
+
+
+def _is_sentence(row: Row, columns: Collection[int]) -> bool:
+    """Return whether a row has more words than numbers in columns of numbers, such as a line of text."""
+    cells = [row.cells[column] for column in columns if not lacks_number(row.cells[column])]
+    return sum(map(looks_like_a_number, cells)) < len(cells) / 2
 
 
 def _is_apart(grid: Grid, end: int, index: int) -> bool:
@@ -530,8 +545,9 @@ def _find_headers(
     if options.header is not None and len(options.header) == width:
         return tuple(options.header)
     above = grid.rows[first - 1].cells if first > 0 else ()
-    are_others_ignored = all(_is_ignored(text, words) for text in above[width:])
-    if len(above) >= width and are_others_ignored:
+    behind = " ".join(filter(None, above[width:]))
+    is_remark = behind.startswith("(") and behind.endswith(")")
+    if len(above) >= width and (is_remark or all(_is_ignored(text, words) for text in above[width:])):
         return above[:width]
     return ("",) * width
 

@@ -100,10 +100,13 @@ _Place = tuple[tuple[object, ...], int, int]
 """Place in a record: stencil, occurrence of the stencil, and index of the cell."""
 
 
-def read_stencils(file: SourceFile, options: ImportOptions, *, are_turned: bool = False) -> list[Grid]:
+def read_stencils(
+    file: SourceFile, options: ImportOptions, *, are_turned: bool = False, may_lack_lines: bool = False
+) -> list[Grid]:
     """Return the tables of a file whose rows have repeated places; the ordinary tables without such places.
 
-    With `are_turned`, the columns of a table with names before its numbers are the postures.
+    With `are_turned`, the columns of a table with names before its numbers are the postures. With
+    `may_lack_lines`, or if readings may be missing, a posture may lack lines that the others have.
 
     Raises:
         ImportFileError: the file cannot be read.
@@ -118,7 +121,8 @@ def read_stencils(file: SourceFile, options: ImportOptions, *, are_turned: bool 
     else:
         return read_grids(file, options, every_length=True)
     is_sheet = kind in grid.WORKBOOKS
-    found = _Stencils(file.name, lines, is_sheet=is_sheet, allow_missing=options.allow_missing)
+    allow_missing = options.allow_missing or may_lack_lines
+    found = _Stencils(file.name, lines, is_sheet=is_sheet, allow_missing=allow_missing)
     return found.build_grids(are_turned=are_turned) or read_grids(file, options, every_length=True)
 
 

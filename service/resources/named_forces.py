@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -23,7 +24,7 @@ from jointstiff.service.resources.columns_left import (
 from jointstiff.service.resources.force_evidence import ForceEvidence
 from jointstiff.service.resources.force_sizes import StatedForce, compare_stated_force, take_sizes_as_weights
 from jointstiff.service.resources.no_proposal import NoProposalError, UnfinishedError
-from jointstiff.service.resources.posture_loads import GatheredLoads, gather_loads
+from jointstiff.service.resources.posture_loads import GatheredLoads, gather_loads, join_forces
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.states import order_states
@@ -160,21 +161,70 @@ def _name_forces_along_vectors(
     request: ImportRequest,
     evidence: ForceEvidence,
 ) -> tuple[Sequence[NumberTable], list[str]]:
-    """Return the tables, with sizes along unit vectors as the force if they explain the deflections."""
+    """Return the tables, with sizes along unit vectors as the force if they explain the deflections.
+
+    Raises:
+        NoProposalError: a posture has two different forces.
+    """
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    left = next(each for each in list_columns_left(proposal, tables, named) if each.table is joints)
-    columns = find_sizes_along_vectors(left)
     has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
-    if columns is None or has_load or request.force is not None:
+    if has_load or request.force is not None:
         return tables, []
-    size, vector = columns
-    forces = joints.table.numbers[:, [size]] * joints.table.numbers[:, list(vector)]
-    if not evidence.are_forces(forces):
-        return tables, []
-    unit = find_force_at_end(joints.headers[size])
-    along = joints.add_forces(forces, unit, (size, *vector))
-    note = f"{quote(joints.headers[size])} along the unit vectors of columns {vector[0] + 1}–{vector[2] + 1}"
-    return [along if table is joints else table for table in tables], [f"{note}, as the deflections show"]
+    for each in list_columns_left(proposal, tables, named):
+        columns = find_sizes_along_vectors(each)
+        if columns is None:
+            continue
+        size, vector = columns
+        own = each.table.table.numbers[:, [size]] * each.table.table.numbers[:, list(vector)]
+        forces = _join_forces(proposal, each.table, joints, request, own)
+        if forces is None or not evidence.are_forces(forces):
+            continue
+        along = _replace_by_forces(tables, joints, each.table, forces, columns=(size, *vector))
+        listed = f"columns {vector[0] + 1}–{vector[2] + 1}"
+        header = _name_column(each.table, joints, size)
+        return along, [f"{header} along the unit vectors of {listed}, as the deflections show"]
+    return tables, []
+
+
+def _join_forces(
+    proposal: Proposal, table: NumberTable, joints: NumberTable, request: ImportRequest, forces: FloatArray
+) -> FloatArray | None:
+    """Return the forces (N, 3) of the rows of joints from those (rows, 3) of a table; None without a join.
+
+    Raises:
+        NoProposalError: a posture has two different forces.
+    """
+    try:
+        return join_forces(proposal, table, joints, request, forces)
+    except ImportFileError as fault:
+        raise UnfinishedError(f"{fault.place}: {fault.reason}", fault.remedy, fault) from fault
+
+
+def _replace_by_forces(
+    tables: Sequence[NumberTable],
+    joints: NumberTable,
+    source: NumberTable,
+    forces: FloatArray,
+    columns: tuple[int, ...],
+) -> Sequence[NumberTable]:
+    """Return the tables with forces (N, 3) in the table of joints, in place of columns of a table.
+
+    The first of the columns has the sizes of the forces, and their unit.
+    """
+    unit = find_force_at_end(source.headers[columns[0]])
+    if source.name == joints.name:
+        along = joints.add_forces(forces, unit, columns)
+        return [along if table is joints else table for table in tables]
+    along = joints.add_forces(forces, unit).mark_copies(joints)
+    read = replace(source, copied=source.copied.union(columns))
+    replaced = {joints.name: along, source.name: read}
+    return [replaced.get(table.name, table) for table in tables]
+
+
+def _name_column(table: NumberTable, joints: NumberTable, column: int) -> str:
+    """Return the quoted header of a column, with its table if this has no joints."""
+    header = quote(table.headers[column])
+    return header if table.name == joints.name else f"{header} of {table.name}"
 
 
 def _name_constant_force(
@@ -227,42 +277,63 @@ def _name_force_of_size(
         NoProposalError: there are several forces, whose direction the targets do not show.
     """
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    directions = joints.find_directions()
-    column = joints.find_size_of_force()
-    if column is None and directions is not None:
-        column = joints.find_size_along_directions()
-    if column is None or request.force is not None:
+    if request.force is not None:
         return tables, []
+    found, notes = _name_force_along_directions(proposal, named, tables, request)
+    column = joints.find_size_of_force()
+    if notes or column is None:
+        return found, notes
     header = quote(joints.headers[column])
     sizes = joints.table.numbers[:, column]
-    if directions is not None:
-        along, note = _name_force_along_directions(proposal, named, joints, (directions, column))
-        return [along if table is joints else table for table in tables], [note]
     has_one_sign = bool((sizes >= 0.0).all() or (sizes <= 0.0).all())
     if has_one_sign and _move_down(named):
         along_z = joints.name_size_along_z(column)
         note = f"{header} as the size of a force along −z of R0, as the targets move"
         return [along_z if table is joints else table for table in tables], [note]
     if len({each.force for each in named if each.state == "loaded"}) > 1:
-        found = describe(proposal, [each.words for each in named])
+        described = describe(proposal, [each.words for each in named])
         raise NoProposalError(
-            f"{found}, but {header} has several forces without a direction",
+            f"{described}, but {header} has several forces without a direction",
             "write the force in columns `Fx [N]`, `Fy [N]` and `Fz [N]` in axes of R0",
         )
     return tables, []
 
 
 def _name_force_along_directions(
-    proposal: Proposal, named: Sequence[NamedReading], joints: NumberTable, columns: tuple[int, int]
-) -> tuple[NumberTable, str]:
-    """Return the table of joints with the force of its columns of directions and sizes, and a note on it.
+    proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable], request: ImportRequest
+) -> tuple[Sequence[NumberTable], list[str]]:
+    """Return the tables with the force of columns of directions and sizes in one table, and a note on it.
 
     Raises:
-        NoProposalError: the targets do not move along the directions in R0, or a size is negative.
+        NoProposalError: the targets do not move along the directions in R0, a size is negative, or a posture
+            has two different forces.
     """
-    directions, size = columns
-    header = quote(joints.headers[directions])
-    forces = joints.read_forces_along(directions, size)
+    joints = next(table for table in tables if table.name == proposal.joints.table)
+    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
+    others = [] if has_load else [table for table in tables if table is not joints]
+    for table in (joints, *others):
+        directions, size = table.find_directions(), table.find_size_of_force()
+        size = table.find_size_along_directions() if size is None else size
+        if directions is None or size is None:
+            continue
+        own = table.read_forces_along(directions, size)
+        forces = _join_forces(proposal, table, joints, request, own)
+        if forces is None:
+            continue
+        header = _name_column(table, joints, directions)
+        if (table.table.numbers[:, size] < 0.0).any() or not _move_along(proposal, named, forces):
+            described = describe(proposal, [each.words for each in named])
+            raise NoProposalError(
+                f"{described}, but the targets do not move along {header} in R0",
+                "write the force in columns `Fx [N]`, `Fy [N]` and `Fz [N]` in axes of R0",
+            )
+        note = f"{quote(table.headers[size])} along the directions of {header} in R0, as the targets move"
+        return _replace_by_forces(tables, joints, table, forces, columns=(size, directions)), [note]
+    return tables, []
+
+
+def _move_along(proposal: Proposal, named: Sequence[NamedReading], forces: FloatArray) -> bool:
+    """Return whether most targets move along the forces (rows, 3) of the rows of joints under load."""
     of_postures = proposal.joints.groups.split(forces).sum(axis=1)
     unloaded = {each.target: each.reading.positions for each in named if each.state == "unloaded"}
     along = [
@@ -270,16 +341,7 @@ def _name_force_along_directions(
         for each in named
         if each.state == "loaded" and each.target in unloaded
     ]
-    is_negative = bool((joints.table.numbers[:, size] < 0.0).any())
-    if is_negative or not along or np.mean(along) < _LEAST_ALONG:
-        found = describe(proposal, [each.words for each in named])
-        raise NoProposalError(
-            f"{found}, but the targets do not move along {header} in R0",
-            "write the force in columns `Fx [N]`, `Fy [N]` and `Fz [N]` in axes of R0",
-        )
-    note = f"{quote(joints.headers[size])} along the directions of {header} in R0, as the targets move"
-    unit = find_force_at_end(joints.headers[size])
-    return joints.add_forces(forces, unit, columns), note
+    return bool(along) and bool(np.mean(along) >= _LEAST_ALONG)
 
 
 def _move_down(named: Sequence[NamedReading]) -> bool:

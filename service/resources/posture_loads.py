@@ -71,6 +71,23 @@ def gather_loads(proposal: Proposal, tables: Sequence[NumberTable], request: Imp
     return GatheredLoads([with_loads if each.name == joints.name else each for each in gathered], notes)
 
 
+def join_forces(
+    proposal: Proposal, table: NumberTable, joints: NumberTable, request: ImportRequest, forces: FloatArray
+) -> FloatArray | None:
+    """Return the forces (N, 3) of the rows of joints from those (rows, 3) of a table; None without a join.
+
+    Raises:
+        ImportFileError: two rows of a posture have different forces.
+    """
+    if table.name == joints.name:
+        return forces
+    rows = _list_rows(proposal, table, joints, request)
+    if rows is None:
+        return None
+    columns = range(len(table.headers), len(table.headers) + forces.shape[1])
+    return _repeat_in_rows(proposal, _read_loads(table.add_forces(forces, None), rows, columns, "force"))
+
+
 def _list_columns(table: NumberTable, kind: Kind) -> list[int]:
     """Return the columns of a kind of load; none of masses that the names of the rows state."""
     if kind == "mass" and any(name.mass is not None for name in table.turn):
@@ -136,12 +153,16 @@ def _add_loads(
     loads: FloatArray,
 ) -> NumberTable:
     """Return the table of joints with the loads (N, m) of columns of another table in all rows."""
+    headers = [table.headers[column] for column in columns]
+    meanings = [table.meanings[column] for column in columns]
+    return joints.add_columns(headers, meanings, _repeat_in_rows(proposal, loads)).mark_copies(joints)
+
+
+def _repeat_in_rows(proposal: Proposal, loads: FloatArray) -> FloatArray:
+    """Return the loads (rows, m) of the rows of joints from those (N, m) of the postures."""
     groups = proposal.joints.groups
     is_in_blocks = groups.order == "in blocks"
-    of_rows = np.tile(loads, (groups.count, 1)) if is_in_blocks else np.repeat(loads, groups.count, axis=0)
-    headers = [table.headers[column] for column in columns]
-    added = joints.add_columns(headers, [table.meanings[column] for column in columns], of_rows)
-    return replace(added, copies=joints.copies.union(range(len(joints.headers), len(added.headers))))
+    return np.tile(loads, (groups.count, 1)) if is_in_blocks else np.repeat(loads, groups.count, axis=0)
 
 
 def _refuse_other_loads(

@@ -40,6 +40,7 @@ from jointstiff.service.importing.numbers import (
     read_number_tables,
     read_tables,
 )
+from jointstiff.service.importing.polar import list_cartesian
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 from jointstiff.service.importing.rewriting import (
     has_column_of,
@@ -289,25 +290,28 @@ def _propose_by_stencils(
             raise
         except (NoProposalError, ImportFileError):
             continue
-    _refuse_lacking_lines(files, request, robots)
-    raise unread
+    lacking = _propose_lacking_lines(files, request, robots)
+    if lacking is None:
+        raise unread
+    return lacking
 
 
-def _refuse_lacking_lines(
+def _propose_lacking_lines(
     files: Sequence[SourceFile], request: ImportRequest, robots: Sequence[KnownRobot]
-) -> None:
-    """Refuse files whose repeated places have a meaning, but are not in all blocks, sheets or objects.
+) -> ProposedImport | None:
+    """Return the proposal for repeated places that some blocks, sheets or objects lack; None without one.
 
     Raises:
-        UnfinishedError: there is such a meaning.
+        UnfinishedError: there is such a proposal, and the request does not accept a proposal.
     """
     if request.allow_missing:
-        return
-    lacking = request.model_copy(update={"allow_missing": True})
+        return None
     try:
-        proposed = _propose(files, lacking, robots, read=read_stencils)
+        proposed = _propose(files, request, robots, read=partial(read_stencils, may_lack_lines=True))
     except (NoProposalError, ImportFileError):
-        return
+        return None
+    if request.accept_proposal:
+        return replace(proposed, notes=(*proposed.notes, "a posture lacks lines that the others have"))
     raise UnfinishedError(
         f"{proposed.sentence}, but a posture lacks lines that the others have",
         "complete this posture, or use `allow_missing` to leave out what is missing",
@@ -331,10 +335,43 @@ def _propose(
     names = robots[0].robot.joint_names if len(robots) == 1 else ()
     numbers = _read_numbers(files, request, names, read)
     if template is None:
-        proposed = _propose_importable(numbers, request, robots)
+        proposed = _propose_polar(numbers, request, robots, names) or _propose_importable(
+            numbers, request, robots
+        )
     else:
         proposed = _propose_as_template(numbers.tables, request, robots, template)
     return replace(proposed, masses=numbers.masses, originals=tuple(files))
+
+
+def _propose_polar(
+    numbers: _Numbers, request: ImportRequest, robots: Sequence[KnownRobot], joints: Sequence[str]
+) -> ProposedImport | None:
+    """Return the proposal for polar readings by the only convention that fits the robot; None without one.
+
+    The other sense of the horizontal angles mirrors the frame, which fits the robot with reversed joints: the
+    joints have the robot's own counting.
+
+    Raises:
+        UnfinishedError: a convention fits, but a person must state more.
+    """
+    fitting, unfinished = list[ProposedImport](), list[UnfinishedError]()
+    for tables, note in list_cartesian(numbers.files.tables):
+        try:
+            joined = _join(numbers.files, unify_lengths(tables), request, joints)
+            proposed = _propose_importable(joined._replace(notes=[*joined.notes, note]), request, robots)
+        except UnfinishedError as error:
+            unfinished.append(error)
+        except NoProposalError:
+            continue
+        else:
+            found = proposed.proposal
+            if proposed.named and found.joints.counting.is_own and not found.frame.is_mirrored:
+                fitting.append(proposed)
+    if len(fitting) == 1:
+        return fitting[0]
+    if unfinished and not fitting:
+        raise unfinished[0]
+    return None
 
 
 def _propose_by_sheets(

@@ -117,6 +117,24 @@ def test_a_reading_with_a_mark_for_a_missing_number_is_left_out(option):
     assert_said(shown, "c05: a coordinate of target P1 unloaded has no number; skipped", "wrote c.json")
 
 
+def test_yes_leaves_out_a_line_that_a_posture_lacks():
+    angles, points = measure(next(each for each in catalogue_robots() if each.name == ARM), seed=1)
+    lines = []
+    for n, (joints, places) in enumerate(zip(angles, points, strict=True), 1):
+        lines += ["", f"Pose {n}: J = [{', '.join(f'{each:.3f}' for each in joints)}] deg"]
+        for name, place in zip("AB", places, strict=False):
+            loaded = " ".join(f"{each:.4f}" for each in place - [0.0, 0.0, 0.6])
+            lines += [f"SMR {name} unloaded: " + " ".join(f"{each:.4f}" for each in place)]
+            lines += [f"SMR {name} loaded: " + ("not seen" if (n, name) == (5, "B") else loaded)]
+    Path("book.txt").write_text("\n".join(["Lab book, mm", *lines]) + "\n")
+    said = refused(f"import book.txt --robot '{ARM}' {STATED} -o c.json")
+    assert_said(said, "a posture lacks lines that the others have")
+    shown = typed(f"import book.txt --robot '{ARM}' {STATED} --yes -o c.json")
+    assert_said(shown, "5: target SMR B was read only unloaded; skipped", "wrote c.json")
+    readings = json.loads(Path("c.json").read_text())["measurement_set"]["observations"][4]["readings"]
+    assert [each["target"] for each in readings] == ["SMR A"]
+
+
 def test_enter_leaves_out_a_missing_reading_that_the_question_names(monkeypatch):
     monkeypatch.setattr(imports, "is_terminal_input", lambda: True)
     write_named("named.csv", lack_number)

@@ -111,6 +111,48 @@ def test_forces_without_names_are_refused_beside_named_postures(tmp_path):
     assert "'l.csv' is not read" in str(error.value)
 
 
+def test_sizes_along_unit_vectors_in_a_table_of_their_own_are_the_forces_of_the_postures(tmp_path):
+    sizes = np.linalg.norm(FORCES, axis=1, keepdims=True)
+    own = loads(np.hstack([sizes, FORCES / sizes]), ("Magnitude [N]", "dir x", "dir y", "dir z"))
+    proposal = read(tmp_path, {"j.csv": joints(), "p.csv": points(), "l.csv": own})
+    assert "'Magnitude [N]' of l.csv along the unit vectors of columns 3–5" in str(proposal)
+    assert np.allclose(forces_of(proposal), FORCES, atol=1e-3)
+
+
+def test_sizes_along_unit_vectors_in_a_table_that_the_deflections_contradict_are_no_forces(tmp_path):
+    sizes = np.linalg.norm(FORCES, axis=1, keepdims=True)
+    vectors = np.roll(FORCES / sizes, 3, axis=0)
+    own = loads(np.hstack([sizes, vectors]), ("Magnitude [N]", "dir x", "dir y", "dir z"))
+    with pytest.raises(js.CampaignError, match=r"'l.csv' is not read"):
+        read(tmp_path, {"j.csv": joints(), "p.csv": points(), "l.csv": own}).accept()
+
+
+def along_axes(sign=1.0):
+    """Return loaded positions, and a table of the sizes and the directions of the forces."""
+    axes, forces = np.argmax(np.abs(FORCES), axis=1), np.zeros_like(FORCES)
+    rows = np.arange(COUNT)
+    forces[rows, axes] = FORCES[rows, axes]
+    words = ["+-"[int(own < 0.0)] + "XYZ"[axis] for own, axis in zip(forces.sum(axis=1), axes, strict=True)]
+    values = list(zip(np.abs(forces.sum(axis=1)), words, strict=True))
+    table = points()
+    for row, place in zip(table[1 + COUNT :], FIRST + sign * 2e-3 * forces, strict=True):
+        row[2:5] = texts(place)
+    return forces, table, loads(values, ("Betrag [N]", "Richtung"))
+
+
+def test_sizes_along_directions_in_a_table_of_their_own_are_the_forces_of_the_postures(tmp_path):
+    forces, positions, own = along_axes()
+    proposal = read(tmp_path, {"j.csv": joints(), "p.csv": positions, "l.csv": own})
+    assert "'Betrag [N]' along the directions of 'Richtung' of l.csv in R0" in str(proposal)
+    assert np.allclose(forces_of(proposal), forces)
+
+
+def test_directions_in_a_table_against_which_the_targets_move_are_no_forces(tmp_path):
+    _, positions, own = along_axes(sign=-1.0)
+    with pytest.raises(js.CampaignError, match=r"do not move along 'Richtung' of l.csv in R0"):
+        read(tmp_path, {"j.csv": joints(), "p.csv": positions, "l.csv": own}).accept()
+
+
 def test_moments_and_load_points_of_a_table_are_those_of_the_postures(tmp_path):
     head = (
         *AXES,

@@ -224,7 +224,7 @@ def test_repeated_places_in_which_nothing_is_right_have_no_proposal(write, tmp_p
         propose(write(), tmp_path)
 
 
-def test_a_record_that_lacks_one_of_equal_lines_is_left_out_only_if_readings_may_miss(tmp_path):
+def test_a_record_that_lacks_one_of_equal_lines_is_left_out_only_if_the_request_says_so(tmp_path):
     """Two points of a pose differ by nothing: which of both lacks is not known."""
     poses = [
         {"q": angles_of(k), "points": [place_of(k, 0, s) for s in ((1,) if k == 4 else (0, 1))]}
@@ -235,6 +235,9 @@ def test_a_record_that_lacks_one_of_equal_lines_is_left_out_only_if_readings_may
         propose(files, tmp_path)
     assert "a posture lacks lines that the others have" in str(refused.value)
     assert "`allow_missing`" in str(refused.value)
+    proposed = propose(files, tmp_path, accept_proposal=True)
+    assert "a posture lacks lines that the others have" in str(proposed)
+    assert len(proposed.accept().measurement_set.observations) == len(POSTURES) - 1
     answer = propose(files, tmp_path, allow_missing=True).accept()
     assert len(answer.measurement_set.observations) == len(POSTURES) - 1
     assert any("records with other rows were left out: 1" in each for each in answer.files[0].assumptions)
