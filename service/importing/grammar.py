@@ -560,13 +560,25 @@ def _has_word(form: Iterable[str], words: Collection[str]) -> bool:
     return any(word in words for part in form for word in fold_word(part).split())
 
 
-def is_planned(header: str) -> bool:
-    """Return whether a header names a coordinate that was not measured, such as `X nominal` or `Zsoll`."""
+def is_planned(header: str, states: Mapping[str, State] = MappingProxyType({})) -> bool:
+    """Return whether a header names a coordinate that was not measured, such as `X nominal` or `Zsoll`.
+
+    A word that the caller states to be one of `states` is a reading.
+    """
     name = fold_word(split_unit(header)[0])
     words = [word.strip(".") for word in name.split()]
     joined = [word[1:] for word in words if word[:1] in "xyz"]
     has_axis = any(_COORDINATE.fullmatch(word) for word in words) or any(joined)
-    return has_axis and not _PLANNED.isdisjoint([*words, *joined])
+    planned = _PLANNED - set(map(fold_word, states))
+    return has_axis and not planned.isdisjoint([*words, *joined])
+
+
+def find_planned_axis(header: str) -> tuple[str, str] | None:
+    """Return word and axis of a coordinate that was not measured, such as `nominal` and `x`; else None."""
+    name = split_unit(header)[0]
+    axes = [word.casefold() for word in name.split() if word.casefold() in ("x", "y", "z")]
+    words = [word for word in name.split() if fold_word(word).strip(".") in _PLANNED]
+    return (words[0], axes[0]) if len(words) == len(axes) == 1 else None
 
 
 def is_joint(text: str) -> bool:
