@@ -5,20 +5,25 @@ The table that is read has a row for each point or posture.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Final
 
+from jointstiff.schemas.imports import State
 from jointstiff.service.importing.grammar import (
     Vocabulary,
     find_any_unit,
+    find_state_in_name,
     is_key,
+    is_planned,
     split_unit,
     split_unit_suffix,
 )
 from jointstiff.service.importing.grid import Grid, Row, looks_like_a_number
+from jointstiff.service.importing.loads import find_load, find_state_of_load
 from jointstiff.service.tables.labels import fold_word
 
 _AXES: Final[Mapping[str, str]] = MappingProxyType({axis: axis for axis in "xyz"})
@@ -32,6 +37,14 @@ _MEASURED: Final = frozenset(
      "mesurée", "value", "wert", "valeur", "messwert")
 )  # fmt: skip
 """Words of the column of measured coordinates."""
+_NOMINAL: Final = frozenset(
+    ("nominal", "nom", "nominell", "soll", "sollwert", "theoretical", "theo", "théorique", "reference", "ref",
+     "referenz", "référence", "referencia", "riferimento")
+)  # fmt: skip
+"""Words of the column that measured coordinates are compared with: planned ones, or those without load."""
+_OPPOSITE: Final[Mapping[State, State]] = MappingProxyType({"loaded": "unloaded", "unloaded": "loaded"})
+_STATEMENT: Final = re.compile(r"\s?[=:]\s?([^=:;,|]{1,80})")
+"""What a title says of a column behind its header, as in `Nominal = without load`."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +57,7 @@ class _AxisTable:
     ]  # folded cell of an axis → its name: x, y and z, or the joints from base to flange
     points: Sequence[Mapping[str, Row]]  # axis → row
     axis_column: int
+    states: Mapping[int, State] = field(default_factory=dict)  # of the nominal and the measured column
 
     @property
     def axes(self) -> list[str]:
@@ -78,12 +92,25 @@ class _AxisTable:
 
     @cached_property
     def chosen(self) -> list[int]:
-        """Varying columns that are read: the measured one, if only one says so; angles of joints."""
+        """Varying columns that are read: those of states; the measured one, if only one says so; angles."""
         headers = self.header.cells
+        if self.states:
+            return sorted(self.states)
         angles = [column for column in self.varying if self.is_of_joints and _is_angle(headers[column])]
         possible = angles or self.varying
-        measured = [column for column in possible if _is_measured(headers[column])]
+        measured = [column for column in possible if _has_word(headers[column], _MEASURED)]
         return measured if len(measured) == 1 else possible
+
+    @property
+    def compared(self) -> tuple[int, int] | None:
+        """Columns of nominal and of measured coordinates, if there is one of each; else None."""
+        headers = self.header.cells
+        nominal, measured = (
+            [column for column in self.varying if _has_word(headers[column], words)]
+            for words in (_NOMINAL, _MEASURED)
+        )
+        is_pair = not self.is_of_joints and len(nominal) == len(measured) == 1 and nominal != measured
+        return (nominal[0], measured[0]) if is_pair else None
 
     def _is_same(self, column: int) -> bool:
         """Return whether a column has the same cell in all rows of each point."""
@@ -94,16 +121,19 @@ class _AxisTable:
         return all(looks_like_a_number(row.cells[column]) for point in self.points for row in point.values())
 
 
-def join_axis_rows(grid: Grid, words: Vocabulary) -> Grid:
+def join_axis_rows(grid: Grid, words: Vocabulary, *, with_nominal: bool = False) -> Grid:
     """Return a table by axis with a row for each point or posture; any other table unchanged.
 
-    Of several columns of numbers the measured one is read, if its header says so.
+    Of several columns of numbers the measured one is read, if its header says so. The nominal one is read
+    beside it, if a title or the caller says that both are states. Else it is kept `with_nominal` only.
     """
     for start, header in enumerate(grid.rows[: _MOST_TITLES + 1]):
         table = _find_axes(grid, start, words)
         if table is not None:
             titles = grid.rows[:start]
-            rows, left = _join_rows(table)
+            table = replace(table, states=_find_states(table, titles, words))
+            kept = _find_nominal(table) if with_nominal else None
+            rows, left = _join_rows(table, kept)
             kind = "postures by joint" if table.is_of_joints else "points by axis"
             note = f"the rows of {len(table.points)} {kind} were joined"
             notes = [*grid.preview.assumptions, note + (f"; not read: {', '.join(left)}" if left else "")]
@@ -112,6 +142,50 @@ def join_axis_rows(grid: Grid, words: Vocabulary) -> Grid:
         if sum(map(looks_like_a_number, header.cells)):
             break
     return grid
+
+
+def _find_states(table: _AxisTable, titles: Sequence[Row], words: Vocabulary) -> dict[int, State]:
+    """Return the states of the nominal and the measured column by the caller or the titles; else nothing.
+
+    The caller may state one of them only.
+    """
+    if table.compared is None:
+        return {}
+    nominal, measured = table.compared
+    names = [_split_unit(table.header.cells[column])[0] for column in (nominal, measured)]
+    first, second = (find_state_in_name(name, words.states) for name in names)
+    if first is None and second is None:
+        text = "; ".join(cell for row in titles for cell in row.cells)
+        first, second = (_find_stated(name, text) for name in names)
+    else:
+        first, second = (
+            first or _OPPOSITE.get(second or "deflection"),
+            second or _OPPOSITE.get(first or "deflection"),
+        )
+    if first is None or second is None or {first, second} != set(_OPPOSITE):
+        return {}
+    return {nominal: first, measured: second}
+
+
+def _find_stated(name: str, text: str) -> State | None:
+    """Return the state that the titles give to the column of a name; None without a clear one."""
+    found = set[State | None]()
+    for place in re.finditer(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE):
+        said = _STATEMENT.match(text, place.end())
+        if said is None:
+            continue
+        state, mass = find_state_in_name(said[1], {}), find_load(said[1])
+        by_mass = None if mass is None else find_state_of_load(mass)
+        found.add(None if state is not None and by_mass not in (None, state) else state or by_mass)
+    return found.pop() if len(found) == 1 else None
+
+
+def _find_nominal(table: _AxisTable) -> int | None:
+    """Return the column of nominal coordinates that are in no state; None without one."""
+    if table.states or table.compared is None:
+        return None
+    nominal, _ = table.compared
+    return nominal if is_planned(f"{_split_unit(table.header.cells[nominal])[0]} x") else None
 
 
 def _find_axes(grid: Grid, start: int, words: Vocabulary) -> _AxisTable | None:
@@ -188,9 +262,12 @@ def _group_points(
     return points if has_one_name or not is_melted else None
 
 
-def _join_rows(table: _AxisTable) -> tuple[list[Row], list[str]]:
-    """Return a header and a row for each point, and the headers of the columns that are not read."""
-    chosen, constant = table.chosen, table.constant
+def _join_rows(table: _AxisTable, nominal: int | None) -> tuple[list[Row], list[str]]:
+    """Return a header and a row for each point, and the headers of the columns that are not read.
+
+    The column of `nominal` coordinates is kept.
+    """
+    chosen, constant = [*table.chosen, *([] if nominal is None else [nominal])], table.constant
     headers = [_name_key(table, column) for column in constant]
     for column in chosen:
         headers += [_name_axis(table, column, axis) for axis in table.names]
@@ -218,9 +295,9 @@ def _is_angle(header: str) -> bool:
     return known is not None and known[0] == "angle"
 
 
-def _is_measured(header: str) -> bool:
-    """Return whether a header names measured coordinates."""
-    return not _MEASURED.isdisjoint(fold_word(_split_unit(header)[0]).strip(".").split())
+def _has_word(header: str, words: Collection[str]) -> bool:
+    """Return whether a header has one of some words, such as those of measured coordinates."""
+    return any(word in words for word in fold_word(_split_unit(header)[0]).strip(".").split())
 
 
 def _name_key(table: _AxisTable, column: int) -> str:
@@ -233,5 +310,6 @@ def _name_key(table: _AxisTable, column: int) -> str:
 def _name_axis(table: _AxisTable, column: int, axis: str) -> str:
     """Return the header of a coordinate or a joint, with the unit of its column."""
     name, unit = _split_unit(table.header.cells[column])
-    words = axis if len(table.chosen) == 1 else f"{name} {axis}"
+    is_only = table.chosen == [column]
+    words = axis if is_only else f"{table.states.get(column, name)} {axis}"
     return f"{words} [{unit}]" if unit else words

@@ -202,8 +202,12 @@ _FORCE_IN_HEADER: Final = re.compile(
     rf"(?<![^\W\d_])(?:(?:{_WORDS_OF_FORCE})(?![^\W\d_])|f[\s_.-]?[xyz]\b)", re.IGNORECASE
 )
 """A word for a force, or `Fx`, among other words of a header."""
-_IN_KG: Final = re.compile(r"(?:[\s_/(\[（]|,\s)(?:kg|кг)[)\]）]?$", re.IGNORECASE)
-"""End of a header of masses, such as `weight_kg`."""
+_WEIGHT_OF_MASS: Final = _values_by_word(_WORDS["loads"]["masses"])
+_UNIT_OF_MASS: Final = re.compile(
+    rf"(?:[\s_/(\[（]|,\s)({_build_alternation(_WEIGHT_OF_MASS)})[)\]）]?$",
+    re.IGNORECASE,
+)
+"""End of a header of masses, such as `weight_kg` or `Load (lb)`."""
 _PHRASES: Final = [word for word in _STATE_OF if " " in word]
 _STATE_PHRASE: Final = re.compile(
     rf"(?<![^\s_])(?:{_build_alternation(_PHRASES)})\.?(?![^\s_])", re.IGNORECASE
@@ -401,7 +405,13 @@ def is_mass(name: str) -> bool:
 
 def is_in_kg(header: str) -> bool:
     """Return whether a header ends with the unit kg, as that of a load does."""
-    return bool(_IN_KG.search(header))
+    return find_unit_of_weight(header) == "kgf"
+
+
+def find_unit_of_weight(header: str) -> str | None:
+    """Return the unit of weight by the unit of mass that ends a header, such as `lbf` of lb; else None."""
+    found = _UNIT_OF_MASS.search(header)
+    return None if found is None else _WEIGHT_OF_MASS[found[1].lower()]
 
 
 def is_no_load_header(header: str) -> bool:
@@ -561,13 +571,25 @@ def _has_word(form: Iterable[str], words: Collection[str]) -> bool:
     return any(word in words for part in form for word in fold_word(part).split())
 
 
-def is_planned(header: str) -> bool:
-    """Return whether a header names a coordinate that was not measured, such as `X nominal` or `Zsoll`."""
+def is_planned(header: str, states: Mapping[str, State] = MappingProxyType({})) -> bool:
+    """Return whether a header names a coordinate that was not measured, such as `X nominal` or `Zsoll`.
+
+    A word that the caller states to be one of `states` is a reading.
+    """
     name = fold_word(split_unit(header)[0])
     words = [word.strip(".") for word in name.split()]
     joined = [word[1:] for word in words if word[:1] in "xyz"]
     has_axis = any(_COORDINATE.fullmatch(word) for word in words) or any(joined)
-    return has_axis and not _PLANNED.isdisjoint([*words, *joined])
+    planned = _PLANNED - set(map(fold_word, states))
+    return has_axis and not planned.isdisjoint([*words, *joined])
+
+
+def find_planned_axis(header: str) -> tuple[str, str] | None:
+    """Return word and axis of a coordinate that was not measured, such as `nominal` and `x`; else None."""
+    name = split_unit(header)[0]
+    axes = [word.casefold() for word in name.split() if word.casefold() in ("x", "y", "z")]
+    words = [word for word in name.split() if fold_word(word).strip(".") in _PLANNED]
+    return (words[0], axes[0]) if len(words) == len(axes) == 1 else None
 
 
 def is_joint(text: str) -> bool:

@@ -369,8 +369,8 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     stated = frozenset(column for column, header in enumerate(headers) if words.is_stated(header)) - ignored
     named_joints = _list_joint_columns(meanings)
     known_joints = named_joints if len(named_joints) == len(joints) else ()
-    planned = {column for column, header in enumerate(headers) if is_planned(header)} - stated
-    others = _find_other_columns(meanings) | ignored | planned
+    planned = {column for column, header in enumerate(headers) if is_planned(header, options.state_words)}
+    others = _find_other_columns(meanings) | ignored | (planned - stated)
     points = _list_stated_points(meanings, stated)
     measured = frozenset(_list_measured_columns(meanings))
     table = Table(name, numbers, known_joints, others, points, measured)

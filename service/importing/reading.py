@@ -569,7 +569,7 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
     if every_length:
         adjacent = [table for each in grids for table in split_adjacent(each)]
         grids = _mark_sheets(adjacent) if len(adjacent) > len(grids) else grids
-    joined = [join_axis_rows(each, Vocabulary(options)) for each in grids]
+    joined = [join_axis_rows(each, Vocabulary(options), with_nominal=every_length) for each in grids]
     return list(map(separate_units, joined)) if every_length else joined
 
 

@@ -14,10 +14,12 @@ from jointstiff.service.importing.grammar import (
     Meaning,
     collapse_blanks,
     find_unit_of_force,
+    find_unit_of_weight,
     fits_header,
     is_hung,
     is_in_kg,
     looks_like_a_force,
+    split_unit,
 )
 from jointstiff.service.importing.grid import ARRAYS
 from jointstiff.service.importing.naming import NamedReading
@@ -270,12 +272,11 @@ def find_constant_force(left: ColumnsLeft) -> tuple[int, int, int] | None:
 def describe_likely_force(left: Sequence[ColumnsLeft]) -> str:
     """Return the end of a sentence on columns that may be the load, with what to state; empty without any.
 
-    A column in kg with one number is a likely mass, and the last three numbers without a header are a likely
-    force.
+    A column in a unit of mass, or of a load without a unit, with one number is a likely mass. The last three
+    numbers without a header are a likely force.
     """
     sentences = [
-        f"{quote(header)} has {mass:g}{' kg' if is_in_kg(header) else ''}: "
-        f"if this load hangs{'' if is_in_kg(header) else ' and is in kg'}, `force` is 0,0,-{mass:g}kgf"
+        _describe_weight(header, mass)
         for each in left
         for column in each.columns
         if (mass := _find_mass(each.table, column)) is not None and (header := each.table.headers[column])
@@ -298,11 +299,25 @@ def describe_likely_force(left: Sequence[ColumnsLeft]) -> str:
     return "".join(f"; {sentence}" for sentence in sentences)
 
 
+def _describe_weight(header: str, mass: float) -> str:
+    """Return what to state if a mass hangs, in the unit of its header; in kg and lb without a unit."""
+    unit = find_unit_of_weight(header)
+    if unit is not None:
+        size = f"{mass:g} {unit.removesuffix('f')}"
+        return f"{quote(header)} has {size}: if this load hangs, `force` is 0,0,-{mass:g}{unit}"
+    forces = f"0,0,-{mass:g}kgf for kg, or 0,0,-{mass:g}lbf for lb"
+    return f"{quote(header)} has {mass:g} without a unit: if this load hangs, `force` is {forces}"
+
+
 def _find_mass(table: NumberTable, column: int) -> float | None:
-    """Return the one mass of a column in kg or of a load that hangs, apart from rows with 0; else None."""
-    numbers = table.table.numbers[:, column]
+    """Return the one mass of a column, apart from rows with 0; else None.
+
+    The column has a unit of mass, or a word for a load that hangs and no unit.
+    """
+    header, numbers = table.headers[column], table.table.numbers[:, column]
     masses = set(numbers[np.isfinite(numbers) & (numbers != 0.0)].tolist())
-    may_be_mass = is_in_kg(table.headers[column]) or is_hung(table.headers[column])
+    is_bare = is_hung(header) and split_unit(header)[1] is None
+    may_be_mass = find_unit_of_weight(header) is not None or is_bare
     return masses.pop() if may_be_mass and len(masses) == 1 and min(masses) > 0.0 else None
 
 

@@ -80,6 +80,7 @@ from jointstiff.service.resources.named_forces import (
     take_stated_force,
 )
 from jointstiff.service.resources.no_proposal import NoProposalError, UnfinishedError, UnreadError
+from jointstiff.service.resources.nominal_positions import refuse_measured_nominals
 from jointstiff.service.resources.previews import preview_tables
 from jointstiff.service.resources.repeated_postures import refuse_repeated_postures
 from jointstiff.service.resources.workbook_sheets import list_choices, may_have_readings
@@ -456,6 +457,7 @@ def _complete(found_meaning: _FoundMeaning, request: ImportRequest) -> ProposedI
     try:
         refuse_single_rows(proposal, tables)
         refuse_columns_left(left, proposal, named, tables)
+        refuse_measured_nominals(proposal, named, tables)
         refuse_repeated_postures(proposal, named, tables, request)
         refuse_force_beside_columns(left, request, joints)
         proposed = _build_import(proposal, named, tables, request, notes)

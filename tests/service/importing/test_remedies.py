@@ -37,7 +37,7 @@ SITES = (
     *sorted(ROOM.glob("*.py")),
     *(
         ROOM.parent / "resources" / f"{name}.py"
-        for name in ("imports", "columns_left", "posture_loads", "proposals")
+        for name in ("imports", "columns_left", "nominal_positions", "posture_loads", "proposals")
     ),
 )
 """Modules that report faults of files."""
@@ -1228,6 +1228,20 @@ def strangers() -> dict[str, Proposed]:
                 .replace("belastet", "dran")
             },
             stated={"state_words": {"weg": "unloaded", "dran": "loaded"}},
+        ),
+        "measured nominals": Proposed(
+            "the nominal positions are no exact ones",
+            {
+                "a.csv": table(
+                    [
+                        "Pose",
+                        *strange.JOINTS,
+                        *(f"{axis} {word}" for word in ("nominal", "meas") for axis in "xyz"),
+                    ],
+                    NUMBERED,
+                )
+            },
+            stated={"state_words": {"nominal": "unloaded"}},
         ),
         "words with one meaning": Proposed(
             "differ by 'loaded' and 'with', which may be words for states",

@@ -207,6 +207,30 @@ def test_the_question_for_the_force_quotes_a_column_of_one_mass(header, tmp_path
     assert f"{header!r} has 12 kg: if this load hangs, `force` is 0,0,-12kgf" in missing
 
 
+@pytest.mark.parametrize("header", ["Load (lb)", "Payload [lbs]", "test_load_lb", "Weight, lbs", "Disc LB"])
+def test_the_question_for_the_force_keeps_the_pounds_of_the_header(header, tmp_path):
+    files = write_wide(["350"] * len(SIZES), header)
+    (missing, *_) = propose(files, tmp_path).accept().missing
+    assert f"{header!r} has 350 lb" in missing
+    assert missing.endswith(": if this load hangs, `force` is 0,0,-350lbf")
+
+
+@pytest.mark.parametrize("header", ["Load (%)", "Payload [g]", "Load [V]", "Weight [t]", "Load (setting)"])
+def test_the_question_for_the_force_makes_no_mass_of_another_unit(header, tmp_path):
+    files = write_wide(["350"] * len(SIZES), header)
+    (missing, *_) = propose(files, tmp_path).accept().missing
+    assert "350" not in missing
+
+
+def test_the_question_for_the_force_asks_the_unit_of_a_load_without_one(tmp_path):
+    files = write_wide(["12"] * len(SIZES), "Load")
+    (missing, *_) = propose(files, tmp_path).accept().missing
+    hint = (
+        "'Load' has 12 without a unit: if this load hangs, `force` is 0,0,-12kgf for kg, or 0,0,-12lbf for lb"
+    )
+    assert hint in missing
+
+
 def write_bare(forces):
     rows = [
         [*row[1:], *digits(force)]
