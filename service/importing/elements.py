@@ -67,7 +67,7 @@ class Element:
 
     @property
     def is_field(self) -> bool:
-        """Whether the element has a text and nothing else, as an attribute of its parent has."""
+        """Return whether the element has a text and nothing else, as an attribute of its parent has."""
         return not self.attributes and not self.children
 
     @property
@@ -96,7 +96,7 @@ class Leaf(NamedTuple):
 
     @property
     def is_point(self) -> bool:
-        """Whether the leaf has three numbers."""
+        """Return whether the leaf has three numbers."""
         return self.are_numbers and len(self.values) == len(_AXES)
 
 
