@@ -44,7 +44,7 @@ _NOMINAL: Final = frozenset(
 """Words of the column that measured coordinates are compared with: planned ones, or those without load."""
 _OPPOSITE: Final[Mapping[State, State]] = MappingProxyType({"loaded": "unloaded", "unloaded": "loaded"})
 _STATEMENT: Final = re.compile(r"\s?[=:]\s?([^=:;,|]{1,80})")
-"""What a title says of a column behind its header, as in `Nominal = without load`."""
+"""Text of a title on a column behind its header, as in `Nominal = without load`."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def join_axis_rows(grid: Grid, words: Vocabulary, *, with_nominal: bool = False)
     """Return a table by axis with a row for each point or posture; any other table unchanged.
 
     Of several columns of numbers the measured one is read, if its header says so. The nominal one is read
-    beside it, if a title or the caller says that both are states. Else it is kept `with_nominal` only.
+    with it, if a title or the caller says that both are states. Else it is kept `with_nominal` only.
     """
     for start, header in enumerate(grid.rows[: _MOST_TITLES + 1]):
         table = _find_axes(grid, start, words)
@@ -171,10 +171,10 @@ def _find_stated(name: str, text: str) -> State | None:
     """Return the state that the titles give to the column of a name; None without a clear one."""
     found = set[State | None]()
     for place in re.finditer(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE):
-        said = _STATEMENT.match(text, place.end())
-        if said is None:
+        clause = _STATEMENT.match(text, place.end())
+        if clause is None:
             continue
-        state, mass = find_state_in_name(said[1], {}), find_load(said[1])
+        state, mass = find_state_in_name(clause[1], {}), find_load(clause[1])
         by_mass = None if mass is None else find_state_of_load(mass)
         found.add(None if state is not None and by_mass not in (None, state) else state or by_mass)
     return found.pop() if len(found) == 1 else None

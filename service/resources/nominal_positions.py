@@ -21,7 +21,7 @@ _LARGEST_DEFLECTION: Final = 0.02
 def refuse_measured_nominals(
     proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable]
 ) -> None:
-    """Refuse positions in one state beside nominal ones that fit the robot as readings do, and not exactly.
+    """Refuse positions in one state next to nominal ones that fit the robot as readings do, and not exactly.
 
     Such nominal positions may be the readings without load. Coarser numbers are planned positions.
 
