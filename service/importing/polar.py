@@ -33,7 +33,7 @@ _RADIANS: Final = {"rad": 1.0, "deg": math.pi / 180.0, "gon": math.pi / 200.0}
 
 
 class _Convention(NamedTuple):
-    """How angles are counted."""
+    """Way in which angles are counted."""
 
     is_from_zenith: bool  # the vertical angle; else it is the elevation above the horizon
     is_clockwise: bool  # the horizontal angle, seen from above

@@ -1066,7 +1066,7 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     least = max(noise_limit, _MORE_THAN_OTHERS * median(residual))  # what few observations leave, too
     may_remain = np.maximum(UNEXPLAINED_REVERSED * predicted, least)
     is_explained = reversed_residual < np.minimum(FLIPPED * residual, may_remain)
-    is_against_load = np.asarray(is_explained & (predicted > noise_limit))
+    is_against_load = np.asarray(is_explained & (predicted > least))
     for position in np.flatnonzero(is_against_load):
         yield view.build_finding(
             "deflection_against_force",

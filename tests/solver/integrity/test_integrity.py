@@ -91,6 +91,17 @@ def test_noise_is_a_cause_of_unexplained_deflections_only_if_a_tracker_has_as_mu
     assert ["in a coordinate does the same: if so, load the arm more" in each for each in remedies] == [small]
 
 
+@pytest.mark.parametrize("largest", [8e-5, 1.2e-4, 2e-4])  # largest deflection [m]
+def test_noise_turns_no_deflection_against_its_force(largest):
+    """Of deflections as small as the noise, some point against the force by chance."""
+    one = first_target(CAMPAIGN)
+    deflection = one.deflection * largest / np.abs(one.deflection).max()
+    for seed in range(40):
+        noise = np.random.default_rng(seed).normal(0.0, 28e-6, deflection.shape)
+        findings = look(one, deflection=deflection + noise, sigma=None)
+        assert "deflection_against_force" not in {each.code for each in findings}
+
+
 def test_repetitions_tell_sigma():
     """Ten postures, each measured four times with noise of its own: 90·3 degrees of freedom."""
     exact = prepare(simulate_campaign(default_arm(), load="pull", configurations=10, sigma=0.0, seed=5))[1]
