@@ -14,6 +14,7 @@ from typing import Final
 
 from jointstiff.schemas.imports import State
 from jointstiff.service.importing.grammar import (
+    OPPOSITE_STATE,
     Vocabulary,
     find_any_unit,
     find_state_in_name,
@@ -42,7 +43,6 @@ _NOMINAL: Final = frozenset(
      "referenz", "référence", "referencia", "riferimento")
 )  # fmt: skip
 """Words of the column that measured coordinates are compared with: planned ones, or those without load."""
-_OPPOSITE: Final[Mapping[State, State]] = MappingProxyType({"loaded": "unloaded", "unloaded": "loaded"})
 _STATEMENT: Final = re.compile(r"\s?[=:]\s?([^=:;,|]{1,80})")
 """Text of a title on a column behind its header, as in `Nominal = without load`."""
 
@@ -52,9 +52,8 @@ class _AxisTable:
     """Table with a column of axes or joints: each point or posture has a row for each."""
 
     header: Row
-    names: Mapping[
-        str, str
-    ]  # folded cell of an axis → its name: x, y and z, or the joints from base to flange
+    # folded cell of an axis → its name: x, y and z, or the joints from base to flange
+    names: Mapping[str, str]
     points: Sequence[Mapping[str, Row]]  # axis → row
     axis_column: int
     states: Mapping[int, State] = field(default_factory=dict)  # of the nominal and the measured column
@@ -158,13 +157,9 @@ def _find_states(table: _AxisTable, titles: Sequence[Row], words: Vocabulary) ->
         text = "; ".join(cell for row in titles for cell in row.cells)
         first, second = (_find_stated(name, text) for name in names)
     else:
-        first, second = (
-            first or _OPPOSITE.get(second or "deflection"),
-            second or _OPPOSITE.get(first or "deflection"),
-        )
-    if first is None or second is None or {first, second} != set(_OPPOSITE):
-        return {}
-    return {nominal: first, measured: second}
+        first, second = first or OPPOSITE_STATE.get(second), second or OPPOSITE_STATE.get(first)
+    are_opposite = first is not None and OPPOSITE_STATE.get(first) == second
+    return {nominal: first, measured: second} if are_opposite and first and second else {}
 
 
 def _find_stated(name: str, text: str) -> State | None:
@@ -174,9 +169,11 @@ def _find_stated(name: str, text: str) -> State | None:
         clause = _STATEMENT.match(text, place.end())
         if clause is None:
             continue
-        state, mass = find_state_in_name(clause[1], {}), find_load(clause[1])
+        mass = find_load(clause[1])
         by_mass = None if mass is None else find_state_of_load(mass)
-        found.add(None if state is not None and by_mass not in (None, state) else state or by_mass)
+        by_words = find_state_in_name(clause[1], {})
+        contradict = None not in (by_mass, by_words) and by_mass != by_words
+        found.add(None if contradict else by_words or by_mass)
     return found.pop() if len(found) == 1 else None
 
 

@@ -11,9 +11,12 @@ import numpy as np
 from jointstiff.schemas.imports import State
 from jointstiff.service.importing.rows import ObservationRecord
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.meaning.table import find_rounding
 
-_MOST_DECIMALS: Final = 9
+_MOST_DECIMALS: Final = 8
+"""Decimals up to which rounding is found: 10 nm in metres."""
 _NO_ROUNDING: Final = 1e-9
+"""Difference by binary arithmetic."""
 _FACTORS: Final = (1.0, 1e-3, 1e-6)
 """Units of displacements in the unit of the positions, such as µm next to mm."""
 _LEAST_ROWS: Final = 3
@@ -84,19 +87,10 @@ def are_differences(first: FloatArray, second: FloatArray, shifts: FloatArray) -
         return False
     differences, shifts = differences[known], shifts[known]
     typical = float(np.median(np.linalg.norm(differences, axis=1)))
-    of_positions = _measure_rounding(first) + _measure_rounding(second)
+    of_positions = 0.5 * (find_rounding(first, _MOST_DECIMALS) + find_rounding(second, _MOST_DECIMALS))
     for factor in _FACTORS:
-        rounding = of_positions + factor * _measure_rounding(shifts)
+        rounding = of_positions + 0.5 * factor * find_rounding(shifts, _MOST_DECIMALS)
         deviation = min(np.abs(differences - sign * factor * shifts).max() for sign in (1.0, -1.0))
         if deviation <= rounding + _NO_ROUNDING and rounding <= _MOST_ROUNDING * typical:
             return True
     return False
-
-
-def _measure_rounding(numbers: FloatArray) -> float:
-    """Return half a unit in the last decimal place of some numbers; 0 of numbers with many decimals."""
-    known = numbers[np.isfinite(numbers)]
-    for decimals in range(_MOST_DECIMALS):
-        if np.allclose(known, np.round(known, decimals), rtol=0.0, atol=_NO_ROUNDING):
-            return 0.5 * 10.0**-decimals
-    return 0.0

@@ -54,6 +54,9 @@ MARKS: Final[Mapping[str, bool]] = MappingProxyType(
 )
 """Words in the column `deleted`: True if the word marks its row as deleted."""
 _MISSING_MARKS: Final = frozenset(("", *_WORDS["missing"]["marks"]))
+OPPOSITE_STATE: Final[Mapping[State | None, State]] = MappingProxyType(
+    {"loaded": "unloaded", "unloaded": "loaded"}
+)
 STATE_OF_DIGIT: Final[Mapping[str, State]] = MappingProxyType({"0": "unloaded", "1": "loaded"})
 """States where nothing else can be meant; elsewhere a digit is part of a name."""
 _LOAD_HEADERS: Final = frozenset(_WORDS["answers"]["load"])

@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from itertools import combinations
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grammar import (
+    OPPOSITE_STATE,
     STATE_OF_DIGIT,
     find_answer,
     find_state,
@@ -59,9 +59,6 @@ _LARGEST_DEFLECTION: Final = 0.02
 """Distance [m] along an axis beyond which two positions of a posture are no states of one target."""
 _MOST_CHANGE: Final = 1e-3
 """Most change [m] of the distance of two targets from posture to posture; the flange is rigid."""
-_OPPOSITE: Final[Mapping[State | None, State]] = MappingProxyType(
-    {"loaded": "unloaded", "unloaded": "loaded"}
-)
 _MOST_DIFFERENT: Final = 2
 """States of a column of words that nobody knows."""
 
@@ -456,7 +453,7 @@ def _find_answers(table: NumberTable, column: int, words: Mapping[str, State]) -
         return {}
     if is_about_no_load:
         stated = {fold_word(word): state for word, state in words.items()}
-        opposites = {word: _OPPOSITE.get(find_answer(word)) for word in different}
+        opposites = {word: OPPOSITE_STATE.get(find_answer(word)) for word in different}
         states = {word: stated.get(fold_word(word), opposites[word]) for word in different}
     else:
         states = {word: _read_answer(word, words) for word in different}
@@ -522,8 +519,8 @@ def _list_state_words(texts: Sequence[str], words: Mapping[str, State]) -> dict[
     if len(different) == 2 and len(known) == 1:
         ((first, read),) = known.items()
         other = next(word for word in different if word != first)
-        if read.state in _OPPOSITE:
-            known[other] = RowName(state=_OPPOSITE[read.state])
+        if read.state in OPPOSITE_STATE:
+            known[other] = RowName(state=OPPOSITE_STATE[read.state])
     return known
 
 

@@ -32,21 +32,36 @@ def refuse_measured_nominals(
         return
     for table in tables:
         read = {each.reading.points.columns for each in named if each.reading.points.table == table.name}
-        for word, columns in _list_nominals(table) if len(read) == 1 else ():
-            (measured,) = read
-            numbers, measured_numbers = table.table.numbers[:, columns], table.table.numbers[:, measured]
-            distance = METRES[proposal.unit] * np.nanmedian(
-                np.linalg.norm(numbers - measured_numbers, axis=1)
-            )
+        if len(read) != 1:
+            continue
+        (measured,) = read
+        for word, columns in _list_nominals(table):
+            distance = METRES[proposal.unit] * _measure_distance(table, columns, measured)
             are_fine = _count_decimals(table, columns) >= _count_decimals(table, measured)
-            if not 0.0 < distance <= _LARGEST_DEFLECTION or not are_fine:
-                continue
-            nominal = table.replace_numbers(dict(zip(measured, numbers.T, strict=True)))
-            best = propose(
-                [(nominal if each is table else each).table for each in tables], proposal.robots
-            ).best
-            if best is not None and any(each.points.columns == measured for each in best.readings):
-                raise _build_error(table, word, columns, 1e3 * float(distance))
+            is_near = 0.0 < distance <= _LARGEST_DEFLECTION
+            if is_near and are_fine and _fit_as_readings(proposal, tables, table, columns, measured):
+                raise _build_error(table, word, columns, 1e3 * distance)
+
+
+def _measure_distance(table: NumberTable, columns: Sequence[int], measured: Sequence[int]) -> float:
+    """Return the median distance of the positions in two triples of columns, in their unit."""
+    numbers = table.table.numbers
+    shifts = numbers[:, list(columns)] - numbers[:, list(measured)]
+    return float(np.nanmedian(np.linalg.norm(shifts, axis=1)))
+
+
+def _fit_as_readings(
+    proposal: Proposal,
+    tables: Sequence[NumberTable],
+    table: NumberTable,
+    columns: Sequence[int],
+    measured: Sequence[int],
+) -> bool:
+    """Return whether positions in the place of the measured ones are readings for the proposal's robots."""
+    numbers = table.table.numbers[:, list(columns)]
+    nominal = table.replace_numbers(dict(zip(measured, numbers.T, strict=True)))
+    best = propose([(nominal if each is table else each).table for each in tables], proposal.robots).best
+    return best is not None and any(each.points.columns == tuple(measured) for each in best.readings)
 
 
 def _list_nominals(table: NumberTable) -> Iterator[tuple[str, tuple[int, int, int]]]:

@@ -52,10 +52,13 @@ def gather_loads(proposal: Proposal, tables: Sequence[NumberTable], request: Imp
     with_loads, gathered, notes = joints, list[NumberTable](), list[str]()
     for table in tables:
         rows = None if table is joints else _list_rows(proposal, table, joints, request)
+        if rows is None:
+            gathered.append(table)
+            continue
         copied = set[int]()
-        for kind in () if rows is None else _WORDS_OF_KIND:
+        for kind in _WORDS_OF_KIND:
             columns = _list_columns(table, kind)
-            if not columns or rows is None:
+            if not columns:
                 continue
             loads = _read_loads(table, rows, columns, kind)
             headers = ", ".join(quote(table.headers[column]) for column in columns)

@@ -107,13 +107,13 @@ class PointColumns:
         return self.table == other.table and bool(set(self.columns) & set(other.columns))
 
 
-def find_rounding(numbers: FloatArray) -> float:
+def find_rounding(numbers: FloatArray, most_decimals: int = _MOST_DECIMALS) -> float:
     """Return the step to which all numbers were rounded, such as 0.01; 0 if they have more decimals.
 
     Numbers that are not finite do not count.
     """
     known = numbers[np.isfinite(numbers)]
-    for decimals in range(_MOST_DECIMALS + 1):
+    for decimals in range(most_decimals + 1):
         step = 10.0**-decimals
         steps = known / step
         if np.abs(steps - np.round(steps)).max(initial=0.0) < _ARITHMETIC:
