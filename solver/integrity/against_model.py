@@ -907,6 +907,8 @@ UNEXPLAINED_REVERSED: Final = 0.5
 what bends besides the joints remains. A load that belongs to another observation leaves more."""
 _MORE_THAN_OTHERS: Final = 3.0
 """Residual with the load reversed, relative to the median residual of the observations, that is usual."""
+_SEEN_IN_NOISE: Final = 2.0
+"""Predicted motion, relative to the median residual, above which noise does not turn a deflection."""
 LEAST_OBSERVATIONS_OF_TURN: Final = 6
 """Least number of observations that show the axes of the forces: fewer fit well in some axes by chance."""
 LEAST_TURN: Final = 0.05
@@ -1066,7 +1068,9 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     least = max(noise_limit, _MORE_THAN_OTHERS * median(residual))  # what few observations leave, too
     may_remain = np.maximum(UNEXPLAINED_REVERSED * predicted, least)
     is_explained = reversed_residual < np.minimum(FLIPPED * residual, may_remain)
-    is_against_load = np.asarray(is_explained & (predicted > least))
+    # Where the load's sign is wrong, the residual with the load reversed is the noise.
+    noise = median(np.minimum(residual, reversed_residual))
+    is_against_load = np.asarray(is_explained & (predicted > max(noise_limit, _SEEN_IN_NOISE * noise)))
     for position in np.flatnonzero(is_against_load):
         yield view.build_finding(
             "deflection_against_force",
