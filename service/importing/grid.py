@@ -670,6 +670,11 @@ def looks_like_a_number(text: str) -> bool:
     return is_plain_number(text.replace(",", ".")) or _find_mark_by_thousands(text) is not None
 
 
+def are_texts(texts: Iterable[str]) -> bool:
+    """Return whether no cell is empty, or a number."""
+    return all(text and not looks_like_a_number(text) for text in texts)
+
+
 def is_plain_number(text: str) -> bool:
     """Return whether a text is a number with a decimal point, and without separators of thousands."""
     return _NUMBER.fullmatch(text) is not None

@@ -14,20 +14,12 @@ from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import find_state, is_likely_unloaded
 from jointstiff.service.importing.lengths import find_units_of_coordinates
+from jointstiff.service.importing.names.labels import find_number, list_words_behind, omit_zeros
+from jointstiff.service.importing.names.row_name import RowName
+from jointstiff.service.importing.names.rows import find_different_words, find_unknown_states, name_rows
+from jointstiff.service.importing.names.targets import LEAST_BETWEEN_TARGETS, are_far_apart
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.repeats import MOST_REPEAT, are_repeats, measure_distance
-from jointstiff.service.importing.row_key import RowName
-from jointstiff.service.importing.row_names import (
-    LEAST_BETWEEN_TARGETS,
-    are_far_apart,
-    find_different_words,
-    find_number,
-    find_unknown_states,
-    has_repeats,
-    list_words_behind,
-    name_rows,
-    omit_zeros,
-)
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.meaning.hypotheses import find_joint_noise, number_postures
 from jointstiff.solver.meaning.table import JointColumns
@@ -143,7 +135,7 @@ def _name(table: NumberTable, options: ImportOptions, labels: Sequence[str] = ()
     """Return a table with the names of its rows."""
     names = _omit_repeat_numbers(table, name_rows(table, options, labels))
     named = _NamedTable(table, _name_after_unloading(names))
-    is_mean_stated = options.mean_of_repeats or has_repeats(table)
+    is_mean_stated = options.mean_of_repeats or table.has_repeats
     if named.labels and len(named.keys) > 1 and (is_mean_stated or _has_clear_repeats(named)):
         named = _average_repeats(named)
     return _unite_joints(_equal_joints(named, options.joint_tolerance), options.joint_tolerance)

@@ -45,8 +45,7 @@ def list_states_of_columns(table: NumberTable) -> list[State] | None:
     """
     parts: dict[str, list[int]] = {}
     for column, header in enumerate(table.headers):
-        is_free = table.meanings[column] is None and column not in table.ignored
-        if is_free and (is_hung(header) or looks_like_a_force(header)):
+        if table.is_unknown(column) and (is_hung(header) or looks_like_a_force(header)):
             parts.setdefault(_PART.sub("", header), []).append(column)
     found = set[tuple[State, ...]]()
     for columns in parts.values():

@@ -16,8 +16,8 @@ from jointstiff.service.importing.grammar import (
     split_words,
 )
 from jointstiff.service.importing.loads import find_load, find_state_of_load, remove_load
+from jointstiff.service.importing.names.row_name import RowName
 from jointstiff.service.importing.numbers import NumberTable
-from jointstiff.service.importing.row_key import RowName
 from jointstiff.solver.meaning.proposal import Proposal, TargetReading
 
 _STATES: Final[tuple[State, ...]] = ("unloaded", "loaded", "unloaded_after")

@@ -27,12 +27,14 @@ from jointstiff.service.importing.grammar import (
     find_opposites,
     find_unit_of_size,
     is_planned,
+    is_repeat_header,
     is_statistic,
     lacks_number,
 )
 from jointstiff.service.importing.grid import (
     Grid,
     Row,
+    are_texts,
     count_numbers,
     decide_decimal_mark,
     find_mark_of_texts,
@@ -44,9 +46,9 @@ from jointstiff.service.importing.grid import (
 from jointstiff.service.importing.header import find_heading
 from jointstiff.service.importing.masses import is_mass_table
 from jointstiff.service.importing.merged_rows import fill_down
+from jointstiff.service.importing.names.row_name import RowName
 from jointstiff.service.importing.posture_files import join_posture_files
 from jointstiff.service.importing.reading import SourceFile, read_grids
-from jointstiff.service.importing.row_key import RowName
 from jointstiff.service.importing.transposed import turn_table
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.table import RowGroups, Table
@@ -61,6 +63,8 @@ _DIRECTION: Final = re.compile(r"[-+−–][XYZ]", re.IGNORECASE)
 """A direction along an axis, with its sign."""
 _DIGITS: Final = 9
 """Digits behind the decimal mark of computed numbers."""
+_NAMING_KINDS: Final = frozenset(("name", "collection", "group", "target", "state"))
+"""Kinds of columns whose texts name the rows."""
 _OTHER_KINDS: Final = frozenset(("force", "moment", "load point", "mass", "along", "uncertainty"))
 """Kinds of columns that are neither joints nor positions."""
 
@@ -105,6 +109,28 @@ class NumberTable:
         labels = set(self.labels)
         columns = range(len(self.headers))
         return next((c for c in columns if {row.cells[c] for row in self.rows} == labels), 0)
+
+    @property
+    def has_repeats(self) -> bool:
+        """Whether a header says that a column counts the repeated readings of a point."""
+        return any(map(is_repeat_header, self.headers))
+
+    def list_texts(self, column: int) -> list[str]:
+        """Return the cells of a column."""
+        return [row.cells[column] for row in self.rows]
+
+    def has_words(self, column: int) -> bool:
+        """Return whether all cells of a column are texts other than numbers."""
+        return are_texts(self.list_texts(column))
+
+    def is_unknown(self, column: int) -> bool:
+        """Return whether a column has no known meaning, and is not ignored."""
+        return self.meanings[column] is None and column not in self.ignored
+
+    def may_name(self, column: int) -> bool:
+        """Return whether a column has no known meaning, or one of names, and is not ignored."""
+        meaning = self.meanings[column]
+        return column not in self.ignored and (meaning is None or meaning.kind in _NAMING_KINDS)
 
     def replace_numbers(self, numbers_of_column: Mapping[int, FloatArray]) -> NumberTable:
         """Return the table with other numbers (N,) in some columns."""
@@ -157,7 +183,7 @@ class NumberTable:
         sizes = [
             column
             for column, header in enumerate(self.headers)
-            if self.meanings[column] is None and column not in self.ignored and find_unit_of_size(header)
+            if self.is_unknown(column) and find_unit_of_size(header)
         ]
         return sizes[0] if len(sizes) == 1 and kinds.isdisjoint(("force", "mass")) else None
 
@@ -166,8 +192,7 @@ class NumberTable:
         columns = [
             column
             for column, header in enumerate(self.headers)
-            if self.meanings[column] is None
-            and column not in self.ignored
+            if self.is_unknown(column)
             and find_force_at_end(header) is not None
             and np.isfinite(self.table.numbers[:, column]).all()
         ]

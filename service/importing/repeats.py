@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from jointstiff.service.importing.lengths import find_units_of_coordinates
+from jointstiff.service.importing.names.rows import find_different_words
 from jointstiff.service.importing.numbers import NumberTable
-from jointstiff.service.importing.row_names import find_different_words
 from jointstiff.solver.arrays import FloatArray
 
 MOST_REPEAT: Final = 1e-4

@@ -13,9 +13,9 @@ from jointstiff.service.conversion.units import FORCE
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import Kind
 from jointstiff.service.importing.load_columns import find_states_of_loads
+from jointstiff.service.importing.names.row_name import RowName
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.rewriting import has_column_of
-from jointstiff.service.importing.row_key import RowName
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.meaning.proposal import Proposal
 

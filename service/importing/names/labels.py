@@ -1,0 +1,58 @@
+"""Names in the rows of a table as texts: their parts, numbers and spelling."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Collection, Mapping
+from typing import Final
+
+from jointstiff.schemas.imports import State
+from jointstiff.service.importing.grammar import find_state
+
+SEPARATORS: Final = re.compile(r"::|[\s_\-.:/|]+")
+"""What may be between the parts of a name."""
+LEAST_LABELS: Final = 3
+"""Fewest different names of observations; fewer are names of something else, such as a robot."""
+MOST_CODES: Final = 16
+"""Most different names of targets or states in a column."""
+COUNTED: Final = re.compile(r"\d{1,5}")
+"""A name that is a number."""
+_LEADING_ZEROS: Final = re.compile(r"(?<![\d.,])0+(?=\d)")
+
+
+def split_parts(name: str) -> list[str]:
+    """Return the parts of a name, such as `P01`, `T2` and `loaded` of `P01_T2-loaded`."""
+    return [part for part in SEPARATORS.split(name) if part]
+
+
+def omit_state(text: str, words: Mapping[str, State]) -> str:
+    """Return the other part of a name of two parts, one a word for a state, in the spelling of `omit_zeros`.
+
+    Other names give an empty text.
+    """
+    parts = split_parts(text)
+    others = [part for part in parts if find_state(part, words) is None]
+    return omit_zeros(others[0]) if len(parts) == 2 and len(others) == 1 else ""
+
+
+def omit_zeros(label: str) -> str:
+    """Return a label whose numbers have no leading zeros, in lower case: `P01` gives `p1`."""
+    return _LEADING_ZEROS.sub("", label.casefold())
+
+
+def find_number(label: str) -> str:
+    """Return the only number of a label, without leading zeros; the label without one, or with several."""
+    numbers = re.findall(r"\d+", label)
+    return str(int(numbers[0])) if len(numbers) == 1 else label
+
+
+def list_words_behind(names: Collection[str], labels: Collection[str]) -> list[str]:
+    """Return the last words of names that are a label and such a word, of most labels: `B` of `P3_B`."""
+    spelt = {spelling for label in labels for spelling in (omit_zeros(label), find_number(label))}
+    counts = Counter[str]()
+    for name in names:
+        *parts, last = split_parts(name) or [name]
+        own = " ".join(parts)
+        counts[last] += omit_zeros(own) in spelt or find_number(own) in spelt
+    return [word for word, count in counts.items() if 2 * count > len(labels)]
