@@ -52,7 +52,7 @@ from jointstiff.service.kinds.process.kind import PROCESS
 from jointstiff.service.kinds.program.files import compress_file
 from jointstiff.service.kinds.program.kind import PROGRAM
 from jointstiff.service.problems import NotFoundError, find_path_in_document
-from jointstiff.service.resources.proposals import import_or_propose
+from jointstiff.service.proposals.answers import import_or_propose
 from jointstiff.service.resources.stored import load_job, robot_from_record
 from jointstiff.service.runs.deflection import predict_by_run
 from jointstiff.service.runs.mending import apply_action_to_campaign, fill_in_payload

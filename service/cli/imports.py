@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.meaning import TableMeaning
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.importing.reading import SourceFile
-    from jointstiff.service.resources.proposals import NoProposal, ProposedImport
+    from jointstiff.service.proposals.proposed_import import NoProposal, ProposedImport
     from jointstiff.service.tables.table import Line, Part, Table
     from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 
@@ -580,7 +580,7 @@ class _StatedReadings:
 
         Options about columns are left out, because the columns of the table are understood.
         """
-        from jointstiff.service.resources.proposals import OPTIONS_OF_FILES  # imports numpy
+        from jointstiff.service.proposals.options import OPTIONS_OF_FILES  # imports the messages
 
         left = proposed.request.model_dump(
             mode="json", include=set(self.options) | {"units", "allow_missing"}
@@ -649,7 +649,7 @@ def _find_meaning(readings: _StatedReadings, dialogue: _Dialogue) -> _StatedRead
     is_wanted = dialogue.may_ask or dialogue.yes or readings.meaning is not None or readings.robot is not None
     if not is_wanted:
         return readings
-    from jointstiff.service.resources.proposals import NoProposal  # imports numpy
+    from jointstiff.service.proposals.proposed_import import NoProposal  # imports numpy
 
     while True:
         proposed = _propose(readings, yes=dialogue.yes)
@@ -689,7 +689,7 @@ def _propose(readings: _StatedReadings, *, yes: bool) -> ProposedImport | NoProp
             return _propose_frame(readings, request, robots, answer)
         if not lack_meaning(readings.sources, request, stated):
             return None
-    from jointstiff.service.resources.proposals import propose_import  # imports numpy
+    from jointstiff.service.proposals.search import propose_import  # imports numpy
 
     return propose_import(readings.sources, request, robots, readings.meaning)
 
@@ -700,7 +700,7 @@ def _propose_frame(
     """Return the proposal for files that names explain, if positions are in another frame; else None."""
     if readings.robot is None or not answer.findings:
         return None
-    from jointstiff.service.resources.proposals import is_in_another_frame, propose_frame  # imports numpy
+    from jointstiff.service.proposals.frames import is_in_another_frame, propose_frame  # imports numpy
 
     if not is_in_another_frame(answer):
         return None
@@ -931,7 +931,7 @@ def _build_template(template: ImportRequest, readings: _StatedReadings) -> Impor
     if readings.meaning is None:
         return template
     from jointstiff.schemas.meaning import ImportTemplate
-    from jointstiff.service.resources.proposals import OPTIONS_OF_COLUMNS  # imports numpy
+    from jointstiff.service.proposals.options import OPTIONS_OF_COLUMNS  # imports the messages
 
     fields = template.model_dump(mode="json", exclude_defaults=True, exclude=set(OPTIONS_OF_COLUMNS))
     if template.units is not None:

@@ -24,18 +24,13 @@ from jointstiff.service.problems import (
     problem_from_error,
 )
 from jointstiff.service.process import one_thread
+from jointstiff.service.proposals.frames import is_in_another_frame, propose_frame
+from jointstiff.service.proposals.options import OPTIONS_OF_COLUMNS, OPTIONS_OF_NAMES
+from jointstiff.service.proposals.proposed_import import NoProposal, ProposedImport
+from jointstiff.service.proposals.search import propose_import
 from jointstiff.service.resources.documents import parse_document, read_robot
 from jointstiff.service.resources.imports import import_files, lack_meaning
 from jointstiff.service.resources.known_robots import catalogue_robots
-from jointstiff.service.resources.proposals import (
-    OPTIONS_OF_COLUMNS,
-    OPTIONS_OF_NAMES,
-    NoProposal,
-    ProposedImport,
-    is_in_another_frame,
-    propose_frame,
-    propose_import,
-)
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.robot import KnownRobot
 

@@ -28,17 +28,15 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service import importing
 from jointstiff.service.conversion.prepared import build_robot
 from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.proposals.answers import import_or_propose
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
 from jointstiff.service.resources.known_robots import catalogue_robots
-from jointstiff.service.resources.proposals import import_or_propose
 
 ROOM = Path(importing.__file__).parent
 SITES = (
-    *sorted(ROOM.glob("*.py")),
-    *(
-        ROOM.parent / "resources" / f"{name}.py"
-        for name in ("imports", "columns_left", "nominal_positions", "posture_loads", "proposals")
-    ),
+    *sorted(ROOM.rglob("*.py")),
+    *sorted((ROOM.parent / "proposals").glob("*.py")),
+    ROOM.parent / "resources" / "imports.py",
 )
 """Modules that report faults of files."""
 EXCLUDED = "the position has no target or no state"

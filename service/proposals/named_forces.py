@@ -15,16 +15,16 @@ from jointstiff.service.importing.grammar import find_force_at_end
 from jointstiff.service.importing.naming import NamedReading
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.rewriting import has_column_of
-from jointstiff.service.resources.columns_left import (
+from jointstiff.service.proposals.columns_left import (
     find_bare_vector,
     find_constant_force,
     find_sizes_along_vectors,
     list_columns_left,
 )
-from jointstiff.service.resources.force_evidence import ForceEvidence
-from jointstiff.service.resources.force_sizes import StatedForce, compare_stated_force, take_sizes_as_weights
-from jointstiff.service.resources.no_proposal import NoProposalError, UnfinishedError
-from jointstiff.service.resources.posture_loads import GatheredLoads, gather_loads, join_forces
+from jointstiff.service.proposals.force_evidence import ForceEvidence
+from jointstiff.service.proposals.force_sizes import StatedForce, compare_stated_force, take_sizes_as_weights
+from jointstiff.service.proposals.no_proposal import NoProposalError, UnfinishedError
+from jointstiff.service.proposals.posture_loads import GatheredLoads, gather_loads, join_forces
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.states import order_states

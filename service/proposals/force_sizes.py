@@ -16,8 +16,8 @@ from jointstiff.service.importing.grammar import find_unit_of_force, find_unit_o
 from jointstiff.service.importing.naming import NamedReading
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.rewriting import has_column_of
-from jointstiff.service.resources.columns_left import ColumnsLeft, may_be_force
-from jointstiff.service.resources.force_evidence import ForceEvidence
+from jointstiff.service.proposals.columns_left import ColumnsLeft, may_be_force
+from jointstiff.service.proposals.force_evidence import ForceEvidence
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 

@@ -25,7 +25,7 @@ from jointstiff.service.importing.grid import ARRAYS
 from jointstiff.service.importing.naming import NamedReading
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.rewriting import KEPT_KINDS
-from jointstiff.service.resources.posture_loads import LOADS
+from jointstiff.service.proposals.posture_loads import LOADS
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.table import find_moving_columns

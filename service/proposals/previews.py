@@ -9,7 +9,7 @@ from jointstiff.schemas.imports import MAX_PREVIEW_ROWS, ColumnMeaning, FilePrev
 from jointstiff.service.importing.naming import NamedReading
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.rewriting import KEPT_KINDS
-from jointstiff.service.resources.columns_left import describe_uses
+from jointstiff.service.proposals.columns_left import describe_uses
 from jointstiff.solver.meaning.proposal import Proposal
 
 _NAMES: Final = frozenset(("name", "target", "state", "time"))
