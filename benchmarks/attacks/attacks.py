@@ -45,7 +45,7 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.service.api.bodies import parse_body
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
-from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.problems import problem_from_faults
 from jointstiff.service.resources.imports import import_files
 from jointstiff.simulator.sweeps import TrackedArm

@@ -46,7 +46,7 @@ from jointstiff.service.api.bodies import (
 from jointstiff.service.api.description import describe_problems
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.jobs import InjectedPost, JobId, JobRoute, Posted
-from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.process.kind import PROCESS
 from jointstiff.service.kinds.program.files import compress_file

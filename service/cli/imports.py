@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.imports import Delimiter
     from jointstiff.schemas.meaning import TableMeaning
     from jointstiff.schemas.robot import RobotDocument
-    from jointstiff.service.importing.reading import SourceFile
+    from jointstiff.service.importing.source_files import SourceFile
     from jointstiff.service.proposals.proposed_import import NoProposal, ProposedImport
     from jointstiff.service.tables.table import Line, Part, Table
     from jointstiff.solver.mechanics.robot import KnownRobot, Robot
@@ -336,7 +336,7 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
     Raises:
         typer.Exit: the readings have errors, something is missing, or a file cannot be written.
     """
-    from jointstiff.service.importing.reading import read_sources
+    from jointstiff.service.importing.source_files import read_sources
     from jointstiff.service.resources.documents import read_robot
 
     notes = _parse_pairs(values["about"] or [], SetMetadata, "--about")
@@ -837,7 +837,7 @@ def _split_typed_header(options: Options, sources: Sequence[SourceFile]) -> Opti
 
     The header is split at the delimiter that the options state or that is detected in the files.
     """
-    from jointstiff.service.importing.reading import detect_delimiter
+    from jointstiff.service.importing.source_grids import detect_delimiter
 
     if not isinstance(header := options.get("header"), str):
         return options

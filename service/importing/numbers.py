@@ -48,7 +48,8 @@ from jointstiff.service.importing.masses import is_mass_table
 from jointstiff.service.importing.merged_rows import fill_down
 from jointstiff.service.importing.names.row_name import RowName
 from jointstiff.service.importing.posture_files import join_posture_files
-from jointstiff.service.importing.reading import SourceFile, read_grids
+from jointstiff.service.importing.source_files import SourceFile
+from jointstiff.service.importing.source_grids import read_grids
 from jointstiff.service.importing.transposed import turn_table
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.table import RowGroups, Table

@@ -22,7 +22,8 @@ from jointstiff.service.importing.grid import (
     no_rows_error,
 )
 from jointstiff.service.importing.loads import find_load
-from jointstiff.service.importing.reading import SourceFile, read_grids
+from jointstiff.service.importing.source_files import SourceFile
+from jointstiff.service.importing.source_grids import read_grids
 from jointstiff.service.tables.labels import fold_word, is_label
 
 _LEAST_POSTURES: Final = 3

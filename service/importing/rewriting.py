@@ -16,7 +16,7 @@ from jointstiff.service.importing.grammar import Kind, Meaning
 from jointstiff.service.importing.grid import remove_thousands_separators
 from jointstiff.service.importing.naming import NamedReading, Uncertainty
 from jointstiff.service.importing.numbers import NumberTable
-from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.importing.yaml_rows import is_named_yaml
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal

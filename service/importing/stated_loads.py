@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 from jointstiff.service.importing.errors import quote
 from jointstiff.service.importing.grammar import UNIT_OF_LOAD, WORDS_OF_LOADS, is_force, is_hung, is_mass
 from jointstiff.service.importing.grid import looks_like_a_number
-from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.importing.statements import Statement, read_statements
 
 _RELATIVE_TOLERANCE: Final = 5e-3

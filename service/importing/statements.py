@@ -15,7 +15,8 @@ from jointstiff.service.importing.encoding import decode
 from jointstiff.service.importing.errors import ImportFileError, quote
 from jointstiff.service.importing.grammar import UNIT_OF_LOAD, is_force, is_hung
 from jointstiff.service.importing.grid import ARRAYS, JSON, WORKBOOKS, XML, ArrayFormat, file_type
-from jointstiff.service.importing.reading import SourceFile, read_sheets
+from jointstiff.service.importing.source_files import SourceFile
+from jointstiff.service.importing.source_grids import read_sheets
 from jointstiff.service.importing.yaml_rows import is_named_yaml, read_yaml_documents
 
 _MOST_DEPTH: Final = 12

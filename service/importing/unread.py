@@ -11,7 +11,7 @@ from jointstiff.service.importing.encoding import decode
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grammar import Vocabulary
 from jointstiff.service.importing.grid import Grid, file_type
-from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.importing.source_files import SourceFile
 
 _DECIMAL: Final = re.compile(r"\d[.,]\d")
 _READINGS: Final = 9

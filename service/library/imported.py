@@ -206,7 +206,7 @@ def import_files(
         CampaignError: a file or an option was not understood.
     """
     from jointstiff.schemas.imports import ImportRequest
-    from jointstiff.service.importing.reading import read_sources
+    from jointstiff.service.importing.source_files import read_sources
     from jointstiff.service.problems import FilesError
     from jointstiff.service.resources import imports
 

@@ -11,7 +11,7 @@ from jointstiff.schemas.meaning import TableMeaning
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.importing.reading import read_sources
+from jointstiff.service.importing.source_files import read_sources
 from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.library.imported import ImportedReadings, ImportFields

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError
-from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.proposals.frames import is_in_another_frame, propose_frame
 from jointstiff.service.proposals.options import clear_headers
 from jointstiff.service.proposals.proposed_import import NoProposal, ProposedImport

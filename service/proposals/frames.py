@@ -8,7 +8,7 @@ import numpy as np
 
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
-from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.proposals.proposed_import import NoProposal, ProposedImport
 from jointstiff.service.proposals.search import propose_import
 from jointstiff.solver.arrays import FloatArray

@@ -12,7 +12,7 @@ from jointstiff.service.importing.grammar import Vocabulary
 from jointstiff.service.importing.joining import join_tables
 from jointstiff.service.importing.lengths import unify_lengths
 from jointstiff.service.importing.numbers import GridReader, NumberFiles, NumberTable, read_number_tables
-from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.importing.unread import advise_on_files_without_rows
 from jointstiff.service.proposals.columns_left import refuse_unknown_headers
 from jointstiff.service.proposals.no_proposal import NoProposalError, UnreadError

@@ -12,7 +12,7 @@ from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.lengths import unify_lengths
 from jointstiff.service.importing.numbers import GridReader, read_tables
 from jointstiff.service.importing.polar import list_cartesian
-from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.importing.stencils import read_stencils
 from jointstiff.service.proposals.completion import complete
 from jointstiff.service.proposals.found_meaning import find_in_one_unit, tell_postures_by_joints

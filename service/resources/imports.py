@@ -28,8 +28,9 @@ from jointstiff.schemas.robot import Body
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place
 from jointstiff.service.importing.grammar import Kind, Quantity, joint_number, split_along_target
 from jointstiff.service.importing.posture_files import join_posture_files
-from jointstiff.service.importing.reading import SourceFile, Understood, find_copy, understand_files
+from jointstiff.service.importing.reading import Understood, understand_files
 from jointstiff.service.importing.rows import ObservationRecord, Value
+from jointstiff.service.importing.source_files import SourceFile, find_copy
 from jointstiff.service.importing.stated_loads import describe_stated_loads, find_stated_loads
 from jointstiff.service.problems import FilesError, reword_fault
 from jointstiff.solver.errors import MeasurementError

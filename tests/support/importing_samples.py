@@ -5,7 +5,8 @@ import io
 from dataclasses import dataclass
 
 from jointstiff.schemas.imports import ImportAnswer, ImportFault, ImportOptions, ImportRequest
-from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
+from jointstiff.service.importing.reading import Understood, understand_files
+from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.resources.imports import import_files
 from jointstiff.solver.mechanics.robot import Robot
 

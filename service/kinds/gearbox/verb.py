@@ -93,7 +93,7 @@ def _read_table(file: Path, robot: Any) -> dict[str, Any]:  # noqa: ANN401 - as 
         OSError: the file cannot be read.
     """
     from jointstiff.service.conversion.prepared import prepare_robot
-    from jointstiff.service.importing.reading import read_sources
+    from jointstiff.service.importing.source_files import read_sources
     from jointstiff.service.resources.imports import import_files
 
     model = None

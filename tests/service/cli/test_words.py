@@ -9,7 +9,7 @@ from jointstiff.service.cli.app import app
 from jointstiff.service.cli.fields import _make_word_parser
 from jointstiff.service.cli.imports import _split_header, _split_typed_header
 from jointstiff.service.cli.options import UnknownWordError, _parse_unit
-from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.simulator import default_arm, simulate_campaign
 
 CAMPAIGN = simulate_campaign(default_arm(), configurations=12, load="pull")

@@ -9,7 +9,7 @@ import openpyxl
 import pytest
 import scipy.io
 
-from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.importing.stated_loads import describe_stated_loads, find_stated_loads
 
 HANGS = "if this load hangs, `force` is "

@@ -13,7 +13,8 @@ import jointstiff as js
 from jointstiff.schemas.gearbox import parse_load
 from jointstiff.schemas.imports import ImportOptions
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.reading import SourceFile, understand_files
+from jointstiff.service.importing.reading import understand_files
+from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.problems import CampaignError
 
 EXAMPLES = Path(__file__).parents[3] / "examples"

@@ -12,7 +12,7 @@ from jointstiff.schemas.deflection import DeflectionResult
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.plan import Plan, PlanRequest, Surroundings
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.kinds.plan.kind import _readings_table, readings_sheet
 from jointstiff.service.kinds.plan.work import _order_reflector_directions
 from jointstiff.service.resources.imports import import_files

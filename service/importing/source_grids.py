@@ -1,0 +1,183 @@
+"""Files of any type as grids of cells: a grid for each sheet, array, block or matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pydantic_core import from_json
+
+from jointstiff.schemas.imports import Delimiter, ImportOptions
+from jointstiff.service.importing import grid
+from jointstiff.service.importing.adjacent_tables import split_adjacent
+from jointstiff.service.importing.arrays import build_grids_of_matrices, read_arrays
+from jointstiff.service.importing.axis_rows import join_axis_rows
+from jointstiff.service.importing.blocks import read_blocks
+from jointstiff.service.importing.cell_units import separate_units
+from jointstiff.service.importing.certificates import read_certificate
+from jointstiff.service.importing.encoding import decode, describe_encoding
+from jointstiff.service.importing.errors import ImportFileError, Place
+from jointstiff.service.importing.excel import read_workbook, split_sheets
+from jointstiff.service.importing.forms import join_forms
+from jointstiff.service.importing.grammar import Vocabulary
+from jointstiff.service.importing.grid import Grid, file_type, read_lists, read_text
+from jointstiff.service.importing.json_rows import read_json_rows
+from jointstiff.service.importing.matrices import find_matrices
+from jointstiff.service.importing.opendocument import read_spreadsheet
+from jointstiff.service.importing.sheets import choose_sheets, list_tables, note_others
+from jointstiff.service.importing.source_files import SourceFile
+from jointstiff.service.importing.val3 import read_joint_data
+from jointstiff.service.importing.yaml_rows import read_yaml_rows
+
+
+def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool = False) -> list[Grid]:
+    """Read a workbook, a file of arrays, a certificate or a text file as rows of cells.
+
+    There is a table for each sheet.
+
+    With `every_length`, for a proposal, the arrays of each number of rows in a file of arrays make a table;
+    so do matrices in a text, and tables side by side. Units are taken out of cells.
+
+    Raises:
+        ImportFileError: the file is empty, of another type, or cannot be read.
+    """
+    if not file.content.strip():
+        raise ImportFileError(Place(file.name), "the file is empty", "export the file again")
+    kind = file_type(file.content, file.name)
+    if kind is not None and kind in grid.ARRAYS:
+        sheets = split_sheets(options.sheet)
+        arrays = read_arrays(file.name, file.content, grid.ARRAYS[kind], sheets, every_length=every_length)
+        return _mark_sheets(arrays)
+    if kind == grid.CERTIFICATE:
+        return read_certificate(file.name, file.content)
+    if kind == grid.VAL3:
+        return _mark_sheets(read_joint_data(file.name, file.content))
+    if kind in grid.WORKBOOKS:
+        grids = _read_sheets(file, options, every_length=every_length)
+    else:
+        grids = list(map(_note_encoding, _read_text_grids(file, kind, options, every_length=every_length)))
+    if every_length:
+        adjacent = [table for each in grids for table in split_adjacent(each)]
+        grids = _mark_sheets(adjacent) if len(adjacent) > len(grids) else grids
+    joined = [join_axis_rows(each, Vocabulary(options), with_nominal=every_length) for each in grids]
+    return list(map(separate_units, joined)) if every_length else joined
+
+
+def read_sheets(file: SourceFile, stated: str | None) -> list[Grid]:
+    """Return the sheets of a workbook of Excel or OpenDocument; `stated` are their names, None for all.
+
+    Raises:
+        ImportFileError: the workbook cannot be read, or has no sheet of a name.
+    """
+    read = read_workbook if file_type(file.content) == grid.WORKBOOK else read_spreadsheet
+    return read(file.name, file.content, stated)
+
+
+def _read_sheets(file: SourceFile, options: ImportOptions, *, every_length: bool) -> list[Grid]:
+    """Read the sheets of a workbook that the options state, or those whose numbers can be read together.
+
+    With `every_length`, for a proposal, forms of one posture each are one table.
+
+    Raises:
+        ImportFileError: the workbook cannot be read, or the choice of the sheets is not clear.
+    """
+    sheets = read_sheets(file, options.sheet)
+    tables = list_tables(sheets) if options.sheet is None else sheets
+    forms = join_forms(tables, Vocabulary(options)) if every_length else None
+    if forms is not None:
+        chosen = [forms]
+    elif options.sheet is None:
+        chosen = choose_sheets(tables, options.state_words)
+    else:
+        chosen = tables
+    others = [sheet for sheet in sheets if sheet not in tables]
+    return note_others(_mark_sheets(chosen), others)
+
+
+def _mark_sheets(sheets: Sequence[Grid]) -> list[Grid]:
+    """Return sheets or groups of a file, which know whether they are several."""
+    names = {sheet.preview.sheet for sheet in sheets}
+    return [replace(sheet, is_one_of_several=len(names) > 1) for sheet in sheets]
+
+
+def _note_encoding(table: Grid) -> Grid:
+    """Return a table with the note that its encoding was assumed, unless the bytes show the encoding."""
+    notes = [*describe_encoding(table.preview.encoding), *table.preview.assumptions]
+    return replace(table, preview=table.preview.model_copy(update={"assumptions": notes}))
+
+
+def _read_text_grids(
+    file: SourceFile, kind: str | None, options: ImportOptions, *, every_length: bool
+) -> list[Grid]:
+    """Read a text file, whose type may be JSON, as rows of cells; arguments as of `read_grids`.
+
+    Raises:
+        ImportFileError: the file is of another type, or cannot be read.
+    """
+    if file.is_table:
+        return [read_text(file.name, file.content, options.delimiter, is_table=True)]
+    is_text = kind in (None, grid.JSON)  # a matrix without a name begins as a list of JSON does
+    objects = _read_objects(file, kind) if is_text else None
+    if objects is not None:
+        return [objects]
+    matrices = _read_matrices(file) if is_text else []
+    if every_length and matrices:
+        return matrices
+    lists = read_lists(file.name, file.content) if is_text else None
+    if lists is not None:
+        return [lists]
+    if kind is not None:
+        raise _build_type_error(file, kind)
+    if every_length:
+        blocks = read_blocks(file.name, file.content, options.delimiter)
+        if blocks:
+            return blocks
+    return [read_text(file.name, file.content, options.delimiter, are_marks_literal=every_length)]
+
+
+def _read_objects(file: SourceFile, kind: str | None) -> Grid | None:
+    """Return the objects of a file of JSON or YAML as a table; None of another text.
+
+    Raises:
+        ImportFileError: the text is damaged, or the table is too large.
+    """
+    read = read_json_rows if kind == grid.JSON else read_yaml_rows
+    return read(file.name, file.content)
+
+
+def _read_matrices(file: SourceFile) -> list[Grid]:
+    """Return the matrices of a text file as tables; none of another text.
+
+    Raises:
+        ImportFileError: the text computes with a matrix.
+    """
+    text, encoding = decode(file.name, file.content)
+    matrices = find_matrices(file.name, text)
+    return build_grids_of_matrices(file.name, encoding, matrices) if matrices else []
+
+
+def _build_type_error(file: SourceFile, kind: str) -> ImportFileError:
+    """Return the error that a file of this type is no table."""
+    remedy = "export the readings as CSV, text or .xlsx"
+    if kind == grid.JSON:
+        try:
+            document = from_json(file.content.removeprefix(b"\xef\xbb\xbf"))
+        except ValueError as error:
+            reason = f"Invalid JSON: {error}"
+            remedy = "correct the JSON at this place; the file must be UTF-8"
+            return ImportFileError(Place(file.name), reason, remedy)
+        remedy = "a campaign needs no import: use `jointstiff identify FILE`"
+        if isinstance(document, dict) and "model" in document:
+            kind = "a robot"
+            remedy = "give this file as the robot of readings: `jointstiff import READINGS --robot FILE`"
+    return ImportFileError(Place(file.name), f"the file is {kind}, not a table", remedy).mark_document()
+
+
+def detect_delimiter(file: SourceFile) -> Delimiter | None:
+    """Return the delimiter of a text file; None for other files, and if the delimiter is not certain."""
+    if file_type(file.content, file.name) is not None:
+        return None
+    try:
+        return read_text(file.name, file.content, None).preview.delimiter
+    except ImportFileError:
+        return None
