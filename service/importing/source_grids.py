@@ -10,24 +10,24 @@ from pydantic_core import from_json
 from jointstiff.schemas.imports import Delimiter, ImportOptions
 from jointstiff.service.importing import grid
 from jointstiff.service.importing.adjacent_tables import split_adjacent
-from jointstiff.service.importing.arrays import build_grids_of_matrices, read_arrays
 from jointstiff.service.importing.axis_rows import join_axis_rows
-from jointstiff.service.importing.blocks import read_blocks
 from jointstiff.service.importing.cell_units import separate_units
-from jointstiff.service.importing.certificates import read_certificate
-from jointstiff.service.importing.encoding import decode, describe_encoding
 from jointstiff.service.importing.errors import ImportFileError, Place
-from jointstiff.service.importing.excel import read_workbook, split_sheets
-from jointstiff.service.importing.forms import join_forms
+from jointstiff.service.importing.formats.arrays import build_grids_of_matrices, read_arrays
+from jointstiff.service.importing.formats.blocks import read_blocks
+from jointstiff.service.importing.formats.certificates import read_certificate
+from jointstiff.service.importing.formats.encoding import decode, describe_encoding
+from jointstiff.service.importing.formats.excel import read_workbook, split_sheets
+from jointstiff.service.importing.formats.forms import join_forms
+from jointstiff.service.importing.formats.json_rows import read_json_rows
+from jointstiff.service.importing.formats.matrices import find_matrices
+from jointstiff.service.importing.formats.opendocument import read_spreadsheet
+from jointstiff.service.importing.formats.val3 import read_joint_data
+from jointstiff.service.importing.formats.yaml_rows import read_yaml_rows
 from jointstiff.service.importing.grammar import Vocabulary
 from jointstiff.service.importing.grid import Grid, file_type, read_lists, read_text
-from jointstiff.service.importing.json_rows import read_json_rows
-from jointstiff.service.importing.matrices import find_matrices
-from jointstiff.service.importing.opendocument import read_spreadsheet
 from jointstiff.service.importing.sheets import choose_sheets, list_tables, note_others
 from jointstiff.service.importing.source_files import SourceFile
-from jointstiff.service.importing.val3 import read_joint_data
-from jointstiff.service.importing.yaml_rows import read_yaml_rows
 
 
 def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool = False) -> list[Grid]:

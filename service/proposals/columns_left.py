@@ -22,10 +22,10 @@ from jointstiff.service.importing.grammar import (
     split_unit,
 )
 from jointstiff.service.importing.grid import ARRAYS
-from jointstiff.service.importing.naming import NamedReading
-from jointstiff.service.importing.numbers import NumberTable
-from jointstiff.service.importing.rewriting import KEPT_KINDS
+from jointstiff.service.proposals.names.naming import NamedReading
 from jointstiff.service.proposals.posture_loads import LOADS
+from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.rewriting import KEPT_KINDS
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.table import find_moving_columns

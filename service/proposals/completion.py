@@ -8,10 +8,6 @@ from dataclasses import replace
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grammar import Vocabulary
-from jointstiff.service.importing.naming import NamedReading, name_readings
-from jointstiff.service.importing.numbers import NumberTable
-from jointstiff.service.importing.rewriting import list_masses, note_mean_of_joints, write_readings
-from jointstiff.service.importing.uncertainties import add_uncertainties
 from jointstiff.service.proposals.columns_left import (
     confirms_joints,
     describe_likely_force,
@@ -23,6 +19,7 @@ from jointstiff.service.proposals.columns_left import (
 )
 from jointstiff.service.proposals.found_meaning import FoundMeaning
 from jointstiff.service.proposals.named_forces import name_forces, note_force, take_loads, take_stated_force
+from jointstiff.service.proposals.names.naming import NamedReading, name_readings
 from jointstiff.service.proposals.no_proposal import NoProposalError
 from jointstiff.service.proposals.nominal_positions import refuse_measured_nominals
 from jointstiff.service.proposals.options import clear_headers, clear_names, state_units
@@ -40,6 +37,9 @@ from jointstiff.service.proposals.refused_states import (
     refuse_unknown_words,
 )
 from jointstiff.service.proposals.repeated_postures import refuse_repeated_postures
+from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.rewriting import list_masses, note_mean_of_joints, write_readings
+from jointstiff.service.proposals.tables.uncertainties import add_uncertainties
 from jointstiff.service.proposals.template_meaning import build_meaning
 from jointstiff.service.proposals.weights import describe_weights, has_masses
 from jointstiff.solver.meaning.proposal import Proposal

@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.service.importing.naming import NamedReading
-from jointstiff.service.importing.numbers import NumberTable
+from jointstiff.service.proposals.names.naming import NamedReading
+from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal, read_positions
 from jointstiff.solver.meaning.springs import (

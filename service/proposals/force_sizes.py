@@ -13,11 +13,11 @@ from jointstiff.schemas.measurement import ConfusedForceUnit
 from jointstiff.service.conversion.units import FORCE
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import find_unit_of_force, find_unit_of_size
-from jointstiff.service.importing.naming import NamedReading
-from jointstiff.service.importing.numbers import NumberTable
-from jointstiff.service.importing.rewriting import has_column_of
 from jointstiff.service.proposals.columns_left import ColumnsLeft, may_be_force
 from jointstiff.service.proposals.force_evidence import ForceEvidence
+from jointstiff.service.proposals.names.naming import NamedReading
+from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.rewriting import has_column_of
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 

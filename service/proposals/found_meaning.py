@@ -7,19 +7,19 @@ from typing import NamedTuple
 
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.grammar import Vocabulary
-from jointstiff.service.importing.joining import label_by_joints
-from jointstiff.service.importing.lengths import convert_columns
-from jointstiff.service.importing.naming import name_readings
-from jointstiff.service.importing.numbers import NumberTable
-from jointstiff.service.importing.unread import describe_turned_table
 from jointstiff.service.proposals.columns_left import (
     leave_positions,
     list_columns_left,
     list_unexplained_numbers,
 )
-from jointstiff.service.proposals.joined_tables import JoinedTables, join_numbers
 from jointstiff.service.proposals.named_forces import order_by_forces
+from jointstiff.service.proposals.names.naming import name_readings
 from jointstiff.service.proposals.no_proposal import NoProposalError, UnreadError
+from jointstiff.service.proposals.tables.joined_tables import JoinedTables, join_numbers
+from jointstiff.service.proposals.tables.joining import label_by_joints
+from jointstiff.service.proposals.tables.lengths import convert_columns
+from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.unread import describe_turned_table
 from jointstiff.solver.meaning.proposal import Proposal, propose
 from jointstiff.solver.mechanics.robot import KnownRobot
 

@@ -9,26 +9,26 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.service.importing.deflections import (
-    Deflection,
-    list_displacement_columns,
-    list_lone_displacements,
-)
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grammar import Vocabulary
-from jointstiff.service.importing.numbers import NumberTable
-from jointstiff.service.importing.rewriting import write_deflections
 from jointstiff.service.proposals.columns_left import (
     ColumnsLeft,
     list_other_columns,
     list_unexplained_numbers,
     name_columns_left,
 )
-from jointstiff.service.proposals.joined_tables import JoinedTables, describe_fault
 from jointstiff.service.proposals.named_forces import note_force, read_forces
 from jointstiff.service.proposals.no_proposal import NoProposalError
 from jointstiff.service.proposals.options import clear_headers, clear_names
 from jointstiff.service.proposals.proposed_import import ProposedImport
+from jointstiff.service.proposals.tables.deflections import (
+    Deflection,
+    list_displacement_columns,
+    list_lone_displacements,
+)
+from jointstiff.service.proposals.tables.joined_tables import JoinedTables, describe_fault
+from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.rewriting import write_deflections
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.hypotheses import list_countings
 from jointstiff.solver.meaning.proposal import Proposal

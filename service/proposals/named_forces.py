@@ -12,9 +12,6 @@ import numpy as np
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError, quote
 from jointstiff.service.importing.grammar import find_force_at_end
-from jointstiff.service.importing.naming import NamedReading
-from jointstiff.service.importing.numbers import NumberTable
-from jointstiff.service.importing.rewriting import has_column_of
 from jointstiff.service.proposals.columns_left import (
     find_bare_vector,
     find_constant_force,
@@ -23,8 +20,11 @@ from jointstiff.service.proposals.columns_left import (
 )
 from jointstiff.service.proposals.force_evidence import ForceEvidence
 from jointstiff.service.proposals.force_sizes import StatedForce, compare_stated_force, take_sizes_as_weights
+from jointstiff.service.proposals.names.naming import NamedReading
 from jointstiff.service.proposals.no_proposal import NoProposalError, UnfinishedError
 from jointstiff.service.proposals.posture_loads import GatheredLoads, gather_loads, join_forces
+from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.rewriting import has_column_of
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.states import order_states

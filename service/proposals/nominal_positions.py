@@ -9,8 +9,8 @@ import numpy as np
 
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import find_planned_axis
-from jointstiff.service.importing.naming import NamedReading
-from jointstiff.service.importing.numbers import NumberTable
+from jointstiff.service.proposals.names.naming import NamedReading
+from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.meaning.proposal import Proposal, propose
 from jointstiff.solver.meaning.table import METRES
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Final
 
 from jointstiff.schemas.imports import MAX_PREVIEW_ROWS, ColumnMeaning, FilePreview
-from jointstiff.service.importing.naming import NamedReading
-from jointstiff.service.importing.numbers import NumberTable
-from jointstiff.service.importing.rewriting import KEPT_KINDS
 from jointstiff.service.proposals.columns_left import describe_uses
+from jointstiff.service.proposals.names.naming import NamedReading
+from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.rewriting import KEPT_KINDS
 from jointstiff.solver.meaning.proposal import Proposal
 
 _NAMES: Final = frozenset(("name", "target", "state", "time"))

@@ -9,9 +9,9 @@ from typing import Final
 from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
 from jointstiff.schemas.meaning import TableMeaning
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.naming import NamedReading
 from jointstiff.service.importing.reading import Understood, understand_files
 from jointstiff.service.importing.source_files import SourceFile
+from jointstiff.service.proposals.names.naming import NamedReading
 from jointstiff.service.resources.imports import import_files
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.words import describe, remark

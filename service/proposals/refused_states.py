@@ -9,15 +9,15 @@ import numpy as np
 
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
-from jointstiff.service.importing.naming import (
+from jointstiff.service.proposals.named_forces import read_forces
+from jointstiff.service.proposals.names.naming import (
     NamedReading,
     find_unknown_words,
     find_words_against_order,
     list_state_words,
 )
-from jointstiff.service.importing.numbers import NumberTable
-from jointstiff.service.proposals.named_forces import read_forces
 from jointstiff.service.proposals.no_proposal import NoProposalError
+from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.words import describe
 

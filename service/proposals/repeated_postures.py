@@ -9,8 +9,8 @@ import numpy as np
 
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.naming import NamedReading
-from jointstiff.service.importing.numbers import NumberTable
+from jointstiff.service.proposals.names.naming import NamedReading
+from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.meaning.hypotheses import number_postures
 from jointstiff.solver.meaning.proposal import Proposal
 

@@ -9,17 +9,17 @@ from functools import partial
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.meaning import TableMeaning
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.lengths import unify_lengths
-from jointstiff.service.importing.numbers import GridReader, read_tables
-from jointstiff.service.importing.polar import list_cartesian
 from jointstiff.service.importing.source_files import SourceFile
-from jointstiff.service.importing.stencils import read_stencils
 from jointstiff.service.proposals.completion import complete
 from jointstiff.service.proposals.found_meaning import find_in_one_unit, tell_postures_by_joints
-from jointstiff.service.proposals.joined_tables import JoinedTables, join_numbers, read_numbers
 from jointstiff.service.proposals.lone_deflections import propose_deflections
 from jointstiff.service.proposals.no_proposal import NoProposalError, UnfinishedError, UnreadError
 from jointstiff.service.proposals.proposed_import import NoProposal, ProposedImport
+from jointstiff.service.proposals.tables.joined_tables import JoinedTables, join_numbers, read_numbers
+from jointstiff.service.proposals.tables.lengths import unify_lengths
+from jointstiff.service.proposals.tables.numbers import GridReader, read_tables
+from jointstiff.service.proposals.tables.polar import list_cartesian
+from jointstiff.service.proposals.tables.stencils import read_stencils
 from jointstiff.service.proposals.templates import propose_as_template
 from jointstiff.service.proposals.workbook_sheets import list_choices, may_have_readings
 from jointstiff.solver.mechanics.robot import KnownRobot

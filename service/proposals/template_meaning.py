@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from jointstiff.schemas.meaning import JointsMeaning, PointsMeaning, TableMeaning
-from jointstiff.service.importing.naming import NamedReading
-from jointstiff.service.importing.numbers import NumberTable
+from jointstiff.service.proposals.names.naming import NamedReading
+from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.table import JointColumns
 

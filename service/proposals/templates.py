@@ -9,14 +9,14 @@ from typing import Final
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.meaning import TableMeaning
 from jointstiff.service.importing.grammar import Vocabulary
-from jointstiff.service.importing.naming import NamedReading, name_readings
-from jointstiff.service.importing.numbers import NumberTable
-from jointstiff.service.importing.uncertainties import add_uncertainties
 from jointstiff.service.proposals.completion import build_import
 from jointstiff.service.proposals.found_meaning import find_proposal
 from jointstiff.service.proposals.named_forces import name_forces, take_loads
+from jointstiff.service.proposals.names.naming import NamedReading, name_readings
 from jointstiff.service.proposals.no_proposal import NoProposalError
 from jointstiff.service.proposals.proposed_import import ProposedImport
+from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.uncertainties import add_uncertainties
 from jointstiff.service.proposals.template_meaning import build_meaning
 from jointstiff.solver.mechanics.robot import KnownRobot
 

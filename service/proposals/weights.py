@@ -11,9 +11,9 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.conversion.units import FORCE, KGF
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError
 from jointstiff.service.importing.grammar import is_in_kg
-from jointstiff.service.importing.naming import NamedReading
-from jointstiff.service.importing.numbers import NumberTable
-from jointstiff.service.importing.rewriting import has_column_of, list_masses
+from jointstiff.service.proposals.names.naming import NamedReading
+from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.rewriting import has_column_of, list_masses
 from jointstiff.solver.meaning.proposal import Proposal
 
 _SAME_WEIGHT: Final = 0.02

@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import quote
-from jointstiff.service.importing.numbers import NumberTable, read_number_tables
 from jointstiff.service.importing.source_files import SourceFile
+from jointstiff.service.proposals.tables.numbers import NumberTable, read_number_tables
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.table import find_moving_columns
 

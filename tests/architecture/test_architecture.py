@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from support.sources import nodes
 
 from jointstiff import solver
-from jointstiff.service.importing.arrays import LIBRARIES
+from jointstiff.service.importing.formats.arrays import LIBRARIES
 from jointstiff.service.process import build_own_command
 
 ROOT = Path(__file__).parents[2]

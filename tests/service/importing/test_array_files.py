@@ -16,7 +16,7 @@ from support.workbooks import arrays, hdf5, parquet, rows_of_values
 
 from jointstiff.service.importing import arrays as room
 from jointstiff.service.importing import child
-from jointstiff.service.importing.columns import NamedArray, tabulate
+from jointstiff.service.importing.formats.columns import NamedArray, tabulate
 from jointstiff.service.limited import belongs_to_child
 
 pytestmark = pytest.mark.process

@@ -11,8 +11,8 @@ from support.catalogue_arms import build_nominal_robots, readings_on
 from support.importing_samples import CAMPAIGN, CAMPAIGN_NUMBERS, points_of, read, values_of
 
 import jointstiff as js
-from jointstiff.service.importing.certificates import read_certificate
 from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.importing.formats.certificates import read_certificate
 
 ARM = "Universal Robots UR10e"
 ROBOT = next(known.robot for known in build_nominal_robots() if known.name == ARM)

@@ -5,8 +5,8 @@ import pytest
 from support.catalogue_arms import build_nominal_robots, readings_on
 
 import jointstiff as js
-from jointstiff.service.importing.encoding import decode
 from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.importing.formats.encoding import decode
 
 HEADERS = {
     "cp932": "姿勢番号,J1(度),J2(度),無負荷X(mm),負荷X(mm)",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.matrices import find_matrices
+from jointstiff.service.importing.formats.matrices import find_matrices
 
 A = "[1 2 3; 4 5 6; 7 8 9]"
 OTHER = "[1 1 1; 2 2 2; 3 3 3]"

@@ -35,7 +35,7 @@ from jointstiff.service.resources.known_robots import catalogue_robots
 ROOM = Path(importing.__file__).parent
 SITES = (
     *sorted(ROOM.rglob("*.py")),
-    *sorted((ROOM.parent / "proposals").glob("*.py")),
+    *sorted((ROOM.parent / "proposals").rglob("*.py")),
     ROOM.parent / "resources" / "imports.py",
 )
 """Modules that report faults of files."""

@@ -10,7 +10,7 @@ from support.importing_samples import CAMPAIGN_NUMBERS, answered, numbers_of, po
 from support.workbooks import SHEET, bomb, repacked, rows_of_values, workbook
 
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.excel import MAX_XML_TAGS, Archive
+from jointstiff.service.importing.formats.excel import MAX_XML_TAGS, Archive
 from jointstiff.service.importing.limits import MAX_UNPACKED_BYTES
 
 SAVE_AGAIN = "open the file in Excel and save it again as .xlsx, or save the sheet as CSV"
@@ -75,7 +75,7 @@ def test_the_sheet_is_stated_where_several_have_data():
 
 def test_the_cells_of_all_sheets_are_limited_together(monkeypatch):
     """Each of several sheets was once read in full before the question which one to read."""
-    monkeypatch.setattr("jointstiff.service.importing.excel.MAX_SHEET_CELLS", 300)
+    monkeypatch.setattr("jointstiff.service.importing.formats.excel.MAX_SHEET_CELLS", 300)
 
     def repeated(book, sheet):
         for number in range(10):

@@ -1,0 +1,137 @@
+"""Texts of files, whose bytes are in UTF-8, UTF-16, or an encoding of one language."""
+
+from __future__ import annotations
+
+import codecs
+import re
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Final
+from unicodedata import east_asian_width
+
+from jointstiff.service.importing.errors import ImportFileError, Place
+from jointstiff.service.importing.formats.markdown import write_tables_plainly
+from jointstiff.service.importing.grammar import WORDS_OF_ENCODINGS
+
+_LATIN1: Final = "latin-1"
+_NAMES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "cp932": "Shift-JIS (Japanese)",
+        "euc_jp": "EUC-JP (Japanese)",
+        "gb18030": "GBK (Chinese)",
+        "big5": "Big5 (Chinese)",
+        "cp949": "EUC-KR (Korean)",
+        "cp1250": "Windows-1250 (Central European)",
+        "cp1251": "Windows-1251 (Cyrillic)",
+        "koi8_r": "KOI8-R (Cyrillic)",
+        _LATIN1: "Latin-1",
+    }
+)
+"""Encoding that was assumed → its name for people."""
+_BYTE_ORDERS: Final = (
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF16_BE, "utf-16-be"),
+)
+_UTF8_SEQUENCE: Final = re.compile(
+    rb"[\xc2-\xdf][\x80-\xbf]|[\xe0-\xef][\x80-\xbf]{2}|[\xf0-\xf4][\x80-\xbf]{3}"
+)
+_ASCII: Final = bytes(range(128))
+_CONTROL: Final = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ufeff\ufffe\uffff]")
+_FIRST_BYTES: Final = 65_536
+"""Bytes of a file that show its encoding."""
+
+
+def decode(file: str, content: bytes) -> tuple[str, str]:
+    """Return the text of a file, and the name of its encoding; tables of Markdown have tabs between cells.
+
+    A byte order mark decides for UTF-8 or UTF-16. Without a mark, a zero among the first bytes means UTF-16,
+    and valid UTF-8 is read as UTF-8. Of other encodings the one is used in which most words of headers are
+    known, else Latin-1, unless most bytes beyond ASCII are letters in UTF-8: then the file is damaged UTF-8.
+
+    Raises:
+        ImportFileError: the text is damaged, contains control characters, or has a row of a table of Markdown
+            with too few cells.
+    """
+    remedy = "save the file as text in UTF-8"
+    mark, encoding = next((entry for entry in _BYTE_ORDERS if content.startswith(entry[0])), (b"", ""))
+    encoding = encoding or _find_utf16(content)
+    try:
+        text = content[len(mark) :].decode(encoding or "utf-8")
+    except UnicodeDecodeError as error:
+        other = "" if encoding else _find_encoding(content)
+        if encoding or (not other and _is_mostly_utf8(content)):
+            line = None if encoding else 1 + content.count(b"\n", 0, error.start)
+            reason = (
+                f"the text is damaged: its other bytes are {(encoding or 'utf-8').upper()}, but byte "
+                f"{error.start + 1} is not valid in this encoding"
+            )
+            raise ImportFileError(Place(file, line), reason, remedy) from None
+        encoding = other or _LATIN1
+        text = content.decode(encoding)
+    if control := _CONTROL.search(text):
+        reason = f"the file contains the control character {control.group()!a}, so it is not plain text"
+        raise ImportFileError(Place(file, 1 + text.count("\n", 0, control.start())), reason, remedy)
+    return write_tables_plainly(file, text), encoding or "utf-8"
+
+
+def describe_encoding(encoding: str | None) -> list[str]:
+    """Return the note that an encoding was assumed; none for UTF-8 and UTF-16, which bytes show."""
+    name = _NAMES.get(encoding or "")
+    return [] if name is None else [f"the file is not valid UTF-8, so it was read as {name}: check the names"]
+
+
+def _find_utf16(content: bytes) -> str:
+    """Return the encoding of two bytes for each letter that zeros among the first bytes show; else no name.
+
+    The upper byte of a letter of ASCII is zero.
+    """
+    first = content[:_FIRST_BYTES]
+    upper_first, upper_last = first[::2].count(0), first[1::2].count(0)
+    is_utf16 = b"\0" in content[:4] or 4 * (upper_first + upper_last) > len(first)
+    if not is_utf16:
+        return ""
+    return "utf-16-be" if upper_first > upper_last else "utf-16-le"
+
+
+def _find_encoding(content: bytes) -> str:
+    """Return the encoding in which most words of headers are known; empty without words, or for equally many.
+
+    One short word may be there by chance, so that it shows no encoding. No byte of a letter in these
+    encodings is a line break.
+    """
+    first = content[:_FIRST_BYTES].rpartition(b"\n")[0] if len(content) > _FIRST_BYTES else content
+    known = {name: _find_words(first, name, words) for name, words in WORDS_OF_ENCODINGS.items()}
+    most = max(map(len, known.values()))
+    found = [name for name, words in known.items() if len(words) == most]
+    is_clear = len(found) == 1 and (most > 1 or any(map(_is_long, known[found[0]])))
+    return found[0] if is_clear and _can_be_decoded(content, found[0]) else ""
+
+
+def _find_words(content: bytes, encoding: str, words: Sequence[str]) -> set[str]:
+    """Return which of some words a text in an encoding has; none for a text that is not in it."""
+    if not _can_be_decoded(content, encoding):
+        return set()
+    text = content.decode(encoding).casefold()
+    return {word for word in words if word in text}
+
+
+def _is_long(word: str) -> bool:
+    """Return whether a word is hardly there by chance: it has four letters, or two of East Asia."""
+    is_east_asian = all(east_asian_width(letter) in "WF" for letter in word)
+    return len(word) >= (2 if is_east_asian else 4)
+
+
+def _can_be_decoded(content: bytes, encoding: str) -> bool:
+    """Return whether bytes are valid in an encoding."""
+    try:
+        content.decode(encoding)
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def _is_mostly_utf8(content: bytes) -> bool:
+    """Return whether most bytes beyond ASCII are those of letters in UTF-8."""
+    valid_count = sum(map(len, _UTF8_SEQUENCE.findall(content)))
+    return 2 * valid_count > len(content.translate(None, delete=_ASCII))

@@ -1,0 +1,76 @@
+"""Loads of the rows of a table: the masses, forces and states that its columns of numbers show."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from jointstiff.service.importing.grammar import find_unit_of_size, is_in_kg
+from jointstiff.service.importing.loads import find_state_of_load
+from jointstiff.service.proposals.names.labels import MOST_CODES
+from jointstiff.service.proposals.names.row_name import RowName
+from jointstiff.service.proposals.tables.load_columns import find_states_of_loads, list_states_of_columns
+from jointstiff.service.proposals.tables.numbers import NumberTable
+
+
+def add_loads(table: NumberTable, names: Sequence[RowName]) -> list[RowName]:
+    """Return the names with the loads of columns, which tell the rows of an observation apart."""
+    masses = _list_masses(table)
+    forces = _list_forces(table, names) or _list_loads(table)
+    named = []
+    for number, name in enumerate(names):
+        if masses is not None and name.mass is None:
+            name = name._replace(mass=masses[number], state=find_state_of_load(masses[number]))
+        if forces is not None and name.state is None:
+            name = name._replace(state=forces[number].state, force=forces[number].force)
+        named.append(name)
+    return named
+
+
+def _list_masses(table: NumberTable) -> list[float] | None:
+    """Return the mass [kg] that hangs in each row; None without a column, or for one mass."""
+    for column, header in enumerate(table.headers):
+        meaning = table.meanings[column]
+        is_mass = meaning is not None and meaning.kind == "mass"
+        if not is_mass and not (meaning is None and is_in_kg(header)):
+            continue
+        masses = [float(mass) for mass in table.table.numbers[:, column]]
+        if all(mass >= 0.0 for mass in masses) and 1 < len(set(masses)) <= MOST_CODES:
+            return masses
+    return None
+
+
+def _list_forces(table: NumberTable, names: Sequence[RowName]) -> list[RowName] | None:
+    """Return state and force of each row by its columns of forces, if some rows have none; else None.
+
+    Sizes that occur in one posture are those of one load that was read in each posture, and no further loads.
+    `names` have the postures; without a name, each row counts.
+    """
+    columns = [column for column, meaning in enumerate(table.meanings) if meaning and meaning.kind == "force"]
+    size_column = table.find_size_of_force()
+    columns += [] if size_column is None else [size_column]
+    states = find_states_of_loads(np.linalg.norm(np.nan_to_num(table.table.numbers[:, columns]), axis=1))
+    if not columns or states is None:
+        return None
+    sizes = [
+        f"{math.hypot(*table.table.numbers[row, columns]):.4g}" if state == "loaded" else ""
+        for row, state in enumerate(states)
+    ]
+    postures = [row if name.label is None else name.label for row, name in enumerate(names)]
+    counts = Counter(size for size, _ in set(zip(sizes, postures, strict=True)) if size)
+    has_several = 1 < len(counts) <= MOST_CODES and min(counts.values()) > 1
+    meaning = table.meanings[columns[0]]
+    unit = find_unit_of_size(table.headers[columns[0]]) if meaning is None else meaning.unit
+    return [
+        RowName(state=state, force=f"{size} {unit or ''}".strip() if has_several and size else "")
+        for state, size in zip(states, sizes, strict=True)
+    ]
+
+
+def _list_loads(table: NumberTable) -> list[RowName] | None:
+    """Return the state of each row by a column of loads such as `payload`; None without one."""
+    states = list_states_of_columns(table)
+    return None if states is None else [RowName(state=state) for state in states]
