@@ -14,8 +14,8 @@ import pytest
 from support.importing_samples import CAMPAIGN_NUMBERS, answered, numbers_of, refusals
 from support.workbooks import arrays, hdf5, parquet, rows_of_values
 
-from jointstiff.service.importing import arrays as room
 from jointstiff.service.importing import child
+from jointstiff.service.importing.formats import arrays as room
 from jointstiff.service.importing.formats.columns import NamedArray, tabulate
 from jointstiff.service.limited import belongs_to_child
 

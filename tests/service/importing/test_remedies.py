@@ -694,7 +694,7 @@ FILES = {
         "more than 2 observations",
         {"a.csv": CAMPAIGN},
         {"a.csv": CAMPAIGN.rpartition("c03")[0]},
-        **{"reading.MAX_OBSERVATIONS": 2},
+        **{"merging.MAX_OBSERVATIONS": 2},
     ),
     "too many joints": limited(
         "there are more than 3 joints",
@@ -829,7 +829,7 @@ ARRAYS = {
         "needs the extra `tables`",
         {"a.h5": b"\x89HDF\r\n\x1a\n"},
         {"a.csv": CAMPAIGN},
-        limits={"arrays.LIBRARIES": {"hdf5": "a_library_that_is_not_installed"}},
+        limits={"formats.arrays.LIBRARIES": {"hdf5": "a_library_that_is_not_installed"}},
     ),
     "damaged arrays": Case("a MATLAB file that is damaged", {"a.mat": READINGS[:150]}, {"a.mat": READINGS}),
     "slow arrays": Case(
@@ -1349,7 +1349,7 @@ def matching(answer: ImportAnswer, case: Case) -> list[ImportFault]:
 
 def lowered(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     for place, value in case.limits.items():
-        module, name = place.split(".")
+        module, _, name = place.rpartition(".")
         monkeypatch.setattr(import_module(f"jointstiff.service.importing.{module}"), name, value)
 
 
