@@ -47,9 +47,9 @@ _MOST_CODES: Final = 16
 """Most different names of targets or states in a column."""
 _LEADING_ZEROS: Final = re.compile(r"(?<![\d.,])0+(?=\d)")
 _COUNTED: Final = re.compile(r"\d{1,5}")
-_FORCE: Final = re.compile(r"[-+]?(\d{1,6}(?:[.,]\d{1,3})?)\s?(?:k?N|kgf|kp|lbf|kg|lbs?)?")
+_FORCE: Final = re.compile(r"[-+]?(\d{1,6}(?:[.,]\d{1,3})?)\s?(?:(?:k|da)?N|kgf|kp|lbf|kg|lbs?)?")
 """A force or a mass, with or without its unit."""
-_FORCE_WITH_UNIT: Final = re.compile(r"(\d{1,6}(?:[.,]\d{1,3})?)\s?(k?N|kgf|kp|lbf)")
+_FORCE_WITH_UNIT: Final = re.compile(r"(\d{1,6}(?:[.,]\d{1,3})?)\s?((?:k|da)?N|kgf|kp|lbf)")
 _WORD: Final = re.compile(r"[^\W\d_]+")
 """A part of a name without digits, which may be a state: repeats have numbers."""
 _NAMING_KINDS: Final = frozenset(("name", "collection", "group", "target", "state"))

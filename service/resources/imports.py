@@ -26,7 +26,16 @@ from jointstiff.schemas.imports import (
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place
-from jointstiff.service.importing.grammar import Kind, Quantity, joint_number, split_along_target
+from jointstiff.service.importing.grammar import (
+    CONVERTED_UNITS,
+    Kind,
+    Quantity,
+    UnitOfReadings,
+    find_known_unit,
+    find_unit_of_readings,
+    joint_number,
+    split_along_target,
+)
 from jointstiff.service.importing.posture_files import join_posture_files
 from jointstiff.service.importing.reading import SourceFile, Understood, find_copy, understand_files
 from jointstiff.service.importing.rows import ObservationRecord, Value
@@ -114,8 +123,23 @@ class _StatedReadings:
 
     @property
     def force(self) -> Vector3 | None:
-        """Force of observations whose files have none: zero if the robot's own weight is the load."""
-        return (0.0, 0.0, 0.0) if self.by_own_weight else self.request.force
+        """Force of observations whose files have none, in the unit of the readings; None if not stated.
+
+        If the robot's own weight is the load, all forces are zero.
+        """
+        stated = self.request.force
+        if self.by_own_weight:
+            return (0.0, 0.0, 0.0)
+        if stated is None or self.stated_unit_of_force is None:
+            return stated
+        x, y, z = (self.stated_unit_of_force.factor * each for each in stated)
+        return x, y, z
+
+    @property
+    def stated_unit_of_force(self) -> UnitOfReadings | None:
+        """Unit of the readings by the unit of forces in the request; None if not stated."""
+        unit = None if self.request.units is None else self.request.units.force
+        return None if unit is None else find_unit_of_readings(unit)
 
     def first_has(self, kind: Kind) -> bool:
         """Return whether the first observation has numbers of a kind, such as `joint` or `load point`."""
@@ -350,9 +374,8 @@ def _has_load_point(readings: _StatedReadings) -> bool:
 
 def _lacks_unit_of_force(readings: _StatedReadings) -> bool:
     """Return whether the request states a force whose unit neither the files nor the request give."""
-    request = readings.request
-    unit = None if request.units is None else request.units.force
-    return request.force is not None and unit is None and "force" not in readings.understood.units
+    is_stated = readings.stated_unit_of_force is not None or "force" in readings.understood.units
+    return readings.request.force is not None and not is_stated
 
 
 _DESCRIPTIONS: Final[Mapping[MissingField, str]] = MappingProxyType(
@@ -362,7 +385,7 @@ _DESCRIPTIONS: Final[Mapping[MissingField, str]] = MappingProxyType(
         ),
         "force": (
             "the force of each observation in axes of R0: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one "
-            "`force` (N, kN, kgf, lbf)"
+            "`force` (N, daN, kN, kgf, lbf)"
         ),
         "readings": "readings: columns such as `P10 unloaded x [mm]`, or lists of points",
         "loaded": "the positions under load",
@@ -373,7 +396,7 @@ _DESCRIPTIONS: Final[Mapping[MissingField, str]] = MappingProxyType(
             "(`load_point_target`)"
         ),
         "accept_unusual": "a confirmation (`accept_unusual`) that these values are correct: ",
-        "units.force": "the unit of `force` (`units`): N, kN, kgf or lbf",
+        "units.force": "the unit of `force` (`units`): N, daN, kN, kgf or lbf",
         "encoders": "the encoders that close the position loop (`encoders`): motor or secondary",
     }
 )
@@ -549,10 +572,9 @@ def _choose_units(readings: _StatedReadings) -> dict[str, str | None]:
 
     If the robot's own weight is the load, all forces are zero, so that their unit does not matter: it is N.
     """
-    request = readings.request
-    stated = request.units and request.units.force
+    stated = readings.stated_unit_of_force
     default = "N" if readings.by_own_weight else None
-    return {"force": stated or default, **readings.understood.units}
+    return {"force": default if stated is None else stated.name, **readings.understood.units}
 
 
 def _list_flange_targets(readings: _StatedReadings) -> dict[str, Vector3]:
@@ -718,13 +740,17 @@ def _list_table_options(readings: _StatedReadings) -> dict[str, object]:
 def _list_units_of_columns(readings: _StatedReadings, columns: Sequence[ColumnMeaning]) -> dict[str, str]:
     """Return dimension → unit of the numbers in the columns, as the request or the headers state them.
 
-    Inches were converted to mm when the files were read, so only their columns still say inches.
+    Inches and daN were converted when the files were read, so only their columns still have these units.
     """
     units = readings.request.units
     stated: dict[str, str] = {} if units is None else units.model_dump(exclude_none=True)
-    has_inches = any(column.unit == "in" for column in columns)
-    inches = {"length": "in"} if has_inches else {}
-    return {**stated, **readings.understood.units, **inches}
+    written: dict[str, str] = {}
+    for column in columns:
+        known = None if column.unit is None else find_known_unit(column.unit)
+        if known is not None and column.unit in CONVERTED_UNITS:
+            dimension, unit = known
+            written[dimension] = unit
+    return {**stated, **readings.understood.units, **written}
 
 
 def _name_meaning(column: ColumnMeaning) -> str:

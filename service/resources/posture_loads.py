@@ -9,10 +9,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.service.conversion.units import FORCE
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import Kind
 from jointstiff.service.importing.load_columns import find_states_of_loads
+from jointstiff.service.importing.loads import find_newtons
 from jointstiff.service.importing.numbers import NumberTable
 from jointstiff.service.importing.rewriting import has_column_of
 from jointstiff.service.importing.row_key import RowName
@@ -203,6 +203,7 @@ def _arrange_axes(table: NumberTable, columns: Sequence[int], values: FloatArray
     for column, numbers in zip(columns, values.T, strict=True):
         meaning = table.meanings[column]
         axis = 0 if meaning is None or meaning.axis is None else meaning.axis
-        unit = None if meaning is None else meaning.unit
-        arranged[:, axis] = np.nan_to_num(numbers) * FORCE.get(unit or "", 1.0)
+        unit = meaning.unit if meaning is not None and meaning.dimension == "force" else None
+        factor = 1.0 if unit is None else find_newtons(unit)
+        arranged[:, axis] = factor * np.nan_to_num(numbers)
     return arranged

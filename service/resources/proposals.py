@@ -14,7 +14,7 @@ import numpy as np
 from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
 from jointstiff.schemas.meaning import JointsMeaning, PointsMeaning, TableMeaning
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
-from jointstiff.service.conversion.units import FORCE, KGF
+from jointstiff.service.conversion.units import KGF
 from jointstiff.service.importing.deflections import (
     Deflection,
     add_deflections,
@@ -25,6 +25,7 @@ from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
 from jointstiff.service.importing.grammar import Vocabulary, is_in_kg
 from jointstiff.service.importing.joining import join_tables, label_by_joints
 from jointstiff.service.importing.lengths import convert_columns, unify_lengths
+from jointstiff.service.importing.loads import find_newtons
 from jointstiff.service.importing.naming import (
     NamedReading,
     are_distinct,
@@ -889,8 +890,8 @@ def _differs_from_mass(masses: Sequence[float | None], joints: NumberTable, requ
     mass = masses[0] if masses else None
     if not has_column or mass is None or request.force is None or unit is None:
         return False
-    weight = mass * FORCE["kgf"]
-    stated = FORCE[unit] * float(np.linalg.norm(request.force))
+    weight = KGF * mass
+    stated = find_newtons(unit) * float(np.linalg.norm(request.force))
     return abs(stated - weight) > _SAME_WEIGHT * weight
 
 
