@@ -184,7 +184,7 @@ def import_files(
         ImportRefusedError: something in the files is not understood, contradictory or ambiguous, and the
             request does not have `show_faults`.
     """
-    understood = understand_files(files, request, () if robot is None else robot.joint_names)
+    understood = _understand_with_legend(files, request, () if robot is None else robot.joint_names)
     if understood.weight_step is not None:
         return _answer_weight_step(understood)
     faults = list(understood.faults)
@@ -203,6 +203,30 @@ def import_files(
     if faults and not request.show_faults:
         raise ImportRefusedError(faults)
     return _build_answer(understood, faults, bodies, results)
+
+
+def _understand_with_legend(
+    files: Sequence[SourceFile], request: ImportRequest, joints: Sequence[str]
+) -> Understood:
+    """Read files, with the states that a legend in them gives the words in question.
+
+    The legend counts only if nothing else is in question. `joints` are the names of the robot's joints.
+    """
+    understood = understand_files(files, request, joints)
+    words = dict.fromkeys(word for fault in understood.faults for word in fault.words)
+    if any(fault.option != "state_words" for fault in understood.faults) or not words:
+        return understood
+    from jointstiff.service.importing.legends import find_legend  # imports numpy
+
+    legend = find_legend(files, tuple(words))
+    if legend is None:
+        return understood
+    state_words = {**request.state_words, **legend.states}
+    stated = understand_files(files, request.model_copy(update={"state_words": state_words}), joints)
+    if stated.faults:
+        return understood
+    assumptions = [*stated.preview.assumptions, legend.note]
+    return replace(stated, preview=stated.preview.model_copy(update={"assumptions": assumptions}))
 
 
 def _describe_likely_force(files: Sequence[SourceFile]) -> str:

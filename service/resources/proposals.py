@@ -24,6 +24,7 @@ from jointstiff.service.importing.deflections import (
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
 from jointstiff.service.importing.grammar import Vocabulary, is_in_kg
 from jointstiff.service.importing.joining import join_tables, label_by_joints
+from jointstiff.service.importing.legends import find_legend
 from jointstiff.service.importing.lengths import convert_columns, unify_lengths
 from jointstiff.service.importing.loads import find_newtons
 from jointstiff.service.importing.naming import (
@@ -174,6 +175,10 @@ class ProposedImport:
         """Robot that fits."""
         return self.proposal.robots[0]
 
+    def add_note(self, note: str) -> ProposedImport:
+        """Return the proposal with a note on what the files state."""
+        return replace(self, notes=(*self.notes, note))
+
     def find_fault(self) -> ImportFileError | None:
         """Return the first fault of the table with the proposed meaning; None if a person can accept it."""
         faults = self._understand().faults
@@ -225,6 +230,10 @@ class NoProposal:
     remedy: str = ""  # what to do, if the robot explains some columns and the others must be stated
     fault: ImportFileError | None = None  # that an option of the import removes, so that a person can answer
 
+    def add_note(self, note: str) -> NoProposal:
+        """Return this reason with a note on what the files state."""
+        return replace(self, reason=f"{self.reason}; {note}")
+
 
 def propose_import(
     files: Sequence[SourceFile],
@@ -241,6 +250,30 @@ def propose_import(
         template: meaning of earlier files of the same form, that these files must have; None for any meaning.
     """
     known = list(robots)
+    found = _propose_or_decline(files, request, known, template)
+    legend = find_legend(files, _list_open_words(found)) if template is None else None
+    if legend is None:
+        return found
+    stated = request.model_copy(update={"state_words": {**request.state_words, **legend.states}})
+    return _propose_or_decline(files, stated, known, template).add_note(legend.note)
+
+
+def _list_open_words(found: ProposedImport | NoProposal) -> Sequence[str]:
+    """Return the words of files that may be states, and that no name explains; () without such words."""
+    if isinstance(found, NoProposal):
+        is_question = found.fault is not None and found.fault.option == "state_words"
+        return found.fault.words if found.fault is not None and is_question else ()
+    by_order = [each for each in found.named if each.is_by_order]
+    return list_state_words(by_order) if by_order else ()
+
+
+def _propose_or_decline(
+    files: Sequence[SourceFile],
+    request: ImportRequest,
+    known: Sequence[KnownRobot],
+    template: TableMeaning | None,
+) -> ProposedImport | NoProposal:
+    """Return the proposal of the robots, or why there is none; arguments as of `propose_import`."""
     try:
         try:
             return _propose_tables(files, request, known, template)
