@@ -47,7 +47,9 @@ class ImportUnits(Message):
         description="Unit of positions and deflections. Positions in inches are converted to mm.",
     )
     angle: AngleUnit | None = Field(default=None, description="Unit of joint angles.")
-    force: Literal["N", "kN", "kgf", "lbf"] | None = Field(default=None, description="Unit of forces.")
+    force: Literal["N", "daN", "kN", "kgf", "lbf"] | None = Field(
+        default=None, description="Unit of forces. Forces in daN are converted to N."
+    )
     moment: Literal["N.m", "N.mm", "kN.m", "kgf.m", "lbf.ft", "lbf.in"] | None = Field(
         default=None, description="Unit of moments; the unit of force times m if lengths are in m."
     )

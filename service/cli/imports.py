@@ -50,7 +50,7 @@ _STATES: Final = ("unloaded", "loaded", "deflection")
 _CHOICE_QUESTIONS: Final[Mapping[str, tuple[str, tuple[str, ...], str | None]]] = {
     "units.length": ("Unit of lengths", ("m", "mm", "in"), "mm"),
     "units.angle": ("Unit of angles", ("rad", "deg"), "deg"),
-    "units.force": ("Unit of forces", ("N", "kN", "kgf", "lbf"), "N"),
+    "units.force": ("Unit of forces", ("N", "daN", "kN", "kgf", "lbf"), "N"),
     "units.moment": ("Unit of moments", ("N.m", "N.mm", "kN.m", "kgf.m", "lbf.ft", "lbf.in"), "N.m"),
     "delimiter": ("Delimiter between cells", ("comma", "semicolon", "tab", "whitespace"), None),
     "decimal_mark": ("Decimal mark", ("point", "comma"), None),
@@ -123,7 +123,7 @@ _FORCE_WITH_UNIT: Final = re.compile(
     r"\[?(?P<numbers>[-+\d.,;\s eE]*\d\.?)\]?\s*\[?(?P<unit>[A-Za-z]{1,4})?\]?"
 )
 _FORCE_UNITS: Final[Mapping[str, str]] = {
-    "n": "N", "kn": "kN", "kg": "kgf", "kgf": "kgf", "kp": "kgf", "lbf": "lbf",
+    "n": "N", "dan": "daN", "kn": "kN", "kg": "kgf", "kgf": "kgf", "kp": "kgf", "lbf": "lbf",
 }  # fmt: skip
 
 
@@ -143,8 +143,8 @@ def _parse_force(text: str) -> _TypedForce:
     is_weight = len(numbers) == 1 and unit is not None
     if not is_known or not (len(numbers) == len("XYZ") or is_weight):
         raise typer.BadParameter(
-            f"'{text}' must be three numbers with their unit N, kN, kgf or lbf, such as 0,0,-981N, or a hung "
-            "weight such as 100kg"
+            f"'{text}' must be three numbers with their unit N, daN, kN, kgf or lbf, such as 0,0,-981N, or a "
+            "hung weight such as 100kg"
         )
     return _TypedForce((0.0, 0.0, -abs(numbers[0])) if is_weight else tuple(numbers), unit)
 
@@ -1206,7 +1206,7 @@ def _parse_force_with_unit(text: str) -> _TypedForce:
     """
     force = _parse_force(text)
     if force.unit is None:
-        raise typer.BadParameter("add the unit N, kN, kgf or lbf, such as 0,0,-981 N")
+        raise typer.BadParameter("add the unit N, daN, kN, kgf or lbf, such as 0,0,-981 N")
     return force
 
 

@@ -84,8 +84,6 @@ _KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
 _NOT_TARGETS: Final = frozenset((*_WORD_LISTS["other"], *_WORD_LISTS["expanded"]))
 
 _PRODUCT_SIGN: Final = re.compile(r"(?<=\w)[ ·*-](?=\w)")
-INCH: Final = 25.4
-"""Millimetres, exactly: what is in inches is converted when it is read."""
 _UNIT_OF_SPELLING: Final[Mapping[str, tuple[Dimension, str]]] = MappingProxyType(
     {
         spelling: (dimension, unit)
@@ -106,6 +104,24 @@ UNIT_OF_LOAD: Final[Mapping[str, str]] = MappingProxyType(
 """Spelling of a unit of force or of mass → unit of the force or of the weight."""
 WORDS_OF_LOADS: Final[Mapping[str, Sequence[str]]] = _WORDS["loads"]["words"]
 """What a word says of a load beside it, such as `aside` → beginnings of words."""
+
+
+class UnitOfReadings(NamedTuple):
+    """Unit of readings whose file has another unit."""
+
+    name: str
+    factor: float  # numbers of the file are multiplied by it
+
+
+CONVERTED_UNITS: Final[Mapping[str, UnitOfReadings]] = MappingProxyType(
+    {"in": UnitOfReadings("mm", 25.4), "daN": UnitOfReadings("N", 10.0)}
+)
+"""Unit of a file that a measurement set cannot have → unit to which numbers are converted, exactly."""
+
+
+def find_unit_of_readings(unit: str) -> UnitOfReadings:
+    """Return the unit of readings whose file has a unit: another one if the file's is converted."""
+    return CONVERTED_UNITS.get(unit, UnitOfReadings(unit, 1.0))
 
 
 def name_unit(unit: str) -> str:
@@ -390,6 +406,26 @@ def looks_like_a_force(header: str) -> bool:
     base, unit = split_unit(header)
     words = {fold_word(word) for word in _NO_LETTERS.split(base)}
     return _is_unit_of("force", unit) or bool(_FORCE_IN_HEADER.search(base)) or "wrench" in words
+
+
+def find_unknown_unit(header: str) -> tuple[Dimension, str] | None:
+    """Return the dimension of a force, a moment or a load point, and its unit if the unit is not known.
+
+    None for other headers, without a unit, and for the weight of a mass.
+    """
+    base, unit = split_unit(header)
+    if unit is None or unit in UNIT_OF_LOAD:
+        return None
+    dimension: Dimension | None = "force" if looks_like_a_force(base) else None
+    with suppress(ImportFileError):
+        meaning = parse_header(base, {})
+        dimension = meaning.dimension if meaning.kind in ("force", "moment", "load point") else dimension
+    return None if dimension is None or _is_unit_of(dimension, unit) else (dimension, unit)
+
+
+def list_units(dimension: Dimension) -> list[str]:
+    """Return the units of a dimension that the import accepts."""
+    return list(_WORDS["units"][dimension])
 
 
 def is_hung(header: str) -> bool:
@@ -717,7 +753,7 @@ def check_unit(header: str, text: str | None, kind: Kind) -> str | None:
         return known[1]
     if known is None or known[0] != dimension:
         reason = f"{quote(header)}: {quote(text)} is not a known unit of {dimension}"
-        remedy = f"convert to one of {', '.join(_WORDS['units'][dimension])}"
+        remedy = f"convert to one of {', '.join(list_units(dimension))}"
         hung = "; write a hung mass as `mass [kg]`" if text == "kg" and kind == "force" else ""
         raise ImportFileError(NOWHERE, reason, remedy + hung)
     return known[1]

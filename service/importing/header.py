@@ -15,6 +15,7 @@ from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.service.importing import grammar, limits
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote, show_object
 from jointstiff.service.importing.grammar import (
+    CONVERTED_UNITS,
     POINTS,
     Dimension,
     Kind,
@@ -915,14 +916,20 @@ class ColumnReader:
             for column, unit in units.items():
                 resolved[column] = replace(meanings[column], unit=unit)
             without_unit = [column for column, unit in units.items() if unit is None]
-            if without_unit and not self._has_implied_unit(dimension):
+            if without_unit and not self._has_implied_unit(dimension, meanings):
                 self._report_missing_unit(dimension, meanings[without_unit[0]], without_unit)
         return resolved
 
-    def _has_implied_unit(self, dimension: Dimension) -> bool:
-        """Return whether a dimension needs no unit: with lengths in m, moments are in force times m."""
+    def _has_implied_unit(self, dimension: Dimension, meanings: Sequence[Meaning]) -> bool:
+        """Return whether a dimension needs no unit: with lengths in m, moments are in force times m.
+
+        Moments next to forces in a unit that is converted need a unit.
+        """
         units = self._options.units
-        return dimension == "moment" and units is not None and units.length == "m"
+        if dimension != "moment" or units is None or units.length != "m":
+            return False
+        units_of_force = {units.force, *(meaning.unit for meaning in meanings if meaning.kind == "force")}
+        return CONVERTED_UNITS.keys().isdisjoint(units_of_force)
 
     def _decide_units(
         self, dimension: Dimension, meanings: Sequence[Meaning], axes_unit: str | None

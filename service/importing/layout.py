@@ -135,6 +135,8 @@ def _describe_rows_and_units(
         notes.append(f"positions are in {name_unit(stated.axes_unit)}, as the file states")
     if columns.units.get("length") == "in":
         notes.append("lengths in inches, also those in the options, were converted to mm")
+    if columns.units.get("force") == "daN":
+        notes.append("forces in daN were converted to N")
     return notes
 
 

@@ -1,4 +1,4 @@
-"""Masses of loads in words, such as `50 kg` or `300 lb` in a cell, header, title or name of a file."""
+"""Loads in words, such as `50 kg` or `300 lb` in a cell, header, title or name of a file, and their units."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 from typing import Final
 
 from jointstiff.schemas.imports import State
+from jointstiff.service.importing.grammar import find_unit_of_readings
 
 _LOAD: Final = re.compile(
     r"(?<![\d.,])(\d{1,5}(?:[.,]\d{1,3})?)[\s_]?(?:(kg)|lbs?)(?![^\W\d_])", re.IGNORECASE
@@ -31,3 +32,11 @@ def remove_load(text: str) -> str:
 def find_state_of_load(mass: float) -> State:
     """Return the state of a target under a mass [kg]."""
     return "loaded" if mass > 0.0 else "unloaded"
+
+
+def find_newtons(unit: str) -> float:
+    """Return the newtons in a unit of force that files and people state."""
+    from jointstiff.service.conversion.units import FORCE  # imports numpy
+
+    of_readings = find_unit_of_readings(unit)
+    return of_readings.factor * FORCE[of_readings.name]

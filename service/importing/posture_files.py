@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from jointstiff.schemas.imports import ImportOptions
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.grammar import find_state, join_state_phrases
+from jointstiff.service.importing.grammar import contains_state_word, find_state, join_state_phrases
 from jointstiff.service.importing.grid import (
     ARRAYS,
     Row,
@@ -77,7 +77,7 @@ def join_posture_files(files: Sequence[SourceFile], options: ImportOptions) -> S
     has_joints = any(_LEAST_MEASURED * count <= len(labels) <= _MOST_MEASURED * count for count in counts)
     if len(headers) != 1 or len(widths) != 1 or not has_joints:
         return files
-    joined = _write(group, parts, contents)
+    joined = _write(group, parts, contents, options)
     return [*others, joined]
 
 
@@ -157,11 +157,16 @@ def _count_rows(file: SourceFile, options: ImportOptions) -> Iterator[int]:
         yield sum(count_numbers(row) >= _LEAST_NUMBERS for row in grid.rows)
 
 
-def _write(files: Sequence[SourceFile], parts: Sequence[_Parts], contents: Sequence[_Content]) -> SourceFile:
+def _write(
+    files: Sequence[SourceFile],
+    parts: Sequence[_Parts],
+    contents: Sequence[_Content],
+    options: ImportOptions,
+) -> SourceFile:
     """Write the rows of all files in one table, whose first columns have what the names of files tell."""
     others = list(zip(*(each.others for each in parts), strict=True))
     are_targets = [any(map(_is_numbered, words)) for words in others]
-    own_headers = _name_columns(contents, has_target=any(are_targets))
+    own_headers = _name_columns(contents, options, has_target=any(are_targets))
     has_target = any(are_targets) or "target" in map(fold_word, own_headers)
     headers = ["label", *("target" if is_target else "" for is_target in are_targets)]
     headers += own_headers if has_target else ["target", *own_headers]
@@ -179,8 +184,8 @@ def _write(files: Sequence[SourceFile], parts: Sequence[_Parts], contents: Seque
     return SourceFile(f"{name}{suffix}", text.getvalue().encode())
 
 
-def _name_columns(contents: Sequence[_Content], *, has_target: bool) -> list[str]:
-    """Return the headers of the columns of files; the first column may have the names of targets."""
+def _name_columns(contents: Sequence[_Content], options: ImportOptions, *, has_target: bool) -> list[str]:
+    """Return the headers of the columns of files; the first or another column may have names of targets."""
     headers = list(contents[0].headers)
     names = {tuple(row.cells[0] for row in content.rows) for content in contents}
     first = [name for own in names for name in own]
@@ -189,4 +194,19 @@ def _name_columns(contents: Sequence[_Content], *, has_target: bool) -> list[str
     is_free = not headers[0] or is_label(headers[0])
     if not has_target and (are_texts or are_counted) and (is_free or are_counted):
         headers[0] = "target"
+    elif not has_target and "target" not in map(fold_word, headers):
+        columns = [column for column in range(len(headers)) if _has_same_names(contents, column, options)]
+        if len(columns) == 1:
+            headers[columns[0]] = "target"
     return headers
+
+
+def _has_same_names(contents: Sequence[_Content], column: int, options: ImportOptions) -> bool:
+    """Return whether a column has the same names in every file, several, and no words of states or loads."""
+    names_of_file = [frozenset(row.cells[column] for row in content.rows) for content in contents]
+    names = names_of_file[0]
+    are_names = len(names) > 1 and not any(not name or looks_like_a_number(name) for name in names)
+    have_states = any(
+        find_load(name) is not None or contains_state_word(name, options.state_words) for name in names
+    )
+    return are_names and not have_states and len(set(names_of_file)) == 1

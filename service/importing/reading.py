@@ -20,6 +20,7 @@ from jointstiff.service.importing.gaps import drop_incomplete_readings, report_s
 from jointstiff.service.importing.grammar import (
     Quantity,
     collapse_blanks,
+    find_unit_of_readings,
     fits_header,
     name_unit,
     split_along_target,
@@ -287,7 +288,7 @@ class _Reader:
             preview=self.build_answer().preview.model_copy(update=update),
             faults=(),
             observations=tuple(observations),
-            units={kind: "mm" if unit == "in" else unit for kind, unit in self._units.items()},
+            units={kind: find_unit_of_readings(unit).name for kind, unit in self._units.items()},
             times_and_roundings=self._times_and_roundings,
             bodies=tuple(self._bodies),
             unusual=(*unsure_numbers, *describe_unusual_values(observations)),

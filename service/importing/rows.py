@@ -19,7 +19,6 @@ from jointstiff.schemas.fields import MAX_NAME_LENGTH
 from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import (
-    INCH,
     POINTS,
     STATE_OF_DIGIT,
     Kind,
@@ -27,6 +26,7 @@ from jointstiff.service.importing.grammar import (
     contains_state_word,
     find_state,
     find_state_in_name,
+    find_unit_of_readings,
     join_state_phrases,
     lacks_number,
 )
@@ -627,9 +627,8 @@ class RowReader:
         self._allows_missing = allow_missing
         self._grid, self._columns = layout.grid, layout.columns
         self._decimal_mark = layout.decimal_mark or "point"
-        unit = layout.columns.units.get("length")
-        self._length_factor = INCH if unit == "in" else 1.0
-        self._zero_replacement = _HALF_MICROMETRE / 1e3 if unit == "m" else _HALF_MICROMETRE
+        is_in_metres = layout.columns.units.get("length") == "m"
+        self._zero_replacement = _HALF_MICROMETRE / 1e3 if is_in_metres else _HALF_MICROMETRE
         self._targets: set[str] = set()
 
     def read_records(self, faults: Faults) -> Iterator[ObservationRecord]:
@@ -816,7 +815,7 @@ class RowReader:
         return self._allows_missing and any(are_filled) and not all(are_filled)
 
     def _read_number(self, row: Row, index: int) -> float:
-        """Return the number of a cell, lengths in inches converted to mm.
+        """Return the number of a cell in the unit of the readings: inches are converted to mm, daN to N.
 
         Raises:
             ImportFileError: the cell does not hold a number.
@@ -832,7 +831,8 @@ class RowReader:
         if kind != "number" and not is_text:
             reason = f"a number is needed, but the cell has type {kind}: {quote(text)}"
             raise ImportFileError(self._grid.place(row, index), reason, _REMEDIES.get(kind, _ENTER_A_NUMBER))
-        factor = self._length_factor if self._columns.meanings[index].dimension == "length" else 1.0
+        unit = self._columns.meanings[index].unit
+        factor = 1.0 if unit is None else find_unit_of_readings(unit).factor
         return factor * read_number(text, mark)
 
     def _describe_missing_number(self, text: str, index: int) -> ImportFileError:

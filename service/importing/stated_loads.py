@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 from jointstiff.service.importing.errors import quote
 from jointstiff.service.importing.grammar import UNIT_OF_LOAD, WORDS_OF_LOADS, is_force, is_hung, is_mass
 from jointstiff.service.importing.grid import looks_like_a_number
+from jointstiff.service.importing.loads import find_newtons
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.importing.statements import Statement, read_statements
 
@@ -157,18 +158,11 @@ def _read_vector(file: str, place: str, found: re.Match[str]) -> Iterator[Stated
     if unit is None and ending in UNIT_OF_LOAD:
         name, unit = base, ending
     numbers = [number.replace("−", "-") for number in found.groups()[1:4]]
-    size = _convert_to_newtons(hypot(*map(float, numbers)), UNIT_OF_LOAD[unit] if unit else "N")
+    size = hypot(*map(float, numbers)) * find_newtons(UNIT_OF_LOAD[unit] if unit else "N")
     if is_force(name.rpartition(".")[2]) and size > 0.0:
         force = f"{','.join(numbers)}{UNIT_OF_LOAD[unit]}" if unit else ""
         text = " ".join(found[0].split()).strip(_MARKS)
         yield StatedLoad(file, place, text, size, force, "this force acts on the robot in axes of R0")
-
-
-def _convert_to_newtons(number: float, unit: str) -> float:
-    """Return a force or the weight of a mass in a unit [N]."""
-    from jointstiff.service.conversion.units import FORCE  # imports numpy
-
-    return number * FORCE[unit]
 
 
 def _read_size(found: re.Match[str]) -> float:
@@ -225,7 +219,7 @@ def _read_load(file: str, place: str, text: str, found: re.Match[str]) -> Stated
     words = " ".join((words_before + shown).split()[-count:]).lstrip(_MARKS)
     unit = UNIT_OF_LOAD[groups.get("unit") or "kg"]
     number = found["size"].replace(",", ".")
-    size = _convert_to_newtons(float(number), unit)
+    size = float(number) * find_newtons(unit)
     direction = direction or _find_direction(text, found)
     before_unit = text[: found.end("size")][-_MOST_BEFORE:]
     is_clear = not (_THOUSANDS.search(before_unit) or _LIST.search(before[-_MOST_BEFORE:]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,13 +11,16 @@ import numpy as np
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import (
+    Dimension,
     Meaning,
     collapse_blanks,
     find_unit_of_force,
     find_unit_of_weight,
+    find_unknown_unit,
     fits_header,
     is_hung,
     is_in_kg,
+    list_units,
     looks_like_a_force,
     split_unit,
 )
@@ -115,6 +118,24 @@ def name_columns_left(left: Sequence[ColumnsLeft], tables: Sequence[NumberTable]
     others = len(names) - _MOST_NAMED
     listed = ", ".join(names[:_MOST_NAMED]) + (f" and {others} more" if others > 0 else "")
     yield f"not read: {listed}"
+    headers = [each.table.headers[column] for each in left for column in each.columns]
+    yield from _note_unknown_units(headers)
+
+
+def _note_unknown_units(headers: Iterable[str]) -> Iterator[str]:
+    """Yield a note on each unit of a load that is not known, with the headers that state the unit."""
+    headers_of_unit = dict[tuple[Dimension, str], list[str]]()
+    for header in headers:
+        unknown = find_unknown_unit(header)
+        if unknown is not None:
+            headers_of_unit.setdefault(unknown, []).append(collapse_blanks(header))
+    for (dimension, unit), own in headers_of_unit.items():
+        *first, last = list_units(dimension)
+        state_force = "state `force` and " if dimension == "force" else ""
+        yield (
+            f"{quote(unit)} of {', '.join(own[:_MOST_NAMED])} is no known unit of {dimension}: convert the "
+            f"numbers to {', '.join(first)} or {last}, or {state_force}leave the columns out with `ignore`"
+        )
 
 
 def _name_column(table: NumberTable, column: int) -> str:

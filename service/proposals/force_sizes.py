@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple, cast
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.schemas.measurement import ConfusedForceUnit
-from jointstiff.service.conversion.units import FORCE
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import find_unit_of_force, find_unit_of_size
+from jointstiff.service.importing.loads import find_newtons
 from jointstiff.service.proposals.columns_left import ColumnsLeft, may_be_force
 from jointstiff.service.proposals.force_evidence import ForceEvidence
 from jointstiff.service.proposals.names.naming import NamedReading
@@ -94,7 +93,7 @@ def compare_stated_force(
     sizes = _find_sizes(left, proposal, named, tables)
     if request.force is None or unit is None or sizes is None:
         return StatedForce(tables, request, [])
-    stated = FORCE[unit] * float(np.linalg.norm(request.force))
+    stated = find_newtons(unit) * float(np.linalg.norm(request.force))
     of_loads = list(sizes.list_under_load(proposal).values())
     _refuse_other_sizes(sizes, of_loads, stated)
     forces = np.hstack(of_loads)
@@ -131,9 +130,8 @@ def take_sizes_as_weights(
     if not (is_force and is_one_in_posture and evidence.are_down(of_loads)):
         return tables, []
     down = np.array([0.0, 0.0, -1.0])
-    in_unit = cast("ConfusedForceUnit", unit)
     note = f"{sizes.header} as the size of a force along −z of R0, as the deflections show"
-    return [_add_forces(table, sizes, proposal, down, in_unit) for table in tables], [note]
+    return [_add_forces(table, sizes, proposal, down, unit) for table in tables], [note]
 
 
 def _find_sizes(
@@ -158,7 +156,7 @@ def _find_sizes(
     has_joints = table.name == proposal.joints.table
     if unit is None or not (has_joints or (own and len({each.load for each in loaded}) == 1)):
         return None
-    return _ForceSizes(table, column, FORCE[unit], own)
+    return _ForceSizes(table, column, find_newtons(unit), own)
 
 
 def _refuse_other_sizes(sizes: _ForceSizes, of_loads: Sequence[FloatArray], stated: float) -> None:
@@ -203,7 +201,7 @@ def _add_forces(
     sizes: _ForceSizes,
     proposal: Proposal,
     direction: FloatArray,
-    unit: ConfusedForceUnit,
+    unit: str,
 ) -> NumberTable:
     """Return a table that has the force of each row along a unit vector, if the rows are those of joints."""
     if table.name != proposal.joints.table:
@@ -215,5 +213,5 @@ def _add_forces(
         of_postures = of_loads[0][:, 0]
         is_in_blocks = groups.order == "in blocks"
         numbers = np.tile(of_postures, groups.count) if is_in_blocks else np.repeat(of_postures, groups.count)
-    forces = np.outer(np.abs(np.nan_to_num(numbers)) / FORCE[unit], direction)
+    forces = np.outer(np.abs(np.nan_to_num(numbers)) / find_newtons(unit), direction)
     return _ignore(table, sizes).add_forces(forces, unit)

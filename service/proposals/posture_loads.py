@@ -9,9 +9,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.service.conversion.units import FORCE
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import Kind
+from jointstiff.service.importing.loads import find_newtons
 from jointstiff.service.proposals.names.row_name import RowName
 from jointstiff.service.proposals.tables.load_columns import find_states_of_loads
 from jointstiff.service.proposals.tables.numbers import NumberTable
@@ -203,6 +203,7 @@ def _arrange_axes(table: NumberTable, columns: Sequence[int], values: FloatArray
     for column, numbers in zip(columns, values.T, strict=True):
         meaning = table.meanings[column]
         axis = 0 if meaning is None or meaning.axis is None else meaning.axis
-        unit = None if meaning is None else meaning.unit
-        arranged[:, axis] = np.nan_to_num(numbers) * FORCE.get(unit or "", 1.0)
+        unit = meaning.unit if meaning is not None and meaning.dimension == "force" else None
+        factor = 1.0 if unit is None else find_newtons(unit)
+        arranged[:, axis] = factor * np.nan_to_num(numbers)
     return arranged

@@ -61,6 +61,10 @@ class ProposedImport:
         """Robot that fits."""
         return self.proposal.robots[0]
 
+    def add_note(self, note: str) -> ProposedImport:
+        """Return the proposal with a note on what the files state."""
+        return replace(self, notes=(*self.notes, note))
+
     def find_fault(self) -> ImportFileError | None:
         """Return the first fault of the table with the proposed meaning; None if a person can accept it."""
         faults = self._understand().faults
@@ -111,3 +115,7 @@ class NoProposal:
     reason: str
     remedy: str = ""  # what to do, if the robot explains some columns and the others must be stated
     fault: ImportFileError | None = None  # that an option of the import removes, so that a person can answer
+
+    def add_note(self, note: str) -> NoProposal:
+        """Return this reason with a note on what the files state."""
+        return replace(self, reason=f"{self.reason}; {note}")

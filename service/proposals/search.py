@@ -9,10 +9,12 @@ from functools import partial
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.meaning import TableMeaning
 from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.importing.legends import find_legend
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.proposals.completion import complete
 from jointstiff.service.proposals.found_meaning import find_in_one_unit, tell_postures_by_joints
 from jointstiff.service.proposals.lone_deflections import propose_deflections
+from jointstiff.service.proposals.names.naming import list_state_words
 from jointstiff.service.proposals.no_proposal import NoProposalError, UnfinishedError, UnreadError
 from jointstiff.service.proposals.proposed_import import NoProposal, ProposedImport
 from jointstiff.service.proposals.tables.joined_tables import JoinedTables, join_numbers, read_numbers
@@ -40,6 +42,30 @@ def propose_import(
         template: meaning of earlier files of the same form, that these files must have; None for any meaning.
     """
     known = list(robots)
+    found = _propose_or_decline(files, request, known, template)
+    legend = find_legend(files, _list_open_words(found)) if template is None else None
+    if legend is None:
+        return found
+    stated = request.model_copy(update={"state_words": {**request.state_words, **legend.states}})
+    return _propose_or_decline(files, stated, known, template).add_note(legend.note)
+
+
+def _list_open_words(found: ProposedImport | NoProposal) -> Sequence[str]:
+    """Return the words of files that may be states, and that no name explains; () without such words."""
+    if isinstance(found, NoProposal):
+        is_question = found.fault is not None and found.fault.option == "state_words"
+        return found.fault.words if found.fault is not None and is_question else ()
+    by_order = [each for each in found.named if each.is_by_order]
+    return list_state_words(by_order) if by_order else ()
+
+
+def _propose_or_decline(
+    files: Sequence[SourceFile],
+    request: ImportRequest,
+    known: Sequence[KnownRobot],
+    template: TableMeaning | None,
+) -> ProposedImport | NoProposal:
+    """Return the proposal of the robots, or why there is none; arguments as of `propose_import`."""
     try:
         try:
             return _propose_tables(files, request, known, template)

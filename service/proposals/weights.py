@@ -8,9 +8,10 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.service.conversion.units import FORCE, KGF
+from jointstiff.service.conversion.units import KGF
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError
 from jointstiff.service.importing.grammar import is_in_kg
+from jointstiff.service.importing.loads import find_newtons
 from jointstiff.service.proposals.names.naming import NamedReading
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.service.proposals.tables.rewriting import has_column_of, list_masses
@@ -55,6 +56,6 @@ def _differs_from_mass(masses: Sequence[float | None], joints: NumberTable, requ
     mass = masses[0] if masses else None
     if not has_column or mass is None or request.force is None or unit is None:
         return False
-    weight = mass * FORCE["kgf"]
-    stated = FORCE[unit] * float(np.linalg.norm(request.force))
+    weight = KGF * mass
+    stated = find_newtons(unit) * float(np.linalg.norm(request.force))
     return abs(stated - weight) > _SAME_WEIGHT * weight

@@ -26,7 +26,17 @@ from jointstiff.schemas.imports import (
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place
-from jointstiff.service.importing.grammar import Kind, Quantity, joint_number, split_along_target
+from jointstiff.service.importing.grammar import (
+    CONVERTED_UNITS,
+    Kind,
+    Quantity,
+    UnitOfReadings,
+    find_known_unit,
+    find_unit_of_readings,
+    joint_number,
+    split_along_target,
+)
+from jointstiff.service.importing.legends import find_legend
 from jointstiff.service.importing.posture_files import join_posture_files
 from jointstiff.service.importing.reading import Understood, understand_files
 from jointstiff.service.importing.rows import ObservationRecord, Value
@@ -115,8 +125,23 @@ class _StatedReadings:
 
     @property
     def force(self) -> Vector3 | None:
-        """Force of observations whose files have none: zero if the robot's own weight is the load."""
-        return (0.0, 0.0, 0.0) if self.by_own_weight else self.request.force
+        """Force of observations whose files have none, in the unit of the readings; None if not stated.
+
+        If the robot's own weight is the load, all forces are zero.
+        """
+        stated = self.request.force
+        if self.by_own_weight:
+            return (0.0, 0.0, 0.0)
+        if stated is None or self.stated_unit_of_force is None:
+            return stated
+        x, y, z = (self.stated_unit_of_force.factor * each for each in stated)
+        return x, y, z
+
+    @property
+    def stated_unit_of_force(self) -> UnitOfReadings | None:
+        """Unit of the readings by the unit of forces in the request; None if not stated."""
+        unit = None if self.request.units is None else self.request.units.force
+        return None if unit is None else find_unit_of_readings(unit)
 
     def first_has(self, kind: Kind) -> bool:
         """Return whether the first observation has numbers of a kind, such as `joint` or `load point`."""
@@ -161,7 +186,7 @@ def import_files(
         ImportRefusedError: something in the files is not understood, contradictory or ambiguous, and the
             request does not have `show_faults`.
     """
-    understood = understand_files(files, request, () if robot is None else robot.joint_names)
+    understood = _understand_with_legend(files, request, () if robot is None else robot.joint_names)
     if understood.weight_step is not None:
         return _answer_weight_step(understood)
     faults = list(understood.faults)
@@ -180,6 +205,28 @@ def import_files(
     if faults and not request.show_faults:
         raise ImportRefusedError(faults)
     return _build_answer(understood, faults, bodies, results)
+
+
+def _understand_with_legend(
+    files: Sequence[SourceFile], request: ImportRequest, joints: Sequence[str]
+) -> Understood:
+    """Read files, with the states that a legend in them gives the words in question.
+
+    The legend counts only if nothing else is in question. `joints` are the names of the robot's joints.
+    """
+    understood = understand_files(files, request, joints)
+    words = dict.fromkeys(word for fault in understood.faults for word in fault.words)
+    if any(fault.option != "state_words" for fault in understood.faults) or not words:
+        return understood
+    legend = find_legend(files, tuple(words))
+    if legend is None:
+        return understood
+    state_words = {**request.state_words, **legend.states}
+    stated = understand_files(files, request.model_copy(update={"state_words": state_words}), joints)
+    if stated.faults:
+        return understood
+    assumptions = [*stated.preview.assumptions, legend.note]
+    return replace(stated, preview=stated.preview.model_copy(update={"assumptions": assumptions}))
 
 
 def _describe_likely_force(files: Sequence[SourceFile]) -> str:
@@ -351,9 +398,8 @@ def _has_load_point(readings: _StatedReadings) -> bool:
 
 def _lacks_unit_of_force(readings: _StatedReadings) -> bool:
     """Return whether the request states a force whose unit neither the files nor the request give."""
-    request = readings.request
-    unit = None if request.units is None else request.units.force
-    return request.force is not None and unit is None and "force" not in readings.understood.units
+    is_stated = readings.stated_unit_of_force is not None or "force" in readings.understood.units
+    return readings.request.force is not None and not is_stated
 
 
 _DESCRIPTIONS: Final[Mapping[MissingField, str]] = MappingProxyType(
@@ -363,7 +409,7 @@ _DESCRIPTIONS: Final[Mapping[MissingField, str]] = MappingProxyType(
         ),
         "force": (
             "the force of each observation in axes of R0: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one "
-            "`force` (N, kN, kgf, lbf)"
+            "`force` (N, daN, kN, kgf, lbf)"
         ),
         "readings": "readings: columns such as `P10 unloaded x [mm]`, or lists of points",
         "loaded": "the positions under load",
@@ -374,7 +420,7 @@ _DESCRIPTIONS: Final[Mapping[MissingField, str]] = MappingProxyType(
             "(`load_point_target`)"
         ),
         "accept_unusual": "a confirmation (`accept_unusual`) that these values are correct: ",
-        "units.force": "the unit of `force` (`units`): N, kN, kgf or lbf",
+        "units.force": "the unit of `force` (`units`): N, daN, kN, kgf or lbf",
         "encoders": "the encoders that close the position loop (`encoders`): motor or secondary",
     }
 )
@@ -550,10 +596,9 @@ def _choose_units(readings: _StatedReadings) -> dict[str, str | None]:
 
     If the robot's own weight is the load, all forces are zero, so that their unit does not matter: it is N.
     """
-    request = readings.request
-    stated = request.units and request.units.force
+    stated = readings.stated_unit_of_force
     default = "N" if readings.by_own_weight else None
-    return {"force": stated or default, **readings.understood.units}
+    return {"force": default if stated is None else stated.name, **readings.understood.units}
 
 
 def _list_flange_targets(readings: _StatedReadings) -> dict[str, Vector3]:
@@ -719,13 +764,17 @@ def _list_table_options(readings: _StatedReadings) -> dict[str, object]:
 def _list_units_of_columns(readings: _StatedReadings, columns: Sequence[ColumnMeaning]) -> dict[str, str]:
     """Return dimension → unit of the numbers in the columns, as the request or the headers state them.
 
-    Inches were converted to mm when the files were read, so only their columns still say inches.
+    Inches and daN were converted when the files were read, so only their columns still have these units.
     """
     units = readings.request.units
     stated: dict[str, str] = {} if units is None else units.model_dump(exclude_none=True)
-    has_inches = any(column.unit == "in" for column in columns)
-    inches = {"length": "in"} if has_inches else {}
-    return {**stated, **readings.understood.units, **inches}
+    written: dict[str, str] = {}
+    for column in columns:
+        known = None if column.unit is None else find_known_unit(column.unit)
+        if known is not None and column.unit in CONVERTED_UNITS:
+            dimension, unit = known
+            written[dimension] = unit
+    return {**stated, **readings.understood.units, **written}
 
 
 def _name_meaning(column: ColumnMeaning) -> str:

@@ -17,7 +17,7 @@ from jointstiff.service.importing.grammar import (
 from jointstiff.service.importing.loads import find_load, find_state_of_load
 from jointstiff.service.proposals.names.row_name import RowName
 
-_FORCE_WITH_UNIT: Final = re.compile(r"(\d{1,6}(?:[.,]\d{1,3})?)\s?(k?N|kgf|kp|lbf)")
+_FORCE_WITH_UNIT: Final = re.compile(r"(\d{1,6}(?:[.,]\d{1,3})?)\s?((?:k|da)?N|kgf|kp|lbf)")
 
 
 def list_state_words(texts: Sequence[str], words: Mapping[str, State]) -> dict[str, RowName]:

@@ -30,7 +30,7 @@ from jointstiff.service.tables.labels import fold_word
 
 MOST_DIFFERENT: Final = 2
 """States of a column of words that nobody knows."""
-_FORCE: Final = re.compile(r"[-+]?(\d{1,6}(?:[.,]\d{1,3})?)\s?(?:k?N|kgf|kp|lbf|kg|lbs?)?")
+_FORCE: Final = re.compile(r"[-+]?(\d{1,6}(?:[.,]\d{1,3})?)\s?(?:(?:k|da)?N|kgf|kp|lbf|kg|lbs?)?")
 """A force or a mass, with or without its unit."""
 
 

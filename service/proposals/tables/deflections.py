@@ -12,7 +12,7 @@ import numpy as np
 from jointstiff.service.importing.differences import are_differences
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.grammar import Meaning, Quantity, Vocabulary, split_unit
-from jointstiff.service.proposals.names.naming import find_states_of_titles
+from jointstiff.service.importing.titles import find_states_of_titles
 from jointstiff.service.proposals.tables.lengths import find_size, guess_unit
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.arrays import FloatArray

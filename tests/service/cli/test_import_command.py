@@ -161,7 +161,7 @@ def test_positions_of_targets_and_their_deviations_are_poses_of_a_geometry(folde
     for line in (
         "  complete: 30 unloaded poses for a geometry",
         "  missing: the force of each observation in axes of R0: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, "
-        "or one `--force` (N, kN, kgf, lbf)",
+        "or one `--force` (N, daN, kN, kgf, lbf)",
         "  missing: the load point (`--load-point`), in the flange frame, or the target at the hook "
         "(`--load-point-target`)",
         "  missing: the encoders that close the position loop (`--encoders`): motor or secondary",

@@ -131,7 +131,7 @@ def folder(tmp_path_factory):
         ),
         (
             "import readings.csv --force 0,0,-50t",
-            "must be three numbers with their unit N, kN, kgf or lbf, such as 0,0,-981N",
+            "must be three numbers with their unit N, daN, kN, kgf or lbf, such as 0,0,-981N",
             "import readings.csv --force 0,0,-50kg --units length=mm,angle=deg --load-point 0,0,0 "
             "--encoders motor",
         ),

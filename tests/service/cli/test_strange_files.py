@@ -316,7 +316,7 @@ def test_names_that_say_everything_leave_the_frame_to_the_robot(monkeypatch, for
     files = {"named.csv": table([*NAMES_OF_ALL[:7], *forces, *NAMES_OF_ALL[7:]], rows)}
     has_unit = "[" in forces[0]
     shown = answer(monkeypatch, line(files, ARMS[0], ""), ["", "", "", "", ""][has_unit:])
-    asked = "Unit of forces (N, kN, kgf, lbf) [N]:"
+    asked = "Unit of forces (N, daN, kN, kgf, lbf) [N]:"
     assert_said(shown, *([] if has_unit else [asked]), "in a frame of the instrument fit", "Take it? [Y/n]")
     assert_said(shown, "wrote c.json, a campaign")
     document = read_set()

@@ -328,6 +328,7 @@ WITHOUT_FORCE = "\n".join(
         ("0,0,-1177.2N", [0.0, 0.0, -1177.2]),
         ("0 0 -1177.2 N", [0.0, 0.0, -1177.2]),
         ("[0; 0; -1.1772] kN", [0.0, 0.0, -1177.2]),
+        ("0,0,-98.1daN", [0.0, 0.0, -981.0]),
         ("-120kg", [0.0, 0.0, -120 * 9.80665]),
         ("120 kg", [0.0, 0.0, -120 * 9.80665]),
         ("0,0,-120 kp", [0.0, 0.0, -120 * 9.80665]),
@@ -350,7 +351,7 @@ def test_a_force_is_typed_with_its_unit(force, newtons, is_option, monkeypatch):
 def test_a_force_without_three_numbers_or_a_known_unit_is_refused(force):
     Path("free.csv").write_text(WITHOUT_FORCE)
     said = refused(f"import free.csv {STATED} --force='{force}' -o set.json")
-    assert "three numbers with their unit N, kN, kgf or lbf" in " ".join(said.split())
+    assert "three numbers with their unit N, daN, kN, kgf or lbf" in " ".join(said.split())
 
 
 def test_a_force_in_another_unit_than_the_units_option_is_refused():

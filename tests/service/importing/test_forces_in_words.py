@@ -61,12 +61,23 @@ def with_columns(headers, cells, loaded=LOADED):
         ("力F{}/N", 1),
         ("Сила F{}, N", 1),
         ("Kraft F{} [kN]", 1e3),
+        ("Effort {} (daN)", 10),
+        ("F{}_daN", 10),
     ],
 )
 def test_parts_of_a_force_are_known_by_its_word_and_an_axis(form, newtons, tmp_path):
     headers = [form.format(axis) for axis in "XYZ"]
     files = with_columns(headers, ["0", "0", f"{-981 / newtons}"])
     assert read_force(files, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
+
+
+@pytest.mark.parametrize("unit", ["kip", "t", "u.a."])
+def test_an_unknown_unit_of_a_force_is_named_with_what_to_state(unit, tmp_path):
+    proposed = propose(with_columns([f"F{axis} [{unit}]" for axis in "xyz"], ["0", "0", "-1"]), tmp_path)
+    assert (
+        f"'{unit}' of Fx [{unit}], Fy [{unit}], Fz [{unit}] is no known unit of force: convert the numbers "
+        "to N, daN, kN, kgf or lbf, or state `force` and leave the columns out with `ignore`"
+    ) in str(proposed)
 
 
 def test_keys_of_a_force_are_its_parts_in_the_stated_unit(tmp_path):
@@ -228,7 +239,9 @@ def as_list(numbers):
     return ", ".join(digits(numbers))
 
 
-@pytest.mark.parametrize("line", ["F = [0 0 -981] N", "F = [0, 0, -0.981] kN", "Kraft: [0; 0; -981] N"])
+@pytest.mark.parametrize(
+    "line", ["F = [0 0 -981] N", "F = [0, 0, -98.1] daN", "F = [0, 0, -0.981] kN", "Kraft: [0; 0; -981] N"]
+)
 @pytest.mark.parametrize("is_in_each_posture", [True, False])
 def test_a_list_of_a_force_in_a_log_has_the_unit_behind_it(line, is_in_each_posture, tmp_path):
     text = "" if is_in_each_posture else f"{line}\n"
@@ -337,6 +350,7 @@ def test_a_unit_in_a_merged_cell_below_the_axes_holds_for_its_group(units, tmp_p
             "0,0,-150kgf",
         ),
         ("# Weight of 10 kg hung", 'says "Weight of 10 kg" in line 1: if this load hangs', "0,0,-10kgf"),
+        ("# Effort 80 daN, -Z", 'says "Effort 80 daN" in line 1', "0,0,-80daN"),
         ("# payload_kg: 8.0", 'says "payload_kg: 8.0" in line 1: if this load hangs', "0,0,-8.0kgf"),
         ("# F = 60 N in -X", 'says "F = 60 N in -X" in line 1: if this force acts', "-60,0,0N"),
         ("# F = 60 N in Z", 'says "F = 60 N in Z" in line 1', ""),
@@ -368,7 +382,7 @@ def test_many_masses_in_words_are_no_load(tmp_path):
         [*row[:7], f"part of {n + 1} kg", *row[7:]] for n, row in enumerate(wide(CAMPAIGN, UNLOADED, LOADED))
     ]
     files = {"a.csv": table(["Pose", *(f"{joint} [deg]" for joint in JOINTS), "Remark", *POINTS], rows)}
-    assert accept(files, tmp_path).missing[0].endswith("(N, kN, kgf, lbf)")
+    assert accept(files, tmp_path).missing[0].endswith("(N, daN, kN, kgf, lbf)")
 
 
 def test_a_load_in_words_is_quoted_without_the_number_of_the_cell_before(tmp_path):

@@ -253,7 +253,7 @@ def named_points(of_unloaded, of_loaded, lost=4):
 
 @pytest.mark.parametrize(
     ("of_unloaded", "of_loaded"),
-    [("_vide", "_50N"), ("_0N", "_50N"), ("", "_50N"), ("", "_10kg"), ("_a", "_b")],
+    [("_vide", "_50N"), ("_vide", "_5daN"), ("_0N", "_50N"), ("", "_50N"), ("", "_10kg"), ("_a", "_b")],
 )
 def test_loads_in_names_of_points_are_states_though_a_point_is_absent(of_unloaded, of_loaded, tmp_path):
     text = val3(("jMes", "jointRx", DEGREES))
@@ -274,8 +274,8 @@ def assert_read_without(proposal, lost):
 def test_points_with_an_unknown_word_behind_the_names_of_others_are_never_left_out(tmp_path):
     text = val3(("jMes", "jointRx", DEGREES))
     with pytest.raises(js.CampaignError) as refused:
-        propose(tmp_path, mes__dtx=text, points__csv=named_points("", "_50daN"))
-    assert "points whose names end with '50daN' would be left out" in str(refused.value)
+        propose(tmp_path, mes__dtx=text, points__csv=named_points("", "_50kip"))
+    assert "points whose names end with '50kip' would be left out" in str(refused.value)
     assert "state_words" in str(refused.value)
 
 

@@ -321,6 +321,38 @@ def test_files_of_postures_and_states_are_one_table(form, tmp_path):
     assert_read(POSTURES[form], tmp_path)
 
 
+def write_features(header, form, conditions):
+    """Return files of one posture each with rows of both states, whose columns have texts."""
+    return write_postures(
+        lambda n, _: f"pose{n + 1}.csv",
+        lambda n, _: (
+            f"{header},X,Y,Z\n"
+            + "".join(list_targets(n, s, form.format(state=conditions[s]) + ",{x},{y},{z}\n") for s in (0, 1))
+        ),
+        states=(0,),
+    )
+
+
+@pytest.mark.parametrize("conditions", [("free", "100kg"), ("no load", "load"), ("unbelastet", "belastet")])
+@pytest.mark.parametrize(
+    ("header", "form"),
+    [
+        ("Feature,Condition", "P{{k}},{state}"),
+        ("Condition,Feature", "{state},P{{k}}"),
+        ("Element,Art,Zustand", "P{{k}},Kugel,{state}"),
+    ],
+)
+def test_names_that_files_of_postures_share_are_targets(header, form, conditions, tmp_path):
+    document = read(write_features(header, form, conditions), tmp_path)
+    assert judge(CAMPAIGN, document) == []
+    assert {each["target"] for each in document["observations"][0]["readings"]} == {"P1", "P2", "P3"}
+
+
+def test_of_several_columns_of_names_none_is_taken_for_the_targets(tmp_path):
+    files = write_features("Feature,Element,Condition", "P{{k}},N{{k}},{state}", ("free", "100kg"))
+    assert "target T1 was read only unloaded" in refuse(files, tmp_path).detail
+
+
 def test_words_of_files_that_nobody_knows_are_one_question(tmp_path):
     files = write_postures(lambda n, s: f"pose{n + 1}_{('weg', 'dran')[s]}.txt")
     problem = refuse(files, tmp_path)

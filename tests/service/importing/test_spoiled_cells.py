@@ -198,5 +198,5 @@ def test_joints_alone_lack_readings_and_points_alone_lack_angles_and_forces():
     assert points.missing == [
         "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, … (lengths as `J3 [mm]`)",
         "the force of each observation in axes of R0: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force` "
-        "(N, kN, kgf, lbf)",
+        "(N, daN, kN, kgf, lbf)",
     ]

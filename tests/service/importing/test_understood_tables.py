@@ -28,7 +28,7 @@ BODY = "".join(f"{';'.join(row)}\n" for row in ROWS[1:])
 JOINTS_MISSING = "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, … (lengths as `J3 [mm]`)"
 FORCE_MISSING = (
     "the force of each observation in axes of R0: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force` "
-    "(N, kN, kgf, lbf)"
+    "(N, daN, kN, kgf, lbf)"
 )
 
 
@@ -304,6 +304,39 @@ def test_inches_become_millimetres(word):
     assert imported.preview.files[0].assumptions == [
         "lengths in inches, also those in the options, were converted to mm"
     ]
+
+
+def test_decanewtons_of_columns_become_newtons():
+    table = CAMPAIGN.replace("[N]", "[daN]")
+    answer = answered(("a.csv", table))
+    forces = [tuple(10.0 * each for each in force) for _, _, force, _ in CAMPAIGN_NUMBERS]
+    assert [force for _, _, force, _ in numbers_of(answer)] == forces
+    assert answer.measurement_set.units.force == "N"
+    assert "forces in daN were converted to N" in answer.files[0].assumptions
+    again = import_again(("a.csv", table), answer)
+    assert numbers_of(again) == numbers_of(answer)
+
+
+def import_again(file, answer):
+    """Import a file with the template of an earlier import."""
+    return answered(file, **answer.template.model_dump(exclude_unset=True))
+
+
+def test_decanewtons_of_the_option_become_newtons():
+    columns = answered(("a.csv", CAMPAIGN.replace(" [N]", "")), units={"force": "daN"})
+    forces = [tuple(10.0 * each for each in force) for _, _, force, _ in CAMPAIGN_NUMBERS]
+    assert [force for _, _, force, _ in numbers_of(columns)] == forces
+    stated = answered(("a.csv", GROUPED), units={**MM, "force": "daN"}, force=(0.0, 0.0, -98.1))
+    assert stated.measurement_set.units.force == "N"
+    assert [each.force for each in stated.measurement_set.observations] == [(0.0, 0.0, -981.0)]
+
+
+def test_moments_without_a_unit_are_never_in_decanewtons_times_metres():
+    table = "label;J1 [deg];Fx [daN];Fy [daN];Fz [daN];Mx;My;Mz;P10 dx;P10 dy;P10 dz\n"
+    table += "c01;10.5;0;0;-98;0;5;0;0.001;0.002;-0.00125\n"
+    assert refusals(("a.csv", table), units={"length": "m"})[0].startswith(
+        "a.csv:1:6: moment x and 2 other columns have no unit"
+    )
 
 
 def test_a_header_of_two_rows_below_a_title_is_combined():

@@ -10,7 +10,7 @@ type Dimension = keyof typeof UNITS;
 export const UNITS = {
   length: ["mm", "m", "in"],
   angle: ["deg", "rad"],
-  force: ["N", "kN", "kgf", "lbf"],
+  force: ["N", "daN", "kN", "kgf", "lbf"],
   moment: ["N.m", "N.mm", "kN.m", "kgf.m", "lbf.ft", "lbf.in"],
 } as const;
 

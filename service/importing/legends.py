@@ -1,0 +1,144 @@
+"""Legends: what files themselves state of words, such as `a = sans charge`, `b = avec charge`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import islice
+from typing import Final, NamedTuple
+
+from jointstiff.schemas.imports import State
+from jointstiff.service.importing.errors import quote
+from jointstiff.service.importing.grammar import find_any_unit
+from jointstiff.service.importing.grid import looks_like_a_number
+from jointstiff.service.importing.source_files import SourceFile
+from jointstiff.service.importing.statements import Statement, read_statements
+from jointstiff.service.importing.titles import find_states_of_titles
+from jointstiff.service.tables.labels import fold_word
+
+_MOST_TEXTS: Final = 100_000
+"""Texts of a file that are searched."""
+_MOST_CHARACTERS: Final = 200
+"""Characters of a line of a legend, at most: a longer line is no legend."""
+_LONGEST_WORD: Final = 16
+_MOST_MEANINGS: Final = 200
+"""Meanings of words of all files, at most: more are rows of a table."""
+_ENTRY: Final = re.compile(rf"(?<![^\W_])[\"'(]?(\w{{1,{_LONGEST_WORD}}})[\"')]? ?[=:] ?")
+"""A word, and the sign before its meaning."""
+_AXIS: Final = re.compile(r"^[xyz]|[xyz]$")
+_BETWEEN: Final = re.compile(r"[\s,;/&+-]+")
+"""What is between the words that have one meaning, such as those of `Xa, Ya, Za`."""
+_ENDS: Final = " \t,;.:=|()\"'"
+"""Signs around a meaning."""
+
+
+class _Entry(NamedTuple):
+    """Word and its meaning, as a file states them."""
+
+    word: str  # folded
+    meaning: str
+    source: str  # file and place, in words
+
+
+class Legend(NamedTuple):
+    """States of two words by a legend of the files."""
+
+    states: Mapping[str, State]
+    note: str  # where the files state the meanings
+
+
+def find_legend(files: Sequence[SourceFile], words: Sequence[str]) -> Legend | None:
+    """Return the states of words by the meanings that files state; None unless one is loaded, one unloaded.
+
+    One word needs another word of the legend, with the other state. A word with two meanings has no state.
+    """
+    if len(words) not in (1, 2):
+        return None
+    entries = _list_entries(files)
+    meanings = _gather_meanings(entries)
+    others = words[1:] or [word for word in meanings if word != fold_word(words[0])]
+    pairs = [(words[0], other) for other in others]
+    legends = [legend for pair in pairs if (legend := _read_pair(pair, meanings)) is not None]
+    if len(legends) != 1:
+        return None
+    (states,) = legends
+    listed = " and ".join(f"{quote(word)} is {state}" for word, state in states.items())
+    sources = dict.fromkeys(meanings[fold_word(word)].source for word in states)
+    return Legend(states, f"{listed}, as {' and '.join(sources)} states")
+
+
+def _read_pair(pair: tuple[str, str], meanings: Mapping[str, _Entry]) -> dict[str, State] | None:
+    """Return word → state of two words with meanings; None unless one is loaded, and one unloaded."""
+    entries = [meanings.get(fold_word(word)) for word in pair]
+    texts = [entry.meaning for entry in entries if entry is not None]
+    if len(texts) < 2:
+        return None
+    state_of_text = find_states_of_titles(texts, {})
+    states = {word: state_of_text.get(text) for word, text in zip(pair, texts, strict=True)}
+    known = {word: state for word, state in states.items() if state is not None}
+    return known if sorted(known.values()) == ["loaded", "unloaded"] else None
+
+
+def _gather_meanings(entries: Iterable[_Entry]) -> dict[str, _Entry]:
+    """Return word → its entry, of the words with one meaning only."""
+    meanings = dict[str, _Entry]()
+    several = set[str]()
+    for entry in entries:
+        first = meanings.setdefault(entry.word, entry)
+        if fold_word(first.meaning) != fold_word(entry.meaning):
+            several.add(entry.word)
+    return {word: entry for word, entry in meanings.items() if word not in several}
+
+
+def _list_entries(files: Sequence[SourceFile]) -> list[_Entry]:
+    """Return the words with meanings of all files; none if there are many, as in a table."""
+    entries = list[_Entry]()
+    for file in files:
+        for statement in islice(read_statements(file), _MOST_TEXTS):
+            if statement.place and len(statement.text) <= _MOST_CHARACTERS:
+                entries += _read_entries(file.name, statement)
+            if len(entries) > _MOST_MEANINGS:
+                return []
+    return entries
+
+
+def _read_entries(file: str, statement: Statement) -> Iterator[_Entry]:
+    """Yield the words that a text explains: cells before a cell with words, or words before an equals sign.
+
+    `Xa Ya Za` explains `a`, too: the letters of axes tell the columns of a position.
+    """
+    source = f"{statement.place} of {quote(file)}"
+    cells = [cell.strip() for cell in statement.text.split("\t")]
+    pairs = _split_cells(cells) if len(cells) > 1 else _split_text(statement.text)
+    for words, meaning in pairs:
+        for word in dict.fromkeys(_strip_axes(words)):
+            yield _Entry(word, meaning, source)
+
+
+def _split_cells(cells: Sequence[str]) -> Iterator[tuple[list[str], str]]:
+    """Yield words and meaning of a row of cells, of which the last may be a unit; none of numbers."""
+    has_unit = len(cells) > 2 and find_any_unit(cells[-1]) is not None
+    *first, meaning = cells[:-1] if has_unit else cells
+    words = [word for cell in first for word in _BETWEEN.split(cell.strip(_ENDS)) if word]
+    is_short = all(len(word) <= _LONGEST_WORD for word in words)
+    if is_short and not any(map(looks_like_a_number, (meaning, *first[1:]))):
+        yield words, meaning.strip(_ENDS)
+
+
+def _split_text(text: str) -> Iterator[tuple[list[str], str]]:
+    """Yield the words and meanings of a text such as `a = without load, b = with load`."""
+    found = list(_ENTRY.finditer(text))
+    ends = [*(match.start() for match in found[1:]), len(text)]
+    for match, end in zip(found, ends, strict=False):
+        meaning = text[match.end() : end].strip(_ENDS)
+        if meaning and not looks_like_a_number(meaning):
+            yield [match[1]], meaning
+
+
+def _strip_axes(words: Sequence[str]) -> Iterator[str]:
+    """Yield words in lower case, and the rest that words of all axes share: `a` of `Xa`, `Ya` and `Za`."""
+    folded = [fold_word(word) for word in words]
+    yield from folded
+    rests = {_AXIS.sub("", word, count=1) for word in folded}
+    if len(rests) == 1 and (rest := rests.pop()):
+        yield rest

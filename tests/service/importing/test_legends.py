@@ -1,0 +1,133 @@
+"""Legends: what a word for a state means, as a sheet, a comment or a line of the files themselves states."""
+
+import io
+
+import openpyxl
+import pytest
+from support.strange_files import JOINTS, both, digits, joint_rows, judge, simulate, table, wide
+
+import jointstiff as js
+
+ARM = "KUKA KR 210 R2700 extra"
+CAMPAIGN = simulate(ARM, seed=3, postures=14)
+UNLOADED, LOADED = both(CAMPAIGN)
+STATED = {"encoders": "motor", "load_point": [0, 0, 120], "length_unit": "mm"}
+HEADER = ["Pose", *JOINTS, "Last [kg]", *(f"{axis}{word}" for word in "ab" for axis in "XYZ")]
+
+
+def propose(files, folder, **stated):
+    for name, content in files.items():
+        (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
+    return js.read(*(folder / name for name in files), robot=ARM, **(STATED | stated))
+
+
+def judge_files(files, folder):
+    proposed = propose(files, folder)
+    answer = proposed.accept() if hasattr(proposed, "accept") else proposed
+    assert answer.missing == []
+    return judge(CAMPAIGN, answer.measurement_set.model_dump(mode="json")), answer
+
+
+def list_rows(is_loaded_first):
+    positions = (LOADED, UNLOADED) if is_loaded_first else (UNLOADED, LOADED)
+    return [[*row[:7], "100", *row[7:]] for row in wide(CAMPAIGN, *positions)]
+
+
+def write_legend(form, is_loaded_first):
+    states = ["avec charge", "sans charge"] if is_loaded_first else ["sans charge", "avec charge"]
+    return form.format(a=states[0], b=states[1])
+
+
+FORMS = [
+    "# a = {a}, b = {b}",
+    "# a = {a}\n# b = {b}",
+    "# Xa Ya Za = position {a}; Xb Yb Zb = position {b}",
+    "Légende ; a : {a} ; b : {b}",
+    "Légende :\na = {a}\nb = {b}\n",
+]
+
+
+@pytest.mark.parametrize("is_loaded_first", [True, False])
+@pytest.mark.parametrize("form", FORMS)
+def test_a_legend_in_lines_states_the_words_of_headers(form, is_loaded_first, tmp_path):
+    text = f"{write_legend(form, is_loaded_first)}\n{table(HEADER, list_rows(is_loaded_first))}"
+    faults, answer = judge_files({"a.csv": text}, tmp_path)
+    assert faults == []
+    state = "loaded" if is_loaded_first else "unloaded"
+    assert f"'a' is {state}" in str(answer.assumptions)
+    assert "'a.csv' states" in str(answer.assumptions)
+
+
+def write_workbook(rows, legend):
+    book = openpyxl.Workbook()
+    book.active.title = "Essais"
+    for row in (HEADER, *([row[0], *map(float, row[1:])] for row in rows)):
+        book.active.append(row)
+    sheet = book.create_sheet("Légende")
+    for row in legend:
+        sheet.append(row)
+    output = io.BytesIO()
+    book.save(output)
+    return {"a.xlsx": output.getvalue()}
+
+
+@pytest.mark.parametrize("is_loaded_first", [True, False])
+@pytest.mark.parametrize("words", [("a", "b"), ("Xa Ya Za", "Xb Yb Zb"), ("Xa, Ya, Za", "Xb, Yb, Zb")])
+@pytest.mark.parametrize("unit", [[], ["mm"]])
+def test_a_sheet_states_the_words_of_headers(words, unit, is_loaded_first, tmp_path):
+    states = ["position sous effort", "position avant effort"]
+    in_order = states if is_loaded_first else states[::-1]
+    legend = [[word, state, *unit] for word, state in zip(words, in_order, strict=True)]
+    files = write_workbook(list_rows(is_loaded_first), [*legend, ["Last", "masse suspendue", "kg"]])
+    faults, answer = judge_files(files, tmp_path)
+    assert faults == []
+    assert "row 1 of the sheet 'Légende'" in str(answer.assumptions)
+
+
+def test_a_legend_states_the_words_of_a_column(tmp_path):
+    rows = [
+        [*row, state, *digits(places[n])]
+        for n, row in enumerate(joint_rows(CAMPAIGN))
+        for state, places in (("a", LOADED), ("b", UNLOADED))
+    ]
+    text = "# a = mit Last 100 kg, b = ohne Last\n" + table(["Pose", *JOINTS, "Fall", *"XYZ"], rows)
+    proposed = propose({"a.csv": text}, tmp_path, force=[0, 0, -981], units={"force": "N"})
+    assert judge(CAMPAIGN, proposed.accept().measurement_set.model_dump(mode="json")) == []
+    assert "'a' is loaded and 'b' is unloaded" in str(proposed)
+
+
+def test_a_legend_states_the_words_of_a_named_column_of_states(tmp_path):
+    text = "# a = loaded, b = unloaded\nlabel;target;state;J1 [deg];x [mm];y [mm];z [mm]\n"
+    text += "c1;P1;a;10;1;2;2.5\nc1;P1;b;10;1;2;3\n"
+    (tmp_path / "a.csv").write_text(text)
+    answer = js.read(tmp_path / "a.csv", **STATED, force=[0, 0, -981], units={"force": "N"})
+    (reading,) = answer.measurement_set.observations[0].readings
+    assert (reading.unloaded, reading.loaded) == ((1.0, 2.0, 3.0), (1.0, 2.0, 2.5))
+    assert "'a' is loaded and 'b' is unloaded" in str(answer.assumptions)
+
+
+@pytest.mark.parametrize(
+    "legend",
+    [
+        "# a = avec charge",
+        "# a = avec charge, b = avec charge",
+        "# a = avec charge, b = position du point",
+        "# a = sans charge, b = avec charge\n# a = avec charge",
+        "# a = sans charge puis avec charge, b = avec charge",
+        "# c = sans charge, d = avec charge",
+        "# a = not unloaded, b = loaded",
+    ],
+)
+def test_a_legend_that_is_not_clear_leaves_the_question(legend, tmp_path):
+    text = f"{legend}\n{table(HEADER, list_rows(is_loaded_first=True))}"
+    with pytest.raises(js.CampaignError, match="state_words"):
+        propose({"a.csv": text}, tmp_path)
+
+
+def test_a_legend_against_the_force_is_no_silent_exchange(tmp_path):
+    rows = wide(CAMPAIGN, UNLOADED, LOADED)
+    header = [each for each in HEADER if each != "Last [kg]"]
+    text = "# a = loaded, b = unloaded\n" + table(header, rows)
+    proposed = propose({"a.csv": text}, tmp_path, force=[0, 0, -981], units={"force": "N"})
+    assert "'a' is loaded and 'b' is unloaded, as line 1 of 'a.csv' states" in str(proposed)
+    assert "deflections_unexplained" in [finding.code for finding in proposed.accept().findings]
