@@ -101,6 +101,11 @@ class Grid:
         """Return the place of a row, or of the row's cell in the column with this index (from 0)."""
         return Place(self.file, row.line, None if column is None else column + 1)
 
+    def show_cells(self, row: Row) -> list[str]:
+        """Return the cells of a row for people: as a text has them, numbers of a sheet with 15 digits."""
+        is_text = self.preview.format == "text"
+        return list(row.cells if is_text else map(_round_binary, row.cells))
+
     def preview_table(
         self,
         header_lines: Sequence[int],
@@ -119,14 +124,11 @@ class Grid:
             assumptions: all that was assumed in reading the file.
         """
         first_rows = rows[:MAX_PREVIEW_ROWS]
-        is_text = self.preview.format == "text"
         understood = {
-            "decimal_mark": decimal_mark if is_text else None,
+            "decimal_mark": decimal_mark if self.preview.format == "text" else None,
             "columns": columns,
             "row_count": len(rows),
-            "first_rows": [
-                list(row.cells if is_text else map(_round_binary, row.cells)) for row in first_rows
-            ],
+            "first_rows": [self.show_cells(row) for row in first_rows],
             "assumptions": assumptions,
             "header_lines": header_lines,
             "first_lines": [row.line for row in first_rows],

@@ -486,7 +486,7 @@ def _complete(found_meaning: _FoundMeaning, request: ImportRequest) -> ProposedI
     notes = [*numbers.notes, *load_notes, *force_notes, *note_force(joints), *_note_uncertainties(named)]
     confirming = [each for each in left if confirms_joints(each.table, proposal, joints)]
     unread = [each for each in left if each not in confirming]
-    notes += [*note_mean_of_joints(proposal, joints), *name_columns_left(unread, tables)]
+    notes += [*note_mean_of_joints(proposal, joints), *name_columns_left(unread, tables, request.state_words)]
     notes += [f"{each.table.name} has the same joints" for each in confirming]
     try:
         refuse_single_rows(proposal, tables)
@@ -545,7 +545,8 @@ def _propose_deflections(
     )
     options = request.model_copy(update={**_clear_headers(), **_clear_names(), "units": request.units})
     table = write_deflections(joints, unit, deflections)
-    notes = (*numbers.notes, *note_force(joints), *name_columns_left(found.left, numbers.tables))
+    unread = name_columns_left(found.left, numbers.tables, request.state_words)
+    notes = (*numbers.notes, *note_force(joints), *unread)
     return ProposedImport(proposal, (), table, options, None, notes, statement=statement)
 
 
@@ -884,7 +885,7 @@ def _build_import(
         notes = (*notes, _describe_weights(list_masses(named)))
     if with_masses and len(list_masses(named)) > 1:
         notes = (*notes, "each load is an observation, with the same readings without load")
-    previews = tuple(preview_tables(proposal, named, tables))
+    previews = tuple(preview_tables(proposal, named, tables, request.state_words))
     return ProposedImport(proposal, tuple(named), table, options, meaning, tuple(notes), previews=previews)
 
 
