@@ -373,13 +373,14 @@ def _describe_weight(header: str, mass: float) -> str:
 def _find_mass(table: NumberTable, column: int) -> float | None:
     """Return the one mass of a column, apart from rows with 0; else None.
 
-    The column has a unit of mass, or a word for a load that hangs and no unit.
+    The column has a unit of mass, or a word for a load that hangs and no unit; then 1 may be a state.
     """
     header, numbers = table.headers[column], table.table.numbers[:, column]
     masses = set(numbers[np.isfinite(numbers) & (numbers != 0.0)].tolist())
     is_bare = is_hung(header) and split_unit(header)[1] is None
     may_be_mass = find_unit_of_weight(header) is not None or is_bare
-    return masses.pop() if may_be_mass and len(masses) == 1 and min(masses) > 0.0 else None
+    is_one = len(masses) == 1 and min(masses) > 0.0 and not (is_bare and 1.0 in masses)
+    return masses.pop() if may_be_mass and is_one else None
 
 
 def _find_size(table: NumberTable, column: int) -> float:
