@@ -96,6 +96,7 @@ def join_tables(tables: Sequence[NumberTable], options: ImportOptions) -> Joined
     first = _choose_first(tables, options)
     labels = () if first is None else _name(first, options).labels
     named = [_name(table, options, () if table is first else labels) for table in tables]
+    named = [_unite_joints(each, options.joint_tolerance, named) for each in named]
     named = [_spell_as(each, labels) for each in named]
     joined = [each for each in named if _shares_labels(each, labels)]
     kept = _choose_labels(joined, labels)
@@ -148,20 +149,26 @@ def _name(table: NumberTable, options: ImportOptions, labels: Sequence[str] = ()
     is_mean_stated = options.mean_of_repeats or has_repeats(table)
     if named.labels and len(named.keys) > 1 and (is_mean_stated or _has_clear_repeats(named)):
         named = _average_repeats(named)
-    return _unite_joints(_equal_joints(named, options.joint_tolerance), options.joint_tolerance)
+    return _equal_joints(named, options.joint_tolerance)
 
 
-def _unite_joints(named: _NamedTable, tolerance: float) -> _NamedTable:
+def _unite_joints(named: _NamedTable, tolerance: float, named_tables: Sequence[_NamedTable]) -> _NamedTable:
     """Return a table of joints without positions with one row a posture, if several lines have its joints.
 
     A controller logs several lines a stop, without and under load. Joints are the mean, and the other numbers
-    those under load. Joints that differ by more than noise, or by `tolerance` [deg], stay several rows.
+    those under load. Joints that differ by more than noise, or by `tolerance` [deg], stay several rows, as do
+    lines with the states of points that another of the tables has at each stop.
     """
     table, joints = named.table, list(named.table.table.joints)
     rows_of_label = named.rows_of_label
     is_possible = joints and len(named.labels) >= _LEAST_POSTURES and None not in rows_of_label
     has_positions = len(find_units_of_coordinates(table)) >= len("xyz")
     if not is_possible or has_positions or min(map(len, rows_of_label.values())) < 2:
+        return named
+    have_states = all(name.state is not None for name in named.names)
+    if have_states and any(
+        len(_list_targets_of_stops(each, len(named.names))) > 1 for each in named_tables if each is not named
+    ):
         return named
     numbers = table.table.numbers
     limit = max(_convert_tolerance(tolerance, numbers[:, joints]), find_joint_noise(numbers[:, joints]))
@@ -386,6 +393,8 @@ def _list_targets_of_stops(named: _NamedTable, count: int) -> list[str | None]:
     """
     if len(named.names) == count:
         return [None]
+    if any(name.state is not None for name in named.names):
+        return []
     size, rest = divmod(len(named.names), count)
     labels = [name.label for name in named.names if name.label is not None]
     if size < 2 or rest or len(labels) < len(named.names):

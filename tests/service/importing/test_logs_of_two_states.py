@@ -281,3 +281,17 @@ def test_a_flag_of_a_state_is_no_mass(tmp_path):
     files = write_stops(tmp_path, (0, 1), write_angles=write_krl)
     proposal = js.read(*files, robot=ARM, **STATED | {"force": None})
     assert "'LAST' has 1" not in str(proposal.accept().missing)
+
+
+@pytest.mark.parametrize("states", [(0, 1), (1, 0)])
+@pytest.mark.parametrize("words", [("unloaded", "loaded"), ("leer", "200 kg")])
+def test_states_of_named_postures_in_a_log_are_those_of_the_points_of_each_stop(words, states, tmp_path):
+    _, points = write_stops(tmp_path, states, write_angles=write_krl)
+    rows = [["Pos", *(f"J{k} [deg]" for k in range(1, 7)), "state"]]
+    for state in states:
+        for k, angles in enumerate(np.rad2deg(READINGS.joints), 1):
+            rows.append([f"P{k:02}", *(f"{angle:.4f}" for angle in angles), words[state]])
+    proposal = js.read(write_cells(tmp_path / "log.csv", rows), points, robot=ARM, **STATED)
+    observations = proposal.accept().campaign.measurement_set.observations
+    assert [each.label for each in observations] == [f"P{k:02}" for k in range(1, 13)]
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (24, 1)), abs=2e-3)
