@@ -64,7 +64,7 @@ def find_legend(files: Sequence[SourceFile], words: Sequence[str]) -> Legend | N
     (states,) = legends
     listed = " and ".join(f"{quote(word)} is {state}" for word, state in states.items())
     sources = dict.fromkeys(meanings[fold_word(word)].source for word in states)
-    return Legend(states, f"{listed}, as {' and '.join(sources)} states")
+    return Legend(states, f"{listed} according to {' and '.join(sources)}")
 
 
 def _read_pair(pair: tuple[str, str], meanings: Mapping[str, _Entry]) -> dict[str, State] | None:
