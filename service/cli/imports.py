@@ -756,7 +756,7 @@ def _is_accepted(proposed: ProposedImport, *, may_ask: bool, yes: bool) -> bool:
     Raises:
         typer.Exit: `yes` meets a question that the numbers cannot decide.
     """
-    typer.echo(f"{proposed.sentence}.", err=True)
+    typer.echo(f"{_name_options(proposed.sentence)}.", err=True)
     doubt = proposed.proposal.doubt
     if doubt:
         typer.echo(f"The numbers cannot decide: {doubt}.", err=True)

@@ -20,7 +20,7 @@ reading      files to readings: the way through; rows of all files put together 
 For the robot's proposal, `posture_files` joins files of one posture, `numbers` reads tables of numbers,
 `joining` puts their rows in one order by `row_names`, `lengths`, `polar` and `deflections` convert numbers,
 `differences` finds displacements that positions state, too, `naming` names positions, `uncertainties` finds
-theirs, and `rewriting` writes the table to import.
+theirs, `legends` finds what the files state of their words, and `rewriting` writes the table to import.
 
 `expansion` expands files of xacro, in such a process, too.
 `limits` has the greatest sizes of tables, for all of these.

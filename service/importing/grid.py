@@ -101,6 +101,11 @@ class Grid:
         """Return the place of a row, or of the row's cell in the column with this index (from 0)."""
         return Place(self.file, row.line, None if column is None else column + 1)
 
+    def show_cells(self, row: Row) -> list[str]:
+        """Return the cells of a row for people: as a text has them, numbers of a sheet with 15 digits."""
+        is_text = self.preview.format == "text"
+        return list(row.cells if is_text else map(_round_binary, row.cells))
+
     def preview_table(
         self,
         header_lines: Sequence[int],
@@ -119,14 +124,11 @@ class Grid:
             assumptions: all that was assumed in reading the file.
         """
         first_rows = rows[:MAX_PREVIEW_ROWS]
-        is_text = self.preview.format == "text"
         understood = {
-            "decimal_mark": decimal_mark if is_text else None,
+            "decimal_mark": decimal_mark if self.preview.format == "text" else None,
             "columns": columns,
             "row_count": len(rows),
-            "first_rows": [
-                list(row.cells if is_text else map(_round_binary, row.cells)) for row in first_rows
-            ],
+            "first_rows": [self.show_cells(row) for row in first_rows],
             "assumptions": assumptions,
             "header_lines": header_lines,
             "first_lines": [row.line for row in first_rows],
@@ -366,15 +368,23 @@ def _describe_comments(comments: Sequence[Remark], delimiter: Delimiter | None, 
 def _build_grid_of_positions(file: str, encoding: str, positions: Sequence[JointPosition]) -> Grid:
     """Return the joint positions of a robot program as a table with a header.
 
-    The names of the positions are labels if each has a name of its own.
+    The names of the positions are labels if each has a name of its own. Fields that all positions have, such
+    as `LAST=1` in a log, are columns.
     """
     note = f"{len(positions)} joint positions of a robot program were read, in degrees and in their order"
     preview = FilePreview(file=file, format="text", encoding=encoding, assumptions=[note])
-    header = tuple(f"J{number + 1} [deg]" for number in range(len(positions[0].angles)))
+    angles = tuple(f"J{number + 1} [deg]" for number in range(len(positions[0].angles)))
+    keys = tuple(key for key, _ in positions[0].fields)
+    have_fields = all(tuple(key for key, _ in each.fields) == keys for each in positions)
+    header = (*keys, *angles) if have_fields else angles
+    cells = [each.angles for each in positions]
+    if have_fields:
+        cells = [(*(text for _, text in each.fields), *each.angles) for each in positions]
     names = {each.name for each in positions if each.name}
     if len(names) < len(positions):
-        return Grid(preview, (Row(1, header), *(Row(each.line, each.angles) for each in positions)))
-    rows = (Row(each.line, (each.name, *each.angles)) for each in positions)
+        rows = (Row(each.line, own) for each, own in zip(positions, cells, strict=True))
+        return Grid(preview, (Row(1, header), *rows))
+    rows = (Row(each.line, (each.name, *own)) for each, own in zip(positions, cells, strict=True))
     return Grid(preview, (Row(1, ("label", *header)), *rows))
 
 

@@ -313,9 +313,10 @@ class _Reader:
         shown_lines = {*preview.header_lines, *preview.first_lines}
         fault_places = (fault.place for fault in self._faults.found)
         lines = {place.line for place in fault_places if place.file == preview.file} - shown_lines
-        grids = (layout.grid for layout in self._layouts)
-        rows = [row for each in grids if each.file == preview.file for row in each.rows if row.line in lines]
-        cells = [list(row.cells) for row in rows]
+        grids = (layout.grid for layout in self._layouts if layout.grid.file == preview.file)
+        found = [(grid, row) for grid in grids for row in grid.rows if row.line in lines]
+        rows = [row for _, row in found]
+        cells = [grid.show_cells(row) for grid, row in found]
         return preview.model_copy(update={"fault_rows": cells, "fault_lines": [row.line for row in rows]})
 
     def _check_options(self) -> None:

@@ -4,27 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
-from jointstiff.schemas.imports import ImportRequest
+from jointstiff.schemas.imports import ImportRequest, State
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import (
     Dimension,
     Meaning,
     collapse_blanks,
+    find_answer,
+    find_state,
+    find_state_in_name,
     find_unit_of_force,
     find_unit_of_weight,
     find_unknown_unit,
     fits_header,
     is_hung,
     is_in_kg,
+    is_load_header,
     list_units,
     looks_like_a_force,
     split_unit,
 )
-from jointstiff.service.importing.grid import ARRAYS
+from jointstiff.service.importing.grid import ARRAYS, looks_like_a_number
+from jointstiff.service.importing.loads import find_load, find_state_of_load
 from jointstiff.service.proposals.names.naming import NamedReading
 from jointstiff.service.proposals.posture_loads import LOADS
 from jointstiff.service.proposals.tables.numbers import NumberTable
@@ -107,12 +112,18 @@ def _is_explained(table: NumberTable, column: int) -> bool:
     return is_empty or is_named or is_label or is_load or column in table.ignored
 
 
-def name_columns_left(left: Sequence[ColumnsLeft], tables: Sequence[NumberTable]) -> Iterator[str]:
-    """Yield a note that names the columns that a proposal does not read; nothing if all are read."""
+def name_columns_left(
+    left: Sequence[ColumnsLeft], tables: Sequence[NumberTable], state_words: Mapping[str, State]
+) -> Iterator[str]:
+    """Yield a note that names the columns that a proposal does not read; nothing if all are read.
+
+    A column whose words are the states or targets of its rows was read; `state_words` are the caller's words.
+    """
     names = []
     for each in left:
         prefix = f"{each.table.name} " if len(tables) > 1 else ""
-        names += [prefix + _name_column(each.table, column) for column in each.columns]
+        unread = [column for column in each.columns if not find_named_kind(each.table, column, state_words)]
+        names += [prefix + _name_column(each.table, column) for column in unread]
     if not names:
         return
     others = len(names) - _MOST_NAMED
@@ -120,6 +131,35 @@ def name_columns_left(left: Sequence[ColumnsLeft], tables: Sequence[NumberTable]
     yield f"not read: {listed}"
     headers = [each.table.headers[column] for each in left for column in each.columns]
     yield from _note_unknown_units(headers)
+
+
+def find_named_kind(
+    table: NumberTable, column: int, state_words: Mapping[str, State]
+) -> Literal["state", "target"] | None:
+    """Return what the words of a column name if they are the states or the targets of all rows; else None.
+
+    `state_words` are the caller's words for states.
+    """
+    texts = [row.cells[column].strip() for row in table.rows]
+    count = len(table.turn)
+    are_words = is_load_header(table.headers[column]) or not any(map(looks_like_a_number, texts))
+    if count < 2 or len(texts) % count or not are_words:
+        return None
+    names = [*table.turn] * (len(texts) // count)
+    states = [name.state and name.state.removesuffix("_after") for name in names]
+    if len(set(states)) > 1 and [_read_state(text, state_words) for text in texts] == states:
+        return "state"
+    targets = [name.target for name in names]
+    return "target" if len(set(targets)) > 1 and texts == targets else None
+
+
+def _read_state(text: str, state_words: Mapping[str, State]) -> State | None:
+    """Return the state that a cell means by its word, its words, or the mass in it; else None."""
+    state = find_state(text, state_words) or find_state_in_name(text, state_words)
+    mass = find_load(text)
+    if state is not None or mass is None:
+        return state or find_answer(text)
+    return find_state_of_load(mass)
 
 
 def _note_unknown_units(headers: Iterable[str]) -> Iterator[str]:
@@ -333,13 +373,14 @@ def _describe_weight(header: str, mass: float) -> str:
 def _find_mass(table: NumberTable, column: int) -> float | None:
     """Return the one mass of a column, apart from rows with 0; else None.
 
-    The column has a unit of mass, or a word for a load that hangs and no unit.
+    The column has a unit of mass, or a word for a load that hangs and no unit; then 1 may be a state.
     """
     header, numbers = table.headers[column], table.table.numbers[:, column]
     masses = set(numbers[np.isfinite(numbers) & (numbers != 0.0)].tolist())
     is_bare = is_hung(header) and split_unit(header)[1] is None
     may_be_mass = find_unit_of_weight(header) is not None or is_bare
-    return masses.pop() if may_be_mass and len(masses) == 1 and min(masses) > 0.0 else None
+    is_one = len(masses) == 1 and min(masses) > 0.0 and not (is_bare and 1.0 in masses)
+    return masses.pop() if may_be_mass and is_one else None
 
 
 def _find_size(table: NumberTable, column: int) -> float:

@@ -71,7 +71,7 @@ def complete(found_meaning: FoundMeaning, request: ImportRequest) -> ProposedImp
     notes = [*numbers.notes, *load_notes, *force_notes, *note_force(joints), *_note_uncertainties(named)]
     confirming = [each for each in left if confirms_joints(each.table, proposal, joints)]
     unread = [each for each in left if each not in confirming]
-    notes += [*note_mean_of_joints(proposal, joints), *name_columns_left(unread, tables)]
+    notes += [*note_mean_of_joints(proposal, joints), *name_columns_left(unread, tables, request.state_words)]
     notes += [f"{each.table.name} has the same joints" for each in confirming]
     try:
         refuse_single_rows(proposal, tables)
@@ -136,7 +136,7 @@ def build_import(
         notes = (*notes, describe_weights(list_masses(named)))
     if with_masses and len(list_masses(named)) > 1:
         notes = (*notes, "each load is an observation, with the same readings without load")
-    previews = tuple(preview_tables(proposal, named, tables))
+    previews = tuple(preview_tables(proposal, named, tables, request.state_words))
     return ProposedImport(proposal, tuple(named), table, options, meaning, tuple(notes), previews=previews)
 
 

@@ -74,7 +74,8 @@ def propose_deflections(
     )
     options = request.model_copy(update={**clear_headers(), **clear_names(), "units": request.units})
     table = write_deflections(joints, unit, deflections)
-    notes = (*numbers.notes, *note_force(joints), *name_columns_left(found.left, numbers.tables))
+    unread = name_columns_left(found.left, numbers.tables, request.state_words)
+    notes = (*numbers.notes, *note_force(joints), *unread)
     return ProposedImport(proposal, (), table, options, None, notes, statement=statement)
 
 

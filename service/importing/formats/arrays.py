@@ -28,7 +28,7 @@ _WORDS: Final = MappingProxyType(
 LIBRARIES: Final = MappingProxyType({"hdf5": "h5py", "parquet": "pyarrow"})
 """Library of a format that the extra `tables` installs."""
 _AXES: Final = "xyz"
-_UNITS: Final = frozenset(("deg", "rad", "mm", "m", "N", "kN", "Nm"))
+_UNITS: Final = frozenset(("deg", "rad", "mm", "m", "N", "daN", "kN", "Nm"))
 """Endings of names of arrays that state a unit."""
 _NO_UNITS: Final = frozenset(("", "-", "1", "none"))
 """Texts of an attribute `units` that state no unit."""

@@ -29,6 +29,10 @@ _KRL: Final = re.compile(
 _LS: Final = re.compile(
     r"^[ \t]*P\[(?P<name>\d{1,5})[^\]]{0,80}\]\s{0,9}\{(?P<angles>[^{}]{1,2000})\}", re.MULTILINE
 )
+_FIELD: Final = re.compile(r"(?<!\S)([^\W\d]\w{0,31}) ?= ?([^\s=,;{}\[\]]{1,32})(?!\S)")
+"""A name and its value in a line of a log."""
+_MOST_BEFORE: Final = 200
+"""Characters before a position that may have fields."""
 _KRL_AXIS: Final = re.compile(rf"\bA([1-6])\s+({_NUMBER})", re.IGNORECASE)
 _LS_AXIS: Final = re.compile(rf"\bJ([1-6])\s*=\s*({_NUMBER})\s*deg", re.IGNORECASE)
 
@@ -40,6 +44,7 @@ class JointPosition:
     line: int  #: line of the program, from 1
     angles: tuple[str, ...]  #: [deg]
     name: str  #: as the program declares the position; empty without a name
+    fields: tuple[tuple[str, str], ...] = ()  #: names and values before the position, such as `LAST=1`
 
 
 def read_joint_positions(text: str) -> list[JointPosition]:
@@ -75,7 +80,7 @@ def _read_brackets(text: str, block: re.Pattern[str]) -> Iterator[JointPosition]
     for line, found in _find_blocks(text, block):
         angles = tuple(each.strip() for each in found["angles"].split(","))
         if len(angles) == _AXES and all(re.fullmatch(_NUMBER, each) for each in angles):
-            yield JointPosition(line, angles, found["name"] or "")
+            yield JointPosition(line, angles, found["name"] or "", _list_fields(found))
 
 
 def _read_krl(text: str) -> Iterator[JointPosition]:
@@ -94,7 +99,13 @@ def _read_named_axes(text: str, block: re.Pattern[str], axis: re.Pattern[str]) -
         angles = dict(axis.findall(found["angles"]))
         if len(angles) == _AXES:
             in_order = tuple(angles[str(number + 1)] for number in range(_AXES))
-            yield JointPosition(line, in_order, found["name"] or "")
+            yield JointPosition(line, in_order, found["name"] or "", _list_fields(found))
+
+
+def _list_fields(found: re.Match[str]) -> tuple[tuple[str, str], ...]:
+    """Return the names and values in the line of a block before the block."""
+    before = found.string[max(found.start() - _MOST_BEFORE, 0) : found.start()]
+    return tuple(_FIELD.findall(before.rpartition("\n")[2]))
 
 
 def _find_blocks(text: str, block: re.Pattern[str]) -> Iterator[tuple[int, re.Match[str]]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,6 +28,7 @@ from jointstiff.solver.meaning.table import JointColumns
 _LARGEST_RADIANS = 6.6
 """Largest joint in radians; larger numbers are degrees."""
 _LEAST_POSTURES = 3
+_SEPARATORS = re.compile(r"[\W_]+")
 _MOST_NAMED = 3
 """Most names in a message."""
 
@@ -86,6 +88,7 @@ def join_tables(tables: Sequence[NumberTable], options: ImportOptions) -> Joined
     first = _choose_first(tables, options)
     labels = () if first is None else _name(first, options).labels
     named = [_name(table, options, () if table is first else labels) for table in tables]
+    named = [_unite_joints(each, options.joint_tolerance, named) for each in named]
     named = [_spell_as(each, labels) for each in named]
     joined = [each for each in named if _shares_labels(each, labels)]
     kept = _choose_labels(joined, labels)
@@ -138,20 +141,26 @@ def _name(table: NumberTable, options: ImportOptions, labels: Sequence[str] = ()
     is_mean_stated = options.mean_of_repeats or table.has_repeats
     if named.labels and len(named.keys) > 1 and (is_mean_stated or _has_clear_repeats(named)):
         named = _average_repeats(named)
-    return _unite_joints(_equal_joints(named, options.joint_tolerance), options.joint_tolerance)
+    return _equal_joints(named, options.joint_tolerance)
 
 
-def _unite_joints(named: _NamedTable, tolerance: float) -> _NamedTable:
+def _unite_joints(named: _NamedTable, tolerance: float, named_tables: Sequence[_NamedTable]) -> _NamedTable:
     """Return a table of joints without positions with one row a posture, if several lines have its joints.
 
     A controller logs several lines a stop, without and under load. Joints are the mean, and the other numbers
-    those under load. Joints that differ by more than noise, or by `tolerance` [deg], stay several rows.
+    those under load. Joints that differ by more than noise, or by `tolerance` [deg], stay several rows, as do
+    lines with the states of points that another of the tables has at each stop.
     """
     table, joints = named.table, list(named.table.table.joints)
     rows_of_label = named.rows_of_label
     is_possible = joints and len(named.labels) >= _LEAST_POSTURES and None not in rows_of_label
     has_positions = len(find_units_of_coordinates(table)) >= len("xyz")
     if not is_possible or has_positions or min(map(len, rows_of_label.values())) < 2:
+        return named
+    have_states = all(name.state is not None for name in named.names)
+    if have_states and any(
+        len(_list_targets_of_stops(each, len(named.names))) > 1 for each in named_tables if each is not named
+    ):
         return named
     numbers = table.table.numbers
     limit = max(_convert_tolerance(tolerance, numbers[:, joints]), find_joint_noise(numbers[:, joints]))
@@ -332,29 +341,64 @@ def _arrange(named: _NamedTable, labels: Sequence[str], options: ImportOptions) 
 def _arrange_alike(named: Sequence[_NamedTable], arranged: Sequence[NumberTable]) -> list[NumberTable]:
     """Return the tables, those without names in the order of the only table with as many rows and states.
 
-    Rows in blocks keep their order, as do tables whose own names tell the rows of a posture apart.
+    Rows in blocks keep their order, as do tables whose own names tell the rows of a posture apart. Several
+    rows of a stop of a log, one of each target, follow the row of the stop.
     """
     ordered = list(arranged)
     for number, each in enumerate(named):
         own_rows = each.table.rows
         models = [
-            (other, table)
+            (other, table, targets)
             for other, table in zip(named, arranged, strict=True)
-            if other is not each and table.turn and len(table.rows) == len(other.names) == len(own_rows)
+            if other is not each
+            and table.turn
+            and len(table.rows) == len(other.names)
+            and (targets := _list_targets_of_stops(each, len(table.rows)))
         ]
         has_names = len(each.keys) > 1 or 1 < len(each.labels) < len(own_rows)
         if has_names or len(models) != 1:
             continue
-        ((other, table),) = models
+        ((other, table, targets),) = models
         position = {id(row): place for place, row in enumerate(other.table.rows)}
-        order = [position[id(row)] for row in table.rows]
-        count = len(table.turn)
-        are_in_blocks = sorted(order[::count]) == list(range(len(order) // count)) and count < len(order)
-        if not are_in_blocks:
-            solver_table = replace(each.table.table, numbers=each.table.table.numbers[order])
-            rows = tuple(own_rows[row] for row in order)
-            ordered[number] = replace(each.table, rows=rows, table=solver_table, turn=table.turn)
+        stops = [position[id(row)] for row in table.rows]
+        count, size = len(table.turn), len(targets)
+        are_in_blocks = sorted(stops[::count]) == list(range(len(stops) // count)) and count < len(stops)
+        if size == 1 and are_in_blocks:
+            continue
+        order = [size * stop + place for stop in stops for place in range(size)]
+        turn = tuple(
+            name if target is None else name._replace(target=target)
+            for name in table.turn
+            for target in targets
+        )
+        solver_table = replace(each.table.table, numbers=each.table.table.numbers[order])
+        rows = tuple(own_rows[row] for row in order)
+        ordered[number] = replace(each.table, rows=rows, table=solver_table, turn=turn)
     return ordered
+
+
+def _list_targets_of_stops(named: _NamedTable, count: int) -> list[str | None]:
+    """Return the target of each row of a stop, of a table with as many rows for each of `count` stops.
+
+    One row of each stop has no target. Several rows of a stop have a number that no other stop has, and one
+    word each that recurs in all stops, such as `M1` and `M2` of `M1_007` and `M2_007`; [] of other names.
+    """
+    if len(named.names) == count:
+        return [None]
+    if any(name.state is not None for name in named.names):
+        return []
+    size, rest = divmod(len(named.names), count)
+    labels = [name.label for name in named.names if name.label is not None]
+    if size < 2 or rest or len(labels) < len(named.names):
+        return []
+    words = [frozenset(_SEPARATORS.split(label)) for label in labels]
+    of_stops = [frozenset.intersection(*words[row : row + size]) for row in range(0, len(words), size)]
+    of_all = frozenset.intersection(*words)
+    are_numbered = all(any(map(str.isdecimal, own - of_all)) for own in of_stops)
+    targets = [list(frozenset.intersection(*words[place::size]) - of_all) for place in range(size)]
+    are_named = all(len(own) == 1 for own in targets) and len({own[0] for own in targets if own}) == size
+    is_clear = are_numbered and len(set(of_stops)) == count and are_named
+    return [own[0] for own in targets] if is_clear else []
 
 
 def _name_after_unloading(names: Sequence[RowName]) -> tuple[RowName, ...]:

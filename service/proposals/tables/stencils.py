@@ -47,7 +47,7 @@ _POINT: Final = re.compile(r"(?<![\d.,])\d{1,20}\.\d{1,20}(?![\d.])")
 _COMMA: Final = re.compile(r"(?<![\d.,])\d{1,20},\d{1,20}(?![\d,])")
 _TOKEN: Final = re.compile(
     r"(?<![\w.,])(?P<number>[-+\u2212]?(?:\d{1,20}(?:[.,]\d{1,20})?|[.,]\d{1,20})(?:[eE][-+]?\d{1,3})?)"
-    r"(?:[ ]?(?P<unit>°|º|mm|deg|rad|kg|kN|N|m)(?!\w)|(?![\w°º]|[.:/,-]\d))"
+    r"(?:[ ]?(?P<unit>°|º|mm|deg|rad|kg|kN|daN|N|m)(?!\w)|(?![\w°º]|[.:/,-]\d))"
     r"|(?P<word>[^\s;,=()\[\]{}|<>\"']{1,256})"
 )
 _LINE_END: Final = re.compile(r"\r\n|\n|\r")

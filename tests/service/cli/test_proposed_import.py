@@ -240,3 +240,18 @@ def test_a_missing_unit_of_matrices_is_the_last_word():
     assert_said(shown, "force x and 2 other columns have no unit", "such as `--units force=N`")
     assert "cells" not in shown
     assert_said(typed(f"import {stated} --units force=N"), "data.m: utf-8, decimal point, 16 rows")
+
+
+def test_a_unit_of_a_force_that_is_not_known_names_the_options():
+    header = [*(f"A{number}" for number in range(1, 7)), *(f"F{axis} [kip]" for axis in "xyz")]
+    joints = np.loadtxt("j.txt")
+    rows = [[*(f"{each:.4f}" for each in row), "0", "0", "-1"] for row in joints.tolist()]
+    Path("k.csv").write_text("".join(";".join(row) + "\n" for row in [header, *rows]))
+    stated = STATED.replace("--force 0,0,-90", "")
+    shown = refused(f"import k.csv u.txt l.txt --robot '{ARM}' {stated} --yes -o c.json")
+    assert_said(
+        shown,
+        "'kip' of Fx [kip], Fy [kip], Fz [kip] is no known unit of force: convert the numbers to N, daN, kN, "
+        "kgf or lbf, or state `--force` and leave the columns out with `--ignore`",
+    )
+    assert not Path("c.json").exists()

@@ -295,6 +295,12 @@ def test_a_force_that_a_file_states_once_is_that_of_all_postures(write, name, un
 
 
 @pytest.mark.process
+@pytest.mark.parametrize("write", [write_npz, write_mat, write_json, write_records, write_matlab])
+def test_a_force_in_decanewtons_that_a_file_states_once_is_in_newtons(write, tmp_path):
+    assert read_force(write({**ARRAYS, "F_daN": FORCE / 10}), tmp_path) == pytest.approx([0.0, 0.0, -981.0])
+
+
+@pytest.mark.process
 @pytest.mark.parametrize("write", [write_npz, write_mat, write_json])
 def test_a_force_of_each_posture_is_a_matrix_of_its_name(write, tmp_path):
     files = write({**ARRAYS, "F_N": np.tile(FORCE, (14, 1))})

@@ -55,7 +55,7 @@ def test_a_legend_in_lines_states_the_words_of_headers(form, is_loaded_first, tm
     assert faults == []
     state = "loaded" if is_loaded_first else "unloaded"
     assert f"'a' is {state}" in str(answer.assumptions)
-    assert "'a.csv' states" in str(answer.assumptions)
+    assert "of 'a.csv'" in str(answer.assumptions)
 
 
 def write_workbook(rows, legend):
@@ -129,5 +129,5 @@ def test_a_legend_against_the_force_is_no_silent_exchange(tmp_path):
     header = [each for each in HEADER if each != "Last [kg]"]
     text = "# a = loaded, b = unloaded\n" + table(header, rows)
     proposed = propose({"a.csv": text}, tmp_path, force=[0, 0, -981], units={"force": "N"})
-    assert "'a' is loaded and 'b' is unloaded, as line 1 of 'a.csv' states" in str(proposed)
+    assert "'a' is loaded and 'b' is unloaded according to line 1 of 'a.csv'" in str(proposed)
     assert "deflections_unexplained" in [finding.code for finding in proposed.accept().findings]

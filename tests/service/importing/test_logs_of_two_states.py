@@ -233,3 +233,65 @@ def test_the_order_of_several_samples_of_each_state_never_tells_the_states(tmp_p
         read_stops(tmp_path, names=False)
     proposal = read_stops(tmp_path, names=True)
     assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (12, 1)), abs=2e-3)
+
+
+def write_stops(folder, states, name="M{target}_{stop:03}", write_angles=None):
+    """Write a log of a controller with a line for each stop, and points of two targets at each stop."""
+    log, points = ["Protokoll Start 08:55:10"], ["Point;X [mm];Y [mm];Z [mm]"]
+    for state in states:
+        for k, angles in enumerate(np.rad2deg(READINGS.joints), 1):
+            stop = len(log)
+            log.append(f"08:57:{stop:02}  POS  {write_angles(state, angles)}")
+            for target in (0, 1):
+                place = 1e3 * READINGS.position[k - 1, target] + state * SAG
+                names = name.format(target=target + 1, stop=stop)
+                points.append(f"{names};" + ";".join(f"{value:.4f}" for value in place))
+    (folder / "log.txt").write_text("\n".join(log) + "\n")
+    (folder / "points.csv").write_text("\n".join(points) + "\n")
+    return [folder / "log.txt", folder / "points.csv"]
+
+
+def write_krl(state, angles):
+    axes = ",".join(f"A{axis} {angle:.4f}" for axis, angle in enumerate(angles, 1))
+    return f"LAST={state}  $AXIS_ACT={{{axes}}}"
+
+
+def write_rapid(state, angles):
+    axes = ",".join(f"{angle:.4f}" for angle in angles)
+    return f"load = {state} [[{axes}],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+
+
+@pytest.mark.parametrize("states", [(0, 1), (1, 0)])
+@pytest.mark.parametrize("write_angles", [write_krl, write_rapid])
+def test_a_field_of_a_log_says_the_state_of_the_points_of_each_stop(write_angles, states, tmp_path):
+    proposal = js.read(*write_stops(tmp_path, states, write_angles=write_angles), robot=ARM, **STATED)
+    observations = proposal.accept().campaign.measurement_set.observations
+    assert {each.target for own in observations for each in own.readings} == {"M1", "M2"}
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (24, 1)), abs=2e-3)
+
+
+@pytest.mark.parametrize("name", ["ball", "M{target}", "{stop:03}"])
+def test_points_without_the_number_of_their_stop_are_a_question(name, tmp_path):
+    files = write_stops(tmp_path, (0, 1), name, write_krl)
+    with pytest.raises(js.CampaignError):
+        js.read(*files, robot=ARM, **STATED)
+
+
+def test_a_flag_of_a_state_is_no_mass(tmp_path):
+    files = write_stops(tmp_path, (0, 1), write_angles=write_krl)
+    proposal = js.read(*files, robot=ARM, **STATED | {"force": None})
+    assert "'LAST' has 1" not in str(proposal.accept().missing)
+
+
+@pytest.mark.parametrize("states", [(0, 1), (1, 0)])
+@pytest.mark.parametrize("words", [("unloaded", "loaded"), ("leer", "200 kg")])
+def test_states_of_named_postures_in_a_log_are_those_of_the_points_of_each_stop(words, states, tmp_path):
+    _, points = write_stops(tmp_path, states, write_angles=write_krl)
+    rows = [["Pos", *(f"J{k} [deg]" for k in range(1, 7)), "state"]]
+    for state in states:
+        for k, angles in enumerate(np.rad2deg(READINGS.joints), 1):
+            rows.append([f"P{k:02}", *(f"{angle:.4f}" for angle in angles), words[state]])
+    proposal = js.read(write_cells(tmp_path / "log.csv", rows), points, robot=ARM, **STATED)
+    observations = proposal.accept().campaign.measurement_set.observations
+    assert [each.label for each in observations] == [f"P{k:02}" for k in range(1, 13)]
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (24, 1)), abs=2e-3)

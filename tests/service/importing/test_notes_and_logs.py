@@ -343,9 +343,12 @@ def write_features(header, form, conditions):
     ],
 )
 def test_names_that_files_of_postures_share_are_targets(header, form, conditions, tmp_path):
-    document = read(write_features(header, form, conditions), tmp_path)
+    proposed = propose(write_features(header, form, conditions), tmp_path)
+    answer = proposed.accept()
+    document = answer.measurement_set.model_dump(mode="json")
     assert judge(CAMPAIGN, document) == []
     assert {each["target"] for each in document["observations"][0]["readings"]} == {"P1", "P2", "P3"}
+    assert str(proposed).partition("not read: ")[2] == ("pose….csv Art." if "Art" in header else "")
 
 
 def test_of_several_columns_of_names_none_is_taken_for_the_targets(tmp_path):

@@ -47,6 +47,17 @@ def test_texts_of_a_sheet_have_the_decimal_mark_that_they_show(tmp_path, mark):
         assert np.allclose(np.subtract(each.loaded, each.unloaded), SAG, atol=2e-3)
 
 
+def test_previews_show_numbers_of_a_sheet_with_fifteen_digits(tmp_path):
+    book = openpyxl.Workbook()
+    book.active.append(HEADER)
+    for number, row in enumerate(np.hstack([np.rad2deg(READINGS.joints), FIRST, FIRST + SAG]).tolist(), 1):
+        book.active.append([number, *row])
+    book.save(tmp_path / "m.xlsx")
+    proposal = js.read(tmp_path / "m.xlsx", robot=ARM, **STATED)
+    cells = [cell for row in proposal.accept().files[0].first_rows for cell in row]
+    assert max(sum(map(str.isdigit, cell.lstrip("-0."))) for cell in cells) <= 15
+
+
 def test_texts_beside_numbers_with_decimals_leave_the_mark_open(tmp_path):
     write(tmp_path / "m.xlsx", ",", has_native_decimals=True)
     with pytest.raises(js.CampaignError, match="decimal_mark"):
