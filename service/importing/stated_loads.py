@@ -159,7 +159,8 @@ def _read_vector(file: str, place: str, found: re.Match[str]) -> Iterator[Stated
         name, unit = base, ending
     numbers = [number.replace("−", "-") for number in found.groups()[1:4]]
     size = hypot(*map(float, numbers)) * find_newtons(UNIT_OF_LOAD[unit] if unit else "N")
-    if is_force(name.rpartition(".")[2]) and size > 0.0:
+    is_direction = unit is None and set(map(float, numbers)) <= {-1.0, 0.0, 1.0}
+    if is_force(name.rpartition(".")[2]) and size > 0.0 and not is_direction:
         force = f"{','.join(numbers)}{UNIT_OF_LOAD[unit]}" if unit else ""
         text = " ".join(found[0].split()).strip(_MARKS)
         yield StatedLoad(file, place, text, size, force, "this force acts on the robot in axes of R0")
@@ -192,8 +193,10 @@ def _is_load(text: str, found: re.Match[str], *, is_name: bool) -> bool:
     is_apart = bool(groups.get("cell")) or groups.get("mark", "_").isspace()
     if is_apart and groups.get("unit") in _LETTERS and not is_named:
         return False  # such as `N = 12`, a count
+    if _read_size(found) == 1.0 and groups.get("unit", "N") in _LETTERS:
+        return False  # 1 may be a state, and 1 N is no load of an arm
     if "name" in groups:
-        return is_mass(found["name"]) and _read_size(found) != 1.0  # 1 may be a state
+        return is_mass(found["name"])
     is_limit = bool(_LIMIT.search(name) or _LIMIT.match(behind.strip()))
     return not is_limit and (is_name or not _BODY.search(name))
 

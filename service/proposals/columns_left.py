@@ -220,13 +220,12 @@ def refuse_force_beside_columns(
 
 
 def may_be_force(table: NumberTable, column: int) -> bool:
-    """Return whether a column without a known meaning has numbers other than 0, and a word for a force.
+    """Return whether a column without a known meaning has a word for a force, and numbers other than flags.
 
     Numbers that are noise in all states are no force.
     """
-    has_numbers = bool(np.nan_to_num(table.table.numbers[:, column]).any())
     is_named = table.meanings[column] is None and looks_like_a_force(table.headers[column])
-    return has_numbers and is_named and not _shows_no_load(table, column)
+    return is_named and not table.has_flags(column) and not _shows_no_load(table, column)
 
 
 def _shows_no_load(table: NumberTable, column: int) -> bool:
@@ -266,7 +265,7 @@ def find_sizes_along_vectors(left: ColumnsLeft) -> tuple[int, tuple[int, int, in
     The unit vectors have the size 1, and the header of the sizes has a word for a force.
     """
     table = left.table
-    sizes = [column for column in left.columns if looks_like_a_force(table.headers[column])]
+    sizes = [column for column in left.columns if may_be_force(table, column)]
     others = [column for column in left.columns if column not in sizes]
     if len(sizes) != 1 or len(others) != _COORDINATES or others[-1] - others[0] != _COORDINATES - 1:
         return None
@@ -293,8 +292,8 @@ def find_constant_force(left: ColumnsLeft) -> tuple[int, int, int] | None:
 def describe_likely_force(left: Sequence[ColumnsLeft]) -> str:
     """Return the end of a sentence on columns that may be the load, with what to state; empty without any.
 
-    A column in a unit of mass, or of a load without a unit, with one number is a likely mass. The last three
-    numbers without a header are a likely force.
+    A column in a unit of mass, or of a load without a unit, with one number is a likely mass; flags without a
+    unit of mass are none. The last three numbers without a header are a likely force.
     """
     sentences = [
         _describe_weight(header, mass)
@@ -337,19 +336,20 @@ def _find_mass(table: NumberTable, column: int) -> float | None:
     """
     header, numbers = table.headers[column], table.table.numbers[:, column]
     masses = set(numbers[np.isfinite(numbers) & (numbers != 0.0)].tolist())
-    is_bare = is_hung(header) and split_unit(header)[1] is None
+    is_bare = is_hung(header) and split_unit(header)[1] is None and not table.has_flags(column)
     may_be_mass = find_unit_of_weight(header) is not None or is_bare
     return masses.pop() if may_be_mass and len(masses) == 1 and min(masses) > 0.0 else None
 
 
 def _find_size(table: NumberTable, column: int) -> float:
-    """Return the median of the sizes of a force under load; 0 if rows have both signs, or no force."""
+    """Return the median of the sizes of a force under load; 0 if rows have both signs, flags, or no force."""
     numbers = table.table.numbers[:, column]
     known = numbers[np.isfinite(numbers)]
     under_load = known[np.abs(known) >= _LEAST_PART_OF_LOAD * np.abs(known).max(initial=0.0)]
     has_one_sign = bool((under_load >= 0.0).all() or (under_load <= 0.0).all())
-    is_noise = _shows_no_load(table, column)
-    return float(np.median(np.abs(under_load))) if under_load.size and has_one_sign and not is_noise else 0.0
+    if not under_load.size or not has_one_sign or table.has_flags(column) or _shows_no_load(table, column):
+        return 0.0
+    return float(np.median(np.abs(under_load)))
 
 
 def refuse_single_rows(proposal: Proposal, tables: Sequence[NumberTable]) -> None:

@@ -177,3 +177,11 @@ def test_hostile_texts_are_searched_in_a_time_that_grows_with_their_length(name,
 
     count = 200_000 // len(line)
     assert measure(4 * count) < 8 * measure(count) + 0.5
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["load: 1\n", "load_N: 1\n", "payload_mass: 1\n", "force [N] = 1\n", "force: [0, 0, -1]\n", "load 1 N\n"],
+)
+def test_a_flag_of_a_load_is_not_quoted_as_a_load(text):
+    assert not describe("a.txt", text)
