@@ -230,3 +230,49 @@ def test_a_size_along_unit_vectors_that_the_deflections_contradict_is_no_force(t
     joints, positions = measure(forces)
     rows = write_rows(joints, positions, sizes, np.roll(forces / sizes, 3, axis=0))
     assert "along the unit vectors" not in str(propose(table([*HEADERS, *VECTOR], rows), tmp_path))
+
+
+def write_along(sense=1.0, digits_of_vector=2, contradicted=False):
+    """Return a table of sizes along rounded unit vectors in the tracker's axes, with a remark, and forces."""
+    forces = pull()
+    sizes = np.linalg.norm(forces, axis=1, keepdims=True)
+    joints, positions = measure(forces)
+    vectors = np.round(sense * TURN.inv().apply(forces / sizes), digits_of_vector)
+    vectors = np.roll(vectors, 3, axis=0) if contradicted else vectors
+    rows = write_rows(joints, in_tracker(positions), sizes, vectors)
+    headers = [*HEADERS, "Усилие, N", "nx", "ny", "nz", "Комментарий"]
+    return table(headers, [[*row, f"трос {n}"] for n, row in enumerate(rows)]), forces
+
+
+@pytest.mark.parametrize(("sense", "word"), [(1.0, "along"), (-1.0, "against")])
+def test_sizes_are_the_force_along_rounded_unit_vectors_whatever_else_is_in_the_table(sense, word, tmp_path):
+    text, forces = write_along(sense)
+    proposed = propose(text, tmp_path)
+    assert f"'Усилие, N' {word} the unit vectors of columns 14–16, as the deflections show" in str(proposed)
+    assert read_forces(proposed) == pytest.approx(forces, abs=12.0)
+
+
+def test_one_force_together_with_unit_vectors_that_differ_is_refused(tmp_path):
+    text, forces = write_along()
+    stated = {"force": forces[0].tolist(), "units": {"force": "N"}}
+    with pytest.raises(js.CampaignError, match="one direction, but the unit vectors nx, ny, nz differ by"):
+        propose(text, tmp_path, **stated)
+
+
+def test_sizes_along_vectors_that_the_deflections_contradict_are_asked_and_not_offered_as_one_force(tmp_path):
+    text, _ = write_along(contradicted=True)
+    (question,) = propose(text, tmp_path).accept().missing
+    assert "'Усилие, N' along nx, ny, nz does not explain the deflections: write the force of" in question
+    assert "`force` is" not in question
+
+
+def test_sizes_that_differ_by_posture_are_not_offered_as_one_force(tmp_path):
+    size, forces = sizes((0.0, -0.8, -0.6))
+    joints, positions = measure(forces)
+    proposed = propose(table([*HEADERS, "Kraft [N]"], write_rows(joints, positions, size)), tmp_path)
+    (question,) = proposed.accept().missing
+    said = (
+        f"'Kraft [N]' has {size.min():.4g} to {size.max():.4g} N under load, which differ by posture: write"
+    )
+    assert said in question
+    assert "`force` is" not in question

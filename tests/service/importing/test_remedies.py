@@ -1271,6 +1271,19 @@ def strangers() -> dict[str, Proposed]:
             },
             stated={"ignore": ["Kraft quer"]},
         ),
+        "one force with unit vectors": Proposed(
+            "the unit vectors nx, ny, nz differ by posture",
+            {
+                "a.csv": table(
+                    [*WIDE, "pull [N]", "nx", "ny", "nz"],
+                    [
+                        [*row, str(975 + n), *(["0", "0", "-1"] if n % 2 else ["0", "-0.6", "-0.8"])]
+                        for n, row in enumerate(strange.wide(MEASURED, UNLOADED, LOADED))
+                    ],
+                )
+            },
+            stated={"ignore": ["nx", "ny", "nz"]},
+        ),
         "rows of other numbers": Proposed(
             "it has 13 rows for 14 postures",
             {**unnamed, "b.csv": "\n".join(unnamed["b.csv"].splitlines()[:-1])},
