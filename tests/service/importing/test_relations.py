@@ -106,9 +106,7 @@ def test_rows_that_a_column_of_loads_tells_apart_are_never_offered_or_read_as_re
 def test_the_key_of_no_load_is_suggested_as_the_state_without_load(tmp_path):
     files = write_database(lambda n: [1 + n % 3])
     rows = files["readings.csv"].splitlines()
-    files = {
-        "poses.csv": files["poses.csv"],
-        "readings.csv": "\n".join(row for row in rows if ";E;" not in row),
-    }
+    of_one_target = "\n".join(row for row in rows if ";E;" not in row)
+    files = {"poses.csv": files["poses.csv"], "readings.csv": of_one_target}
     with pytest.raises(js.CampaignError, match="such as '0' as `unloaded`"):
         propose(files, tmp_path)
