@@ -140,13 +140,15 @@ def find_stated_loads(files: Sequence[SourceFile]) -> list[StatedLoad]:
 
 def describe_stated_loads(loads: Sequence[StatedLoad]) -> str:
     """Return a sentence on the loads that files state in words, with the likely force; empty without one."""
-    listed = ", ".join(
-        f'{quote(load.file)} says "{load.text}"' + (f" in {load.place}" if load.place else " in its name")
-        for load in loads
-    )
+    listed = ", ".join(map(describe_source, loads))
     if len(loads) != 1 or not loads[0].force:
         return listed
     return f"{listed}: if {loads[0].condition}, `force` is {loads[0].force}"
+
+
+def describe_source(load: StatedLoad) -> str:
+    """Return which file states a load, in its own words, and where."""
+    return f'{quote(load.file)} says "{load.text}"' + (f" in {load.place}" if load.place else " in its name")
 
 
 def _read_loads(file: str, statement: Statement) -> Iterator[StatedLoad]:

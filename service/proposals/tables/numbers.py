@@ -318,6 +318,7 @@ class NumberFiles:
     masses: tuple[SourceFile, ...]  # files with the masses of the robot's bodies
     without: tuple[str, ...]  # names of files without a row of numbers
     notes: tuple[str, ...] = ()  # rows of numbers that are not read
+    sources: tuple[SourceFile, ...] = ()  # all files, as they were sent
 
 
 GridReader = Callable[[SourceFile, ImportOptions], Sequence[Grid]]
@@ -360,7 +361,7 @@ def read_number_tables(
             masses.append(file)
         elif not with_numbers:
             without.append(file.name)
-    return NumberFiles(tuple(tables), tuple(masses), tuple(without), tuple(notes))
+    return NumberFiles(tuple(tables), tuple(masses), tuple(without), tuple(notes), tuple(files))
 
 
 def _join_postures(files: Sequence[SourceFile], options: ImportOptions) -> Sequence[SourceFile]:
