@@ -92,6 +92,14 @@ _UNIT_OF_SPELLING: Final[Mapping[str, tuple[Dimension, str]]] = MappingProxyType
         for spelling in spellings
     }
 )
+_UNIT_IN_LOWER_CASE: Final[Mapping[tuple[Dimension, str], str]] = MappingProxyType(
+    {
+        (dimension, spelling.lower()): unit
+        for spelling, (dimension, unit) in _UNIT_OF_SPELLING.items()
+        if dimension in ("force", "moment")
+    }
+)
+"""Dimension and spelling of a unit in the names of a database, which have no upper case → unit."""
 _DIMENSION_OF_FOREIGN: Final[Mapping[str, Dimension | Literal["none"]]] = _values_by_word(_WORDS["foreign"])
 UNIT_OF_LOAD: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -367,6 +375,12 @@ def is_negation(word: str) -> bool:
 def is_load_header(header: str) -> bool:
     """Return whether a header says that the cells of its column tell whether a load hangs."""
     return fold_word(split_unit(header)[0]) in _LOAD_HEADERS
+
+
+def names_load_or_state(header: str) -> bool:
+    """Return whether a header has a word for a load or a state, such as `load_id`."""
+    words = {fold_word(word) for word in _NO_LETTERS.split(header) if word}
+    return not words.isdisjoint((*_LOAD_HEADERS, *_WORD_LISTS["hung"], *_WORDS["keys"]["state"]))
 
 
 def is_force(name: str) -> bool:
@@ -691,7 +705,7 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
         example = show_object({header: "mass [kg]"})
         remedy = f"if it is a hung mass, write `mass [kg]`, or give `columns`: {example}"
         raise ImportFileError(NOWHERE, reason, remedy, UNKNOWN)
-    split_suffix = None if unit is not None else split_unit_suffix(base)
+    split_suffix = None if unit is not None else _split_unit_of_name(base)
     base, unit = split_suffix or (base, unit)
     base = _name_by_unit(base, unit)
     meaning = _parse_quantity(header, base, state_words)
@@ -738,6 +752,22 @@ def split_unit_suffix(base: str) -> tuple[str, str] | None:
         if len(parts) > count and find_known_unit(unit := " ".join(part[0] for part in parts[-count:])):
             return base[: parts[-count].start()].rstrip(" _"), unit
     return None
+
+
+def _split_unit_of_name(base: str) -> tuple[str, str] | None:
+    """Split a header with a unit behind its name into both, also `fx_kn` and `mx_nm`; None without a unit.
+
+    Names of a database have no upper case, and the vector says which unit is meant.
+    """
+    if split := split_unit_suffix(base):
+        return split
+    name, _, ending = base.rpartition("_")
+    vector = _VECTOR.fullmatch(name) if base.islower() else None
+    if vector is None:
+        return None
+    dimension = DIMENSIONS[_VECTOR_OF[fold_word(vector[1].replace("-", " "))]]
+    unit = _UNIT_IN_LOWER_CASE.get((dimension, ending))
+    return None if unit is None else (name, unit)
 
 
 def check_unit(header: str, text: str | None, kind: Kind) -> str | None:

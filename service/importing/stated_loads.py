@@ -9,7 +9,14 @@ from math import hypot, isclose
 from typing import Final, NamedTuple
 
 from jointstiff.service.importing.errors import quote
-from jointstiff.service.importing.grammar import UNIT_OF_LOAD, WORDS_OF_LOADS, is_force, is_hung, is_mass
+from jointstiff.service.importing.grammar import (
+    UNIT_OF_LOAD,
+    WORDS_OF_LOADS,
+    is_force,
+    is_hung,
+    is_mass,
+    is_negation,
+)
 from jointstiff.service.importing.grid import looks_like_a_number
 from jointstiff.service.importing.loads import find_newtons
 from jointstiff.service.importing.source_files import SourceFile
@@ -60,6 +67,8 @@ _DIRECTION: Final = re.compile(
 _CELLS: Final = re.compile(r"[\t;|,\"]|[.!?:] ")
 """What ends a cell or a sentence."""
 _BEHIND: Final = re.compile(r"[\t;|,(\"]|[.!?:] ")
+_NAME_SIGNS: Final = re.compile(r"[\s:=：＝]+")
+"""What separates the words of a name, and ends it."""
 _ASSIGNMENT: Final = re.compile(r"[=:]\s{0,4}$")
 _LIST: Final = re.compile(
     r"(?<![A-Za-z0-9À-ɏͰ-ӿ.,])\d{1,5}+(?:[.,]\d{1,3}+)? ?"
@@ -92,6 +101,8 @@ def _compile_words(name: str, ending: str) -> re.Pattern[str]:
 
 
 _ASIDE: Final = _compile_words("aside", "")
+_DOWN: Final = _compile_words("down", "(?![A-Za-zÀ-ɏͰ-ӿ])")
+_HUNG: Final = _compile_words("hung", "")
 _LIMIT: Final = _compile_words("limit", "")
 _BODY: Final = _compile_words(
     "body",
@@ -110,6 +121,7 @@ class StatedLoad(NamedTuple):
     newtons: float  # size
     force: str  # `0,0,-150kgf` in axes of R0 if the condition holds; empty if the text is not clear
     condition: str  # of the force, such as `this load hangs`
+    is_certain: bool = False  # whether the text has a unit, and says that the load hangs or pulls down
 
 
 def find_stated_loads(files: Sequence[SourceFile]) -> list[StatedLoad]:
@@ -128,13 +140,15 @@ def find_stated_loads(files: Sequence[SourceFile]) -> list[StatedLoad]:
 
 def describe_stated_loads(loads: Sequence[StatedLoad]) -> str:
     """Return a sentence on the loads that files state in words, with the likely force; empty without one."""
-    listed = ", ".join(
-        f'{quote(load.file)} says "{load.text}"' + (f" in {load.place}" if load.place else " in its name")
-        for load in loads
-    )
+    listed = ", ".join(map(describe_source, loads))
     if len(loads) != 1 or not loads[0].force:
         return listed
     return f"{listed}: if {loads[0].condition}, `force` is {loads[0].force}"
+
+
+def describe_source(load: StatedLoad) -> str:
+    """Return which file states a load, in its own words, and where."""
+    return f'{quote(load.file)} says "{load.text}"' + (f" in {load.place}" if load.place else " in its name")
 
 
 def _read_loads(file: str, statement: Statement) -> Iterator[StatedLoad]:
@@ -159,7 +173,8 @@ def _read_vector(file: str, place: str, found: re.Match[str]) -> Iterator[Stated
         name, unit = base, ending
     numbers = [number.replace("−", "-") for number in found.groups()[1:4]]
     size = hypot(*map(float, numbers)) * find_newtons(UNIT_OF_LOAD[unit] if unit else "N")
-    if is_force(name.rpartition(".")[2]) and size > 0.0:
+    is_direction = unit is None and set(map(float, numbers)) <= {-1.0, 0.0, 1.0}
+    if is_force(name.rpartition(".")[2]) and size > 0.0 and not is_direction:
         force = f"{','.join(numbers)}{UNIT_OF_LOAD[unit]}" if unit else ""
         text = " ".join(found[0].split()).strip(_MARKS)
         yield StatedLoad(file, place, text, size, force, "this force acts on the robot in axes of R0")
@@ -182,7 +197,7 @@ def _is_load(text: str, found: re.Match[str], *, is_name: bool) -> bool:
     before = text[max(0, found.start() - _MOST_BEFORE) : found.start()]
     behind = _BEHIND.split(text[found.end() : found.end() + _MOST_BEFORE])[0]
     name = _find_words_before(before)
-    is_named = any(is_hung(word) or is_force(word) for word in name.split())
+    is_named = any(is_hung(word) or is_force(word) for word in _NAME_SIGNS.split(name))
     if groups.get("cell") and (looks_like_a_number(name) or not re.search(r"[^\W\d_]", name)):
         return False  # a row of readings
     if groups.get("comment") and not _ASSIGNMENT.search(before):
@@ -192,8 +207,10 @@ def _is_load(text: str, found: re.Match[str], *, is_name: bool) -> bool:
     is_apart = bool(groups.get("cell")) or groups.get("mark", "_").isspace()
     if is_apart and groups.get("unit") in _LETTERS and not is_named:
         return False  # such as `N = 12`, a count
+    if _read_size(found) == 1.0 and groups.get("unit", "N") in _LETTERS:
+        return False  # 1 may be a state, and 1 N is no load of an arm
     if "name" in groups:
-        return is_mass(found["name"]) and _read_size(found) != 1.0  # 1 may be a state
+        return is_mass(found["name"])
     is_limit = bool(_LIMIT.search(name) or _LIMIT.match(behind.strip()))
     return not is_limit and (is_name or not _BODY.search(name))
 
@@ -229,10 +246,19 @@ def _read_load(file: str, place: str, text: str, found: re.Match[str]) -> Stated
     else:
         is_clear = is_clear and not _ASIDE.search(text)
         condition = "this load hangs" if groups.get("unit") else "this mass is in kg and hangs"
+        condition = "this load pulls down" if _DOWN.search(text) and groups.get("unit") else condition
     parts = ["0", "0", "0"]
     axis, sign = (direction["axis"], direction["sign"]) if direction else ("z", "-")
     parts["xyz".index(axis.casefold())] = ("" if sign == "+" else "-") + number
-    return StatedLoad(file, place, words, size, f"{','.join(parts)}{unit}" if is_clear else "", condition)
+    force = f"{','.join(parts)}{unit}" if is_clear else ""
+    return StatedLoad(file, place, words, size, force, condition, is_clear and _says_down(text, found))
+
+
+def _says_down(text: str, found: re.Match[str]) -> bool:
+    """Return whether a text says with a unit that its load hangs or pulls down, and negates nothing."""
+    has_unit = bool(found.groupdict().get("unit"))
+    is_negated = any(map(is_negation, _NAME_SIGNS.split(text.casefold())))
+    return has_unit and bool(_HUNG.search(text) or _DOWN.search(text)) and not is_negated
 
 
 def _find_direction(text: str, found: re.Match[str]) -> re.Match[str] | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from jointstiff.service.importing.grammar import (
     Meaning,
     collapse_blanks,
     find_answer,
+    find_force_at_end,
     find_state,
     find_state_in_name,
     find_unit_of_force,
@@ -46,10 +47,12 @@ _COORDINATES: Final = 3
 """Coordinates of a position."""
 _SAME_JOINT: Final = np.radians(0.01)
 """Largest difference of a joint [rad] between two logs of the same postures."""
-_UNIT_VECTOR: Final = 2e-3
+_UNIT_VECTOR: Final = 0.01
 """Largest difference of the size of a unit vector from 1."""
 _SAME_SIZE: Final = 0.01
 """Largest difference of the sizes of forces, as a part of their mean."""
+_ONE_SIZE: Final = 0.05
+"""Largest difference of the readings of one force by a load cell, as a part of their median."""
 _LEAST_FORCE: Final = 2.0
 """Least size of a force; a direction has the size 1."""
 _LEAST_PART_OF_LOAD: Final = 0.3
@@ -260,13 +263,12 @@ def refuse_force_beside_columns(
 
 
 def may_be_force(table: NumberTable, column: int) -> bool:
-    """Return whether a column without a known meaning has numbers other than 0, and a word for a force.
+    """Return whether a column without a known meaning has a word for a force, and numbers other than flags.
 
     Numbers that are noise in all states are no force.
     """
-    has_numbers = bool(np.nan_to_num(table.table.numbers[:, column]).any())
     is_named = table.meanings[column] is None and looks_like_a_force(table.headers[column])
-    return has_numbers and is_named and not _shows_no_load(table, column)
+    return is_named and not table.has_flags(column) and not _shows_no_load(table, column)
 
 
 def _shows_no_load(table: NumberTable, column: int) -> bool:
@@ -300,19 +302,59 @@ def find_bare_vector(left: ColumnsLeft) -> tuple[int, int, int] | None:
     return (first, second, third) if is_force and is_vector else None
 
 
-def find_sizes_along_vectors(left: ColumnsLeft) -> tuple[int, tuple[int, int, int]] | None:
-    """Return the column of sizes of a force and the three of its unit vector, if nothing else is left.
+class SizesAlongVectors(NamedTuple):
+    """Columns of a table with the sizes of forces and the unit vectors of their directions."""
 
-    The unit vectors have the size 1, and the header of the sizes has a word for a force.
+    table: NumberTable
+    size: int
+    vector: tuple[int, int, int]
+
+    @property
+    def forces(self) -> FloatArray:
+        """Forces (rows, 3) in the unit of the sizes; zero in rows without numbers."""
+        numbers = np.nan_to_num(self.table.table.numbers)
+        vectors = numbers[:, list(self.vector)]
+        lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+        return numbers[:, [self.size]] * vectors / np.where(lengths > 0.0, lengths, 1.0)
+
+    @property
+    def have_one_direction(self) -> bool:
+        """Return whether the unit vectors of all forces are the same."""
+        forces = self.forces[self.forces.any(axis=1)]
+        directions = forces / np.linalg.norm(forces, axis=1, keepdims=True)
+        return bool(np.ptp(directions, axis=0).max(initial=0.0) <= _UNIT_VECTOR)
+
+    @property
+    def words(self) -> str:
+        """Headers of the unit vectors, or the numbers of their columns."""
+        return ", ".join(_name_column(self.table, column) for column in self.vector)
+
+
+def find_sizes_along_vectors(left: ColumnsLeft) -> SizesAlongVectors | None:
+    """Return the only column of sizes of a force with the only three columns of a unit vector; else None.
+
+    The header of the sizes has a word for a force. Three adjacent columns have the size 1 in all rows that
+    have a force.
     """
     table = left.table
-    sizes = [column for column in left.columns if looks_like_a_force(table.headers[column])]
-    others = [column for column in left.columns if column not in sizes]
-    if len(sizes) != 1 or len(others) != _COORDINATES or others[-1] - others[0] != _COORDINATES - 1:
+    sizes = [column for column in left.columns if may_be_force(table, column)]
+    if len(sizes) != 1:
         return None
-    vectors, numbers = table.table.numbers[:, others], table.table.numbers[:, sizes[0]]
-    are_units = bool(np.abs(np.linalg.norm(vectors, axis=1) - 1.0).max() < _UNIT_VECTOR)
-    return (sizes[0], (others[0], others[1], others[2])) if are_units and (numbers >= 0.0).all() else None
+    numbers = np.nan_to_num(table.table.numbers)
+    is_force = numbers[:, sizes[0]] > 0.0
+    others = set(left.columns).difference(sizes)
+    found = [
+        SizesAlongVectors(table, sizes[0], (first, first + 1, first + 2))
+        for first in sorted(others)
+        if {first + 1, first + 2} <= others and _are_units(numbers[is_force, first : first + _COORDINATES])
+    ]
+    has_force = bool((numbers[:, sizes[0]] >= 0.0).all() and is_force.any())
+    return found[0] if len(found) == 1 and has_force else None
+
+
+def _are_units(vectors: FloatArray) -> bool:
+    """Return whether vectors (rows, 3) have the size 1."""
+    return bool(np.abs(np.linalg.norm(vectors, axis=1) - 1.0).max(initial=0.0) <= _UNIT_VECTOR)
 
 
 def _list_filled(table: NumberTable, columns: Sequence[int]) -> FloatArray:
@@ -333,8 +375,8 @@ def find_constant_force(left: ColumnsLeft) -> tuple[int, int, int] | None:
 def describe_likely_force(left: Sequence[ColumnsLeft]) -> str:
     """Return the end of a sentence on columns that may be the load, with what to state; empty without any.
 
-    A column in a unit of mass, or of a load without a unit, with one number is a likely mass. The last three
-    numbers without a header are a likely force.
+    A column in a unit of mass, or of a load without a unit, with one number is a likely mass; flags without a
+    unit of mass are none. The last three numbers without a header are a likely force.
     """
     sentences = [
         _describe_weight(header, mass)
@@ -342,14 +384,16 @@ def describe_likely_force(left: Sequence[ColumnsLeft]) -> str:
         for column in each.columns
         if (mass := _find_mass(each.table, column)) is not None and (header := each.table.headers[column])
     ]
-    sentences += [
-        f"{quote(each.table.headers[column])} has {size:.4g} {unit} under load: if this force pulls down, "
-        f"`force` is 0,0,-{size:.4g}{unit}"
-        for each in left
-        for column in each.columns
-        if (unit := find_unit_of_force(each.table.headers[column])) is not None
-        and (size := _find_size(each.table, column)) > 0.0
-    ]
+    for each in left:
+        along = find_sizes_along_vectors(each)
+        if along is not None and not along.have_one_direction:
+            sentences.append(_describe_vectors(along))
+            continue
+        for column in each.columns:
+            unit = find_unit_of_force(each.table.headers[column])
+            sizes = _list_sizes(each.table, column)
+            if unit is not None and sizes.size:
+                sentences.append(_describe_sizes(each.table.headers[column], sizes, unit))
     for each in left:
         if len(each.columns) == _COORDINATES and not any(each.table.headers[c] for c in each.columns):
             first, _, third = each.columns
@@ -377,20 +421,44 @@ def _find_mass(table: NumberTable, column: int) -> float | None:
     """
     header, numbers = table.headers[column], table.table.numbers[:, column]
     masses = set(numbers[np.isfinite(numbers) & (numbers != 0.0)].tolist())
-    is_bare = is_hung(header) and split_unit(header)[1] is None
+    is_bare = is_hung(header) and split_unit(header)[1] is None and not table.has_flags(column)
     may_be_mass = find_unit_of_weight(header) is not None or is_bare
-    is_one = len(masses) == 1 and min(masses) > 0.0 and not (is_bare and 1.0 in masses)
-    return masses.pop() if may_be_mass and is_one else None
+    return masses.pop() if may_be_mass and len(masses) == 1 and min(masses) > 0.0 else None
 
 
-def _find_size(table: NumberTable, column: int) -> float:
-    """Return the median of the sizes of a force under load; 0 if rows have both signs, or no force."""
+def _describe_sizes(header: str, sizes: FloatArray, unit: str) -> str:
+    """Return what to state of the sizes (N,) of a force under load: one force, or that of each posture."""
+    size = float(np.median(sizes))
+    if np.ptp(sizes) <= _ONE_SIZE * size:
+        found = f"{quote(header)} has {size:.4g} {unit} under load"
+        return f"{found}: if this force pulls down, `force` is 0,0,-{size:.4g}{unit}"
+    return (
+        f"{quote(header)} has {sizes.min():.4g} to {sizes.max():.4g} {unit} under load, which differ by "
+        f"posture: {_write_columns(unit)}"
+    )
+
+
+def _describe_vectors(along: SizesAlongVectors) -> str:
+    """Return what to state of sizes along unit vectors that do not explain the deflections."""
+    header = along.table.headers[along.size]
+    found = f"{quote(header)} along {along.words} does not explain the deflections"
+    return f"{found}: {_write_columns(find_force_at_end(header) or 'N')}"
+
+
+def _write_columns(unit: str) -> str:
+    """Return the request for columns of the force of each posture."""
+    return f"write the force of each posture in columns `Fx [{unit}]`, `Fy [{unit}]` and `Fz [{unit}]`"
+
+
+def _list_sizes(table: NumberTable, column: int) -> FloatArray:
+    """Return the sizes (N,) of a force under load; none if rows have both signs, flags, or no force."""
     numbers = table.table.numbers[:, column]
     known = numbers[np.isfinite(numbers)]
-    under_load = known[np.abs(known) >= _LEAST_PART_OF_LOAD * np.abs(known).max(initial=0.0)]
-    has_one_sign = bool((under_load >= 0.0).all() or (under_load <= 0.0).all())
-    is_noise = _shows_no_load(table, column)
-    return float(np.median(np.abs(under_load))) if under_load.size and has_one_sign and not is_noise else 0.0
+    greatest = np.abs(known).max(initial=0.0)
+    under_load = known[np.abs(known) >= max(_LEAST_PART_OF_LOAD * greatest, np.finfo(float).tiny)]
+    has_one_sign = bool((under_load > 0.0).all() or (under_load < 0.0).all())
+    is_force = has_one_sign and not table.has_flags(column) and not _shows_no_load(table, column)
+    return np.abs(under_load) if is_force else np.array([])
 
 
 def refuse_single_rows(proposal: Proposal, tables: Sequence[NumberTable]) -> None:

@@ -37,6 +37,7 @@ from jointstiff.service.proposals.refused_states import (
     refuse_unknown_words,
 )
 from jointstiff.service.proposals.repeated_postures import refuse_repeated_postures
+from jointstiff.service.proposals.stated_weights import take_stated_weight
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.service.proposals.tables.rewriting import list_masses, note_mean_of_joints, write_readings
 from jointstiff.service.proposals.tables.uncertainties import add_uncertainties
@@ -64,6 +65,8 @@ def complete(found_meaning: FoundMeaning, request: ImportRequest) -> ProposedImp
     if not force_notes:
         tables, force_notes = name_forces(proposal, named, tables, request)
     refuse_unknown_words(proposal, named, tables, request)
+    if not force_notes:
+        tables, force_notes = take_stated_weight(proposal, named, tables, request, numbers.files.sources)
     words = Vocabulary(request, proposal.robots[0].robot.joint_names)
     named = add_uncertainties(named, tables, words, proposal.unit)
     left = list_columns_left(proposal, tables, named)

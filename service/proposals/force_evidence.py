@@ -32,6 +32,13 @@ _CLEARLY_TILTED: Final = 3.0
 _LEAST_LEAN: Final = 2.0
 """Least difference of the logarithms of the likelihood from which deflections rather show the axes."""
 
+_CLEAR_MOTION: Final = 3.0
+"""Ratio of the motion of targets and its noise from which the motion shows the sign of a force."""
+_LEAST_MOVED: Final = 8
+"""Least number of postures in which targets move clearly."""
+_LEAST_ALONG: Final = 0.9
+"""Least part of these postures in which targets move along the force."""
+
 
 class JudgedAxes(NamedTuple):
     """Axes that forces of a file are likely in, where these differ from those of R0."""
@@ -39,6 +46,13 @@ class JudgedAxes(NamedTuple):
     are_of_positions: bool  # whether forces are turned into R0 as the positions are
     reason: str  # in words
     change: float  # of a force by the turn, as a part of the largest force
+
+
+class MovedPostures(NamedTuple):
+    """Postures in which the targets move clearly under load."""
+
+    along: int  # of these, those in which they move along the force
+    total: int
 
 
 class ForceEvidence:
@@ -137,6 +151,27 @@ class ForceEvidence:
         if not (frame.is_base or frame.is_mirrored):
             turns.append(frame.rotation)
         return any(self._explain(numbers @ turn.T, [each @ turn.T for each in others]) for turn in turns)
+
+    def count_moved_along(self, force: FloatArray) -> MovedPostures | None:
+        """Return in how many postures the targets move along one force (3,); None if the force is in doubt.
+
+        The force explains the deflections, and the rest of these is their noise. The postures count whose
+        targets move clearly more.
+        """
+        targets = self._targets
+        forces = np.broadcast_to(force, (len(self._joints.rows), 1, 3))
+        if targets is None:
+            return None
+        postures, readings = targets.indices.T
+        unexplained = targets.measure_unexplained(np.tile(forces, (1, readings.max() + 1, 1)))
+        noise = np.sqrt(unexplained * np.mean(targets.deflections**2))
+        number = np.maximum(np.bincount(postures), 1)
+        motion = np.bincount(postures, np.linalg.norm(targets.deflections, axis=1)) / number
+        work = np.bincount(postures, targets.deflections @ force)
+        is_clear = motion > _CLEAR_MOTION * noise
+        moved = MovedPostures(int((work[is_clear] > 0.0).sum()), int(is_clear.sum()))
+        is_sure = unexplained <= LARGEST_UNEXPLAINED and moved.total >= _LEAST_MOVED
+        return moved if is_sure and moved.along >= _LEAST_ALONG * moved.total else None
 
     def _explain(self, forces: FloatArray, others: Sequence[FloatArray]) -> bool:
         """Return whether forces (rows, 3) explain the deflections, and others do so clearly worse."""

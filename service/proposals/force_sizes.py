@@ -12,7 +12,7 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import find_unit_of_force, find_unit_of_size
 from jointstiff.service.importing.loads import find_newtons
-from jointstiff.service.proposals.columns_left import ColumnsLeft, may_be_force
+from jointstiff.service.proposals.columns_left import ColumnsLeft, find_sizes_along_vectors, may_be_force
 from jointstiff.service.proposals.force_evidence import ForceEvidence
 from jointstiff.service.proposals.names.naming import NamedReading
 from jointstiff.service.proposals.tables.numbers import NumberTable
@@ -87,12 +87,13 @@ def compare_stated_force(
     confirms the stated force.
 
     Raises:
-        ImportFileError: the sizes are not those of the stated force.
+        ImportFileError: the sizes are not those of the stated force, or they have directions of their own.
     """
     unit = None if request.units is None else request.units.force
     sizes = _find_sizes(left, proposal, named, tables)
     if request.force is None or unit is None or sizes is None:
         return StatedForce(tables, request, [])
+    _refuse_other_directions(left)
     stated = find_newtons(unit) * float(np.linalg.norm(request.force))
     of_loads = list(sizes.list_under_load(proposal).values())
     _refuse_other_sizes(sizes, of_loads, stated)
@@ -157,6 +158,22 @@ def _find_sizes(
     if unit is None or not (has_joints or (own and len({each.load for each in loaded}) == 1)):
         return None
     return _ForceSizes(table, column, find_newtons(unit), own)
+
+
+def _refuse_other_directions(left: Sequence[ColumnsLeft]) -> None:
+    """Refuse one stated force together with unit vectors that give each posture another direction.
+
+    Raises:
+        ImportFileError: there are such unit vectors.
+    """
+    for along in filter(None, map(find_sizes_along_vectors, left)):
+        if not along.have_one_direction:
+            raise ImportFileError(
+                Place(along.table.grid.file),
+                f"`force` has one direction, but the unit vectors {along.words} differ by posture",
+                f"omit `force`, or leave the unit vectors out with `ignore`: {along.words}",
+                "force",
+            )
 
 
 def _refuse_other_sizes(sizes: _ForceSizes, of_loads: Sequence[FloatArray], stated: float) -> None:

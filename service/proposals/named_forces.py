@@ -89,10 +89,12 @@ def name_forces(
     if notes:
         found, further = _turn_forces(proposal, found, evidence)
         return found, [*notes, *further]
+    left = list_columns_left(proposal, tables, named)
+    if any(find_sizes_along_vectors(each) for each in left):
+        return tables, []  # a force along other directions than −z
     found, notes = _name_force_of_size(proposal, named, tables, request)
     if notes or request.force is not None:
         return found, notes
-    left = list_columns_left(proposal, tables, named)
     return take_sizes_as_weights(left, proposal, named, tables, evidence)
 
 
@@ -161,7 +163,7 @@ def _name_forces_along_vectors(
     request: ImportRequest,
     evidence: ForceEvidence,
 ) -> tuple[Sequence[NumberTable], list[str]]:
-    """Return the tables, with sizes along unit vectors as the force if they explain the deflections.
+    """Return the tables, with sizes along or against unit vectors as the force that explains the deflections.
 
     Raises:
         NoProposalError: a posture has two different forces.
@@ -171,18 +173,18 @@ def _name_forces_along_vectors(
     if has_load or request.force is not None:
         return tables, []
     for each in list_columns_left(proposal, tables, named):
-        columns = find_sizes_along_vectors(each)
-        if columns is None:
+        along = find_sizes_along_vectors(each)
+        if along is None:
             continue
-        size, vector = columns
-        own = each.table.table.numbers[:, [size]] * each.table.table.numbers[:, list(vector)]
-        forces = _join_forces(proposal, each.table, joints, request, own)
-        if forces is None or not evidence.are_forces(forces):
-            continue
-        along = _replace_by_forces(tables, joints, each.table, forces, columns=(size, *vector))
-        listed = f"columns {vector[0] + 1}–{vector[2] + 1}"
-        header = _name_column(each.table, joints, size)
-        return along, [f"{header} along the unit vectors of {listed}, as the deflections show"]
+        forces = _join_forces(proposal, each.table, joints, request, along.forces)
+        senses = {} if forces is None else {"along": forces, "against": -forces}
+        for sense, own in senses.items():
+            if evidence.are_forces(own):
+                columns = (along.size, *along.vector)
+                header = _name_column(each.table, joints, along.size)
+                listed = f"columns {along.vector[0] + 1}–{along.vector[2] + 1}"
+                note = f"{header} {sense} the unit vectors of {listed}, as the deflections show"
+                return _replace_by_forces(tables, joints, each.table, own, columns), [note]
     return tables, []
 
 

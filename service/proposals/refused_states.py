@@ -9,6 +9,7 @@ import numpy as np
 
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
+from jointstiff.service.importing.grammar import is_likely_unloaded
 from jointstiff.service.proposals.named_forces import read_forces
 from jointstiff.service.proposals.names.naming import (
     NamedReading,
@@ -133,7 +134,8 @@ def _build_words_error(
     """
     listed = " and ".join(map(quote, words))
     kind_of_words = "words for states" if len(words) > 1 else "a word for a state"
-    pairs = list(zip(words, states if len(words) > 1 else ("loaded",), strict=False))
+    likely = "unloaded" if is_likely_unloaded(words[0]) else "loaded"
+    pairs = list(zip(words, states if len(words) > 1 else (likely,), strict=False))
     in_order = tuple(word for word, _ in sorted(pairs, key=lambda pair: pair[1] != "unloaded"))
     examples = [f"{quote(word)} as `{state}`" for word, state in pairs]
     remedy = f"state what these words mean by `state_words`, such as {' and '.join(examples)}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Sequence
 
@@ -14,6 +13,7 @@ from jointstiff.service.proposals.names.labels import MOST_CODES
 from jointstiff.service.proposals.names.row_name import RowName
 from jointstiff.service.proposals.tables.load_columns import find_states_of_loads, list_states_of_columns
 from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.solver.arrays import FloatArray
 
 
 def add_loads(table: NumberTable, names: Sequence[RowName]) -> list[RowName]:
@@ -46,8 +46,8 @@ def _list_masses(table: NumberTable) -> list[float] | None:
 def _list_forces(table: NumberTable, names: Sequence[RowName]) -> list[RowName] | None:
     """Return state and force of each row by its columns of forces, if some rows have none; else None.
 
-    Sizes that occur in one posture are those of one load that was read in each posture, and no further loads.
-    `names` have the postures; without a name, each row counts.
+    Sizes that occur in one posture are those of one load that was read in each posture, and no further loads,
+    as are sizes of which no posture has two. `names` have the postures; without a name, each row counts.
     """
     columns = [column for column, meaning in enumerate(table.meanings) if meaning and meaning.kind == "force"]
     size_column = table.find_size_of_force()
@@ -55,19 +55,40 @@ def _list_forces(table: NumberTable, names: Sequence[RowName]) -> list[RowName] 
     states = find_states_of_loads(np.linalg.norm(np.nan_to_num(table.table.numbers[:, columns]), axis=1))
     if not columns or states is None:
         return None
-    sizes = [
-        f"{math.hypot(*table.table.numbers[row, columns]):.4g}" if state == "loaded" else ""
-        for row, state in enumerate(states)
-    ]
     postures = [row if name.label is None else name.label for row, name in enumerate(names)]
-    counts = Counter(size for size, _ in set(zip(sizes, postures, strict=True)) if size)
-    has_several = 1 < len(counts) <= MOST_CODES and min(counts.values()) > 1
+    vectors = np.nan_to_num(table.table.numbers[:, columns])
+    written = _write_forces(vectors, postures)
+    sizes = [text if state == "loaded" else "" for text, state in zip(written, states, strict=True)]
+    loads_of_postures = {(size, posture) for size, posture in zip(sizes, postures, strict=True) if size}
+    counts = Counter(size for size, _ in loads_of_postures)
+    most_in_posture = max(Counter(posture for _, posture in loads_of_postures).values(), default=0)
+    may_have_several = most_in_posture > 1 or any(name.label is None for name in names)
+    has_several = may_have_several and 1 < len(counts) <= MOST_CODES and min(counts.values()) > 1
     meaning = table.meanings[columns[0]]
     unit = find_unit_of_size(table.headers[columns[0]]) if meaning is None else meaning.unit
     return [
         RowName(state=state, force=f"{size} {unit or ''}".strip() if has_several and size else "")
         for state, size in zip(states, sizes, strict=True)
     ]
+
+
+def _write_forces(vectors: FloatArray, postures: Sequence[int | str]) -> list[str]:
+    """Return the size of the force (rows, m) of each row; its parts if a posture has two of a size.
+
+    Forces of a size along nearly the same direction are the same force.
+    """
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    directions = np.round(vectors / np.where(lengths > 0.0, lengths, 1.0), 1) + 0.0
+    sizes = [f"{length:.4g}" for (length,) in lengths]
+    forces = list(zip(sizes, map(tuple, directions.tolist()), strict=True))
+    of_postures = set(zip(postures, forces, strict=True))
+    repeated = Counter((posture, size) for posture, (size, _) in of_postures)
+    if max(repeated.values()) == 1:
+        return sizes
+    parts = dict[tuple[str, tuple[float, ...]], str]()
+    for force, vector in zip(forces, vectors, strict=True):
+        parts.setdefault(force, ",".join(f"{part:.4g}" for part in vector + 0.0))
+    return [parts[force] for force in forces]
 
 
 def _list_loads(table: NumberTable) -> list[RowName] | None:

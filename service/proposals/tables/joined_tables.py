@@ -20,6 +20,7 @@ from jointstiff.service.proposals.tables.numbers import (
     NumberTable,
     read_number_tables,
 )
+from jointstiff.service.proposals.tables.relations import join_relations
 from jointstiff.service.proposals.unread import advise_on_files_without_rows
 
 
@@ -73,11 +74,13 @@ def join_numbers(
         NoProposalError: names of rows or headers do not fit.
     """
     try:
-        joined = join_tables(tables, request)
+        related = join_relations(tables)
+        joined = join_tables(related.tables, request)
         arranged, notes = add_deflections(joined.tables, Vocabulary(request, joints))
     except ImportFileError as fault:
         raise describe_fault(fault) from fault
-    return JoinedTables(arranged, [*found.notes, *joined.notes, *notes], found.masses, found, tables)
+    notes = [*found.notes, *related.notes, *joined.notes, *notes]
+    return JoinedTables(arranged, notes, found.masses, found, related.tables)
 
 
 def describe_fault(fault: ImportFileError, kind: type[NoProposalError] = NoProposalError) -> NoProposalError:

@@ -13,14 +13,24 @@ import numpy as np
 
 from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.grammar import find_state, is_likely_unloaded
+from jointstiff.service.importing.grammar import (
+    collapse_blanks,
+    find_state,
+    is_likely_unloaded,
+    names_load_or_state,
+)
 from jointstiff.service.proposals.names.labels import find_number, list_words_behind, omit_zeros
 from jointstiff.service.proposals.names.row_name import RowName
 from jointstiff.service.proposals.names.rows import find_different_words, find_unknown_states, name_rows
 from jointstiff.service.proposals.names.targets import LEAST_BETWEEN_TARGETS, are_far_apart
 from jointstiff.service.proposals.tables.lengths import find_units_of_coordinates
 from jointstiff.service.proposals.tables.numbers import NumberTable
-from jointstiff.service.proposals.tables.repeats import MOST_REPEAT, are_repeats, measure_distance
+from jointstiff.service.proposals.tables.repeats import (
+    MOST_REPEAT,
+    are_repeats,
+    find_telling_column,
+    measure_distance,
+)
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.meaning.hypotheses import find_joint_noise, number_postures
 from jointstiff.solver.meaning.table import JointColumns
@@ -424,13 +434,16 @@ def _average_repeats(named: _NamedTable) -> _NamedTable:
     """Return a table in which rows with the same names are one row, with the means of their numbers.
 
     Raises:
-        ImportFileError: a repeated position is far from the mean.
+        ImportFileError: a repeated position is far from the mean, or a column tells states or loads.
     """
     rows_of_name = named.rows_of_name
     if len(rows_of_name) == len(named.names):
         return named
     table, numbers = named.table, named.table.table.numbers
     groups = list(rows_of_name.values())
+    telling = find_telling_column(table, groups)
+    if telling is not None and names_load_or_state(table.headers[telling]):
+        raise _build_telling_error(named, next(group for group in groups if len(group) > 1), telling)
     sizes_of_units = find_units_of_coordinates(table)
     for group in groups:
         _refuse_states_as_repeats(table, group)
@@ -665,11 +678,29 @@ def _build_repeat_error(named: _NamedTable, row: int, name: RowName) -> ImportFi
             "`columns`, such as NAME=target",
             "columns",
         )
+    telling = find_telling_column(table, list(named.rows_of_name.values()))
+    if telling is not None:
+        return _build_telling_error(named, rows, telling)
     return ImportFileError(
         table.grid.place(table.rows[row]),
         f"{quote(name.label or '')} has this row twice{_describe_key(name)}",
         "remove or rename one of the two rows, or use `mean_of_repeats` for repeated readings",
         "mean_of_repeats",
+    )
+
+
+def _build_telling_error(named: _NamedTable, rows: Sequence[int], column: int) -> ImportFileError:
+    """Return the error that rows with the same names differ by a column that may be a state or a load."""
+    table, name = named.table, named.names[rows[0]]
+    first, second = (table.rows[row].cells[column] for row in rows[:2])
+    header = collapse_blanks(table.headers[column]) or f"column {column + 1}"
+    return ImportFileError(
+        table.grid.place(table.rows[rows[1]], column),
+        f"{quote(name.label or '')} has this row twice{_describe_key(name)}, with {quote(first)} and "
+        f"{quote(second)} of {quote(header)}, which may be states or loads",
+        f"state this column by `columns`, such as {header}=state, and its values by `state_words`, such as "
+        f"{first}=unloaded and {second}=loaded; or leave out the rows of other values",
+        "columns",
     )
 
 

@@ -124,6 +124,11 @@ class NumberTable:
         """Return whether all cells of a column are texts other than numbers."""
         return are_texts(self.list_texts(column))
 
+    def has_flags(self, column: int) -> bool:
+        """Return whether the numbers of a column are 0, 1 and −1 only: a flag or a sign, and no size."""
+        numbers = self.table.numbers[:, column]
+        return bool(np.isin(numbers[np.isfinite(numbers)], (-1.0, 0.0, 1.0)).all())
+
     def is_unknown(self, column: int) -> bool:
         """Return whether a column has no known meaning, and is not ignored."""
         return self.meanings[column] is None and column not in self.ignored
@@ -178,13 +183,13 @@ class NumberTable:
     def find_size_of_force(self) -> int | None:
         """Return the column of the size of a force, such as `Kraft [kN]`; None unless it is the only one.
 
-        A table whose headers name a force along an axis, or a mass, has no such column.
+        A table whose headers name a force along an axis, or a mass, has no such column; flags are no sizes.
         """
         kinds = {meaning.kind for meaning in self.meanings if meaning is not None}
         sizes = [
             column
             for column, header in enumerate(self.headers)
-            if self.is_unknown(column) and find_unit_of_size(header)
+            if self.is_unknown(column) and find_unit_of_size(header) and not self.has_flags(column)
         ]
         return sizes[0] if len(sizes) == 1 and kinds.isdisjoint(("force", "mass")) else None
 
@@ -194,6 +199,7 @@ class NumberTable:
             column
             for column, header in enumerate(self.headers)
             if self.is_unknown(column)
+            and not self.has_flags(column)
             and find_force_at_end(header) is not None
             and np.isfinite(self.table.numbers[:, column]).all()
         ]
@@ -312,6 +318,7 @@ class NumberFiles:
     masses: tuple[SourceFile, ...]  # files with the masses of the robot's bodies
     without: tuple[str, ...]  # names of files without a row of numbers
     notes: tuple[str, ...] = ()  # rows of numbers that are not read
+    sources: tuple[SourceFile, ...] = ()  # all files, as they were sent
 
 
 GridReader = Callable[[SourceFile, ImportOptions], Sequence[Grid]]
@@ -354,7 +361,7 @@ def read_number_tables(
             masses.append(file)
         elif not with_numbers:
             without.append(file.name)
-    return NumberFiles(tuple(tables), tuple(masses), tuple(without), tuple(notes))
+    return NumberFiles(tuple(tables), tuple(masses), tuple(without), tuple(notes), tuple(files))
 
 
 def _join_postures(files: Sequence[SourceFile], options: ImportOptions) -> Sequence[SourceFile]:

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from jointstiff.service.importing.grammar import is_repeat_header
 from jointstiff.service.proposals.names.rows import find_different_words
 from jointstiff.service.proposals.tables.lengths import find_units_of_coordinates
 from jointstiff.service.proposals.tables.numbers import NumberTable
@@ -44,6 +45,22 @@ def are_repeats(table: NumberTable, groups: Sequence[Sequence[int]]) -> bool:
         for rows in repeated
     )
     return are_near and not any(_may_be_load(table, column, repeated) for column in others)
+
+
+def find_telling_column(table: NumberTable, groups: Sequence[Sequence[int]]) -> int | None:
+    """Return the first column of few values, of which rows with the same names never share one; else None.
+
+    The values may be states or loads. `groups` are the rows with the same names, of which most are several.
+    """
+    if 2 * sum(len(rows) > 1 for rows in groups) <= len(groups):
+        return None
+    for column in range(len(table.headers)):
+        texts = table.list_texts(column)
+        are_few = 1 < len(set(texts)) <= _MOST_LOADS and 2 * len(set(texts)) <= len(texts)
+        are_told = all(len({texts[row] for row in rows}) == len(rows) for rows in groups)
+        if table.may_name(column) and not is_repeat_header(table.headers[column]) and are_few and are_told:
+            return column
+    return None
 
 
 def measure_distance(table: NumberTable, rows: Sequence[int], column: int, size: float) -> float:

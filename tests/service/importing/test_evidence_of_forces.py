@@ -5,42 +5,12 @@ from itertools import product
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from support.measured_arms import PLACES
+from support.sprung_arm import ARM, STATED, TURN, in_tracker, measure
 from support.strange_files import JOINTS, digits, table
 
 import jointstiff as js
-from jointstiff.service.resources.known_robots import catalogue_robots
-from jointstiff.solver.mechanics.postures import Postures
 
-ARM = "ABB IRB 4600-60/2.05"
-POINT = np.array([0.0, 0.0, 0.12])
-STATED = {"encoders": "motor", "load_point": [0, 0, 120], "length_unit": "mm"}
-TURN = Rotation.from_euler("zyx", [122.0, 3.0, -2.0], degrees=True)
 TILT = Rotation.from_euler("yx", [2.0, -1.5], degrees=True)
-PLACED = np.array([2.4, -1.1, 0.3])
-
-
-def measure(forces, seed=5, error=1e-5):
-    """Return joints [deg], and positions (N, 2) of one target [m] of an arm whose joints are springs.
-
-    `error` is the standard deviation of a coordinate [m].
-    """
-    robot = next(each for each in catalogue_robots() if each.name == ARM).robot
-    generator = np.random.default_rng(seed)
-    q = generator.uniform(-1.1, 1.1, (len(forces), robot.n))
-    postures = Postures(robot, q + np.radians(0.03) * generator.standard_normal(robot.n))
-    place = postures.to_base(np.tile(PLACES[0], (len(forces), 1, 1)))
-    load = postures.jacobian_at(postures.to_base(np.tile(POINT, (len(forces), 1, 1))))[:, 0]
-    compliances = np.array([5.0, 4.0, 5.0, 20.0, 25.0, 40.0]) * 1e-7
-    twist = compliances * np.einsum("nij,ni->nj", load, forces)
-    shift = np.einsum("nij,nj->ni", postures.jacobian_at(place)[:, 0], twist)
-    positions = np.stack([place[:, 0], place[:, 0] + shift], axis=1)
-    noise = error * generator.standard_normal(positions.shape)
-    return np.degrees(robot.joint_map.controller_angles(q)), positions + noise
-
-
-def in_tracker(positions, turn=TURN):
-    return turn.inv().apply((positions - PLACED).reshape(-1, 3)).reshape(positions.shape)
 
 
 def pull(seed=2, count=14):
@@ -230,3 +200,49 @@ def test_a_size_along_unit_vectors_that_the_deflections_contradict_is_no_force(t
     joints, positions = measure(forces)
     rows = write_rows(joints, positions, sizes, np.roll(forces / sizes, 3, axis=0))
     assert "along the unit vectors" not in str(propose(table([*HEADERS, *VECTOR], rows), tmp_path))
+
+
+def write_along(sense=1.0, digits_of_vector=2, contradicted=False):
+    """Return a table of sizes along rounded unit vectors in the tracker's axes, with a remark, and forces."""
+    forces = pull()
+    sizes = np.linalg.norm(forces, axis=1, keepdims=True)
+    joints, positions = measure(forces)
+    vectors = np.round(sense * TURN.inv().apply(forces / sizes), digits_of_vector)
+    vectors = np.roll(vectors, 3, axis=0) if contradicted else vectors
+    rows = write_rows(joints, in_tracker(positions), sizes, vectors)
+    headers = [*HEADERS, "Усилие, N", "nx", "ny", "nz", "Комментарий"]
+    return table(headers, [[*row, f"трос {n}"] for n, row in enumerate(rows)]), forces
+
+
+@pytest.mark.parametrize(("sense", "word"), [(1.0, "along"), (-1.0, "against")])
+def test_sizes_are_the_force_along_rounded_unit_vectors_whatever_else_is_in_the_table(sense, word, tmp_path):
+    text, forces = write_along(sense)
+    proposed = propose(text, tmp_path)
+    assert f"'Усилие, N' {word} the unit vectors of columns 14–16, as the deflections show" in str(proposed)
+    assert read_forces(proposed) == pytest.approx(forces, abs=12.0)
+
+
+def test_one_force_together_with_unit_vectors_that_differ_is_refused(tmp_path):
+    text, forces = write_along()
+    stated = {"force": forces[0].tolist(), "units": {"force": "N"}}
+    with pytest.raises(js.CampaignError, match="one direction, but the unit vectors nx, ny, nz differ by"):
+        propose(text, tmp_path, **stated)
+
+
+def test_sizes_along_vectors_that_the_deflections_contradict_are_asked_and_not_offered_as_one_force(tmp_path):
+    text, _ = write_along(contradicted=True)
+    (question,) = propose(text, tmp_path).accept().missing
+    assert "'Усилие, N' along nx, ny, nz does not explain the deflections: write the force of" in question
+    assert "`force` is" not in question
+
+
+def test_sizes_that_differ_by_posture_are_not_offered_as_one_force(tmp_path):
+    size, forces = sizes((0.0, -0.8, -0.6))
+    joints, positions = measure(forces)
+    proposed = propose(table([*HEADERS, "Kraft [N]"], write_rows(joints, positions, size)), tmp_path)
+    (question,) = proposed.accept().missing
+    said = (
+        f"'Kraft [N]' has {size.min():.4g} to {size.max():.4g} N under load, which differ by posture: write"
+    )
+    assert said in question
+    assert "`force` is" not in question

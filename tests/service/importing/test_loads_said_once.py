@@ -177,3 +177,55 @@ def test_hostile_texts_are_searched_in_a_time_that_grows_with_their_length(name,
 
     count = 200_000 // len(line)
     assert measure(4 * count) < 8 * measure(count) + 0.5
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["load: 1\n", "load_N: 1\n", "payload_mass: 1\n", "force [N] = 1\n", "force: [0, 0, -1]\n", "load 1 N\n"],
+)
+def test_a_flag_of_a_load_is_not_quoted_as_a_load(text):
+    assert not describe("a.txt", text)
+
+
+PULLS = "if this load pulls down, `force` is "
+
+
+@pytest.mark.parametrize(
+    ("row", "said", "force"),
+    [
+        (["Forza:", "450", "N", "verso il basso, con paranco"], "Forza: 450 N", "0,0,-450N"),
+        (["Kraft", "0.8", "kN", "nach unten"], "Kraft 0.8 kN", "0,0,-0.8kN"),
+        (["Effort :", "300", "N", "vers le bas"], "Effort : 300 N", "0,0,-300N"),
+        (["Fuerza", "30", "daN", "hacia abajo"], "Fuerza 30 daN", "0,0,-30daN"),
+        (["Força", "250", "N", "para baixo"], "Força 250 N", "0,0,-250N"),
+        (["Siła", "200", "N", "w dół"], "Siła 200 N", "0,0,-200N"),
+        (["Сила", "20", "кгс", "вниз"], "Сила 20 кгс", "0,0,-20kgf"),
+        (["力", "100", "N", "向下"], "力 100 N", "0,0,-100N"),
+        (["荷重", "98", "N", "下向き"], "荷重 98 N", "0,0,-98N"),
+        (["힘", "98", "N", "아래로"], "힘 98 N", "0,0,-98N"),
+        (["Force", "60", "lbf", "downwards"], "Force 60 lbf", "0,0,-60lbf"),
+    ],
+)
+def test_word_number_unit_and_direction_in_cells_side_by_side_are_a_load_that_pulls_down(row, said, force):
+    sentence = describe("a.xlsx", write_workbook(row, ["Pose", "X"]))
+    assert f'says "{said}"' in sentence
+    assert sentence.endswith(PULLS + force)
+
+
+@pytest.mark.parametrize(
+    ("text", "is_certain"),
+    [
+        ("40 kg hung at the flange", True),
+        ("Massa appesa: 40 kg", True),
+        ("Kraft 400 N nach unten", True),
+        ("悬挂 40 kg 砝码", True),
+        ("Load: 40 kg", False),
+        ("40 kg not hung, pushed", False),
+        ("hung mass 30-40 kg", False),
+        ("payload download 40 kg", False),
+        ("hung mass max 40 kg", False),
+    ],
+)
+def test_only_a_clear_load_that_hangs_or_pulls_down_by_its_words_is_certain(text, is_certain):
+    loads = find_stated_loads([SourceFile(name="a.txt", content=f"# {text}\n".encode())])
+    assert [each.is_certain for each in loads if each.is_certain] == [True] * is_certain

@@ -1130,6 +1130,11 @@ def strangers() -> dict[str, Proposed]:
     }
     of_states = table(["Pose", "Zustand", *"XYZ", "Fx [N]", "Fy [N]", "Fz [N]"],
                       [[row[0], *row[7:], "0", "0", "-981"] for row in TURNS])  # fmt: skip
+    numbered_cases = [
+        [row[0], target, *row[1:]]
+        for number, target in enumerate("AB")
+        for row in strange.in_turn(MEASURED, (5, 7), strange.both(MEASURED, number))
+    ]
     uneven = [[*row[:3], f"{float(row[3]) + 0.3 * (n % 2)}", *row[4:]] for n, row in enumerate(TURNS)]
     return {
         "block": Proposed(
@@ -1191,6 +1196,11 @@ def strangers() -> dict[str, Proposed]:
         ),
         "row twice": Proposed(
             "has this row twice", {"a.csv": table(IN_TURN, [TURNS[0], *TURNS])}, {"a.csv": turns}
+        ),
+        "row twice, told apart by a column": Proposed(
+            "which may be states or loads",
+            {"a.csv": table(["Pose", "Target", *strange.JOINTS, "case_no", *"XYZ"], numbered_cases)},
+            stated={"columns": {"case_no": "state"}, "state_words": {"5": "unloaded", "7": "loaded"}},
         ),
         "row twice, its mean": Proposed(
             "has this row twice",
@@ -1270,6 +1280,19 @@ def strangers() -> dict[str, Proposed]:
                 )
             },
             stated={"ignore": ["Kraft quer"]},
+        ),
+        "one force with unit vectors": Proposed(
+            "the unit vectors nx, ny, nz differ by posture",
+            {
+                "a.csv": table(
+                    [*WIDE, "pull [N]", "nx", "ny", "nz"],
+                    [
+                        [*row, str(975 + n), *(["0", "0", "-1"] if n % 2 else ["0", "-0.6", "-0.8"])]
+                        for n, row in enumerate(strange.wide(MEASURED, UNLOADED, LOADED))
+                    ],
+                )
+            },
+            stated={"ignore": ["nx", "ny", "nz"]},
         ),
         "rows of other numbers": Proposed(
             "it has 13 rows for 14 postures",

@@ -249,3 +249,32 @@ def test_the_question_for_the_force_names_the_three_columns_that_are_left(tmp_pa
         js.CampaignError, match=r"13 columns, but the rows have 15 cells.*without blanks in a name"
     ):
         propose(write_bare(forces), tmp_path, header=header)
+
+
+@pytest.mark.parametrize(
+    ("header", "flag"),
+    [("load", "1"), ("charge utile", "1.0"), ("mass", "1"), ("Force", "1"), ("F_N", "-1"), ("荷重[kN]", "1")],
+)
+def test_a_flag_of_loaded_rows_is_neither_taken_nor_suggested_as_the_size_of_a_load(header, flag, tmp_path):
+    rows = []
+    for joints, unloaded, loaded in zip(joint_rows(CAMPAIGN), UNLOADED, LOADED, strict=True):
+        rows += [[*joints, *digits(unloaded), "0"], [*joints, *digits(loaded), flag]]
+    files = {"a.csv": table(["Pose", *JOINTS, *"XYZ", header], rows)}
+    (question,) = propose(files, tmp_path).accept().missing
+    assert question.endswith("or one `force` (N, daN, kN, kgf, lbf)")
+    document = accept(files, tmp_path, **NEWTONS)
+    np.testing.assert_allclose(list_forces(document), [[0.0, 0.0, -1313.0]] * len(UNLOADED))
+
+
+def test_a_flag_in_a_table_of_readings_is_not_suggested_as_the_size_of_a_load(tmp_path):
+    rows = [
+        [name, flag, *digits(position)]
+        for (name, *_), pair in zip(joint_rows(CAMPAIGN), zip(UNLOADED, LOADED, strict=True), strict=True)
+        for flag, position in enumerate(pair)
+    ]
+    files = {
+        "robot.csv": table(["pose", *JOINTS], joint_rows(CAMPAIGN)),
+        "tracker.csv": table(["pose", "load", *"xyz"], rows),
+    }
+    (question,) = propose(files, tmp_path).accept().missing
+    assert question.endswith("or one `force` (N, daN, kN, kgf, lbf)")
