@@ -170,6 +170,8 @@ DIMENSIONS: Final[Mapping[Kind, Dimension]] = MappingProxyType(
     {"joint": "angle", "force": "force", "mass": "force", "moment": "moment", **_LENGTHS}
 )
 _MAY_HAVE_UNITS: Final[frozenset[Kind]] = frozenset(("time", "ignored"))
+_PARTS_OF_NAMES: Final[tuple[Kind, ...]] = ("collection", "group", "target", "name")
+"""Columns whose texts are parts of the name of a point."""
 UNKNOWN: Final = "columns"
 """Option that settles an unknown header."""
 
@@ -670,7 +672,7 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
         ImportFileError: the header is not understood, or its unit does not fit.
     """
     base, unit = split_unit(header)
-    key = _TEXT_KIND_OF.get(fold_word(base))
+    key = _TEXT_KIND_OF.get(fold_word(base)) or _find_kind_of_path(base)
     if key is not None:
         if unit is not None and key not in _MAY_HAVE_UNITS:
             reason = f"the header {quote(header)} has a unit, but its column has texts"
@@ -697,6 +699,15 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
     meaning = _parse_quantity(header, base, state_words)
     unit = check_unit(header, unit, meaning.kind)
     return replace(meaning, unit=unit, guessed=meaning.guessed or split_suffix is not None)
+
+
+def _find_kind_of_path(header: str) -> Kind | None:
+    """Return the kind of a column of whole names, such as `Collection::Group::Target`; None for others."""
+    parts = header.split("::")
+    are_parts = len(parts) > 1 and all(
+        _TEXT_KIND_OF.get(fold_word(part)) in _PARTS_OF_NAMES for part in parts
+    )
+    return "name" if are_parts else None
 
 
 def _name_by_unit(base: str, unit: str | None) -> str:
