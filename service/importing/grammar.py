@@ -373,9 +373,7 @@ def is_load_header(header: str) -> bool:
 
 def is_force(name: str) -> bool:
     """Return whether a name without an axis is that of a force, such as `F`, `force_N` or `Kraft [kN]`."""
-    base, unit = split_unit(name)
-    if unit is None:
-        base, unit = split_unit_suffix(base) or (base, None)
+    base, unit = _split_any_unit(name)
     return _VECTOR_OF.get(fold_word(base)) == "force" and (unit is None or _is_unit_of("force", unit))
 
 
@@ -751,6 +749,12 @@ def split_unit_suffix(base: str) -> tuple[str, str] | None:
     return None
 
 
+def _split_any_unit(header: str) -> tuple[str, str | None]:
+    """Split a header such as `S [deg]` or `S grader` into name and unit; None without a unit."""
+    base, unit = split_unit(header)
+    return (base, unit) if unit is not None else (split_unit_suffix(base) or (base, None))
+
+
 def check_unit(header: str, text: str | None, kind: Kind) -> str | None:
     """Return the canonical name of a header's unit; None if the header has no unit.
 
@@ -969,7 +973,7 @@ class Vocabulary:
 
     def _add_joints_of_makers(self, headers: Iterable[str]) -> None:
         """Know the names of a maker for the joints, such as S L U R B T, if a table has all of them."""
-        names = [split_unit(header)[0] for header in headers]
+        names = [_split_any_unit(header)[0] for header in headers]
         name_of_joint = {_name_joint_of_maker(name): fold_word(name) for name in names}
         for joints in _WORDS["makers"].values():
             if name_of_joint.keys() >= set(joints):
@@ -1039,7 +1043,7 @@ class Vocabulary:
         Raises:
             ImportFileError: the header is not understood.
         """
-        name, unit = split_unit(header)
+        name, unit = _split_any_unit(header)
         number = self._joints.get(fold_word(name))
         load = self._loads.get(fold_word(name))
         if load is not None and number is None:
