@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from importlib.resources import files
+from itertools import product
 from types import MappingProxyType
 from typing import Final, Literal, NamedTuple, TypeVar
 
@@ -40,7 +41,31 @@ def _values_by_word(groups: Mapping[_Value, Iterable[str]]) -> Mapping[str, _Val
 _WORDS: Final = tomllib.loads(files(__package__).joinpath("words.toml").read_text("utf-8"))
 _WORD_LISTS: Final[Mapping[str, Sequence[str]]] = _WORDS["beside"]
 _TEXT_KIND_OF: Final[Mapping[str, Kind]] = _values_by_word({"name": LABEL_HEADERS, **_WORDS["keys"]})
-_STATE_OF: Final[Mapping[str, State]] = _values_by_word(_WORDS["states"])
+_FORMS_OF_PHRASES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "before": "{sign} {load}",
+        "behind": "{load} {sign}",
+        "joined_before": "{sign}{load}",
+        "joined_behind": "{load}{sign}",
+    }
+)
+"""Place of the words that say whether a load hangs → a phrase of such a word and a word for the load."""
+
+
+def _build_phrases() -> dict[str, State]:
+    """Return phrase → state, of each word for a load with each word of its language that it hangs or not."""
+    return {
+        fold_word(form.format(sign=sign, load=load)): state
+        for group in _WORDS["phrases"]
+        for place, form in _FORMS_OF_PHRASES.items()
+        for state, signs in group.get(place, {}).items()
+        for sign, load in product(signs, group["load"])
+    }
+
+
+_STATE_OF: Final[Mapping[str, State]] = MappingProxyType(
+    {**_build_phrases(), **_values_by_word(_WORDS["states"])}
+)
 _OPPOSITES: Final[Mapping[str, Sequence[str]]] = _WORDS["opposites"]
 _VECTOR_OF: Final[Mapping[str, Kind]] = _values_by_word(_WORDS["vectors"])
 WORDS_OF_ENCODINGS: Final[Mapping[str, Sequence[str]]] = _WORDS["encodings"]
@@ -229,13 +254,29 @@ _UNIT_OF_MASS: Final = re.compile(
     re.IGNORECASE,
 )
 """End of a header of masses, such as `weight_kg` or `Load (lb)`."""
+
+
+def _build_phrase_alternation(phrases: Iterable[str]) -> str:
+    """Return a regular expression that matches any of the phrases: each first word, then those behind it."""
+    rests_of_word: dict[str, list[str]] = {}
+    for phrase in phrases:
+        first, _, rest = phrase.partition(" ")
+        rests_of_word.setdefault(first, []).append(rest)
+    found = (
+        rf"{re.escape(first)}[\s_-]+(?:{_build_alternation(rests)})" for first, rests in rests_of_word.items()
+    )
+    return "|".join(found)
+
+
 _PHRASES: Final = [word for word in _STATE_OF if " " in word]
+_FIRST_WORDS: Final = frozenset(_NO_LETTERS.split(phrase)[0] for phrase in _PHRASES)
+"""First words of phrases: a text without them needs no search for hundreds of phrases."""
 _STATE_PHRASE: Final = re.compile(
-    rf"(?<![^\s_])(?:{_build_alternation(_PHRASES)})\.?(?![^\s_])", re.IGNORECASE
+    rf"(?<![^\s_])(?:{_build_phrase_alternation(_PHRASES)})\.?(?![^\s_])", re.IGNORECASE
 )
+_PHRASES_IN_NAMES: Final = [phrase for phrase in _PHRASES if not phrase[-1].isdigit()]
 _PHRASE_IN_NAME: Final = re.compile(
-    rf"(?<![^\W_])(?:{_build_alternation(word for word in _PHRASES if not word[-1].isdigit())})(?![^\W_])",
-    re.IGNORECASE,
+    rf"(?<![^\W_])(?:{_build_phrase_alternation(_PHRASES_IN_NAMES)})(?![^\W_])", re.IGNORECASE
 )
 """A phrase in a name; those with a digit are left out, as the digit may be a target."""
 _UNIT: Final = re.compile(r"(.*?)\s*_?(?:\[((?!\d+\])[^][]*)\]|\(([^()]*)\)|[/,]\s*([^][/,]+))")
@@ -480,8 +521,10 @@ def is_repeat_header(header: str) -> bool:
 
 def _join_phrases(phrase: re.Pattern[str], text: str) -> str:
     """Return a text in which a state takes the place of its phrase as one word, such as of `no load`."""
+    if _FIRST_WORDS.isdisjoint(_NO_LETTERS.split(text.casefold())):
+        return text
     return phrase.sub(
-        lambda match: _STATE_OF[" ".join(re.split(r"[\s_-]+", match[0].casefold().rstrip(".")))].replace(
+        lambda match: _STATE_OF[" ".join(re.split(r"[\s_-]+", fold_word(match[0]).rstrip(".")))].replace(
             "_", ""
         ),
         text,
