@@ -12,6 +12,11 @@ from jointstiff.service.importing.grid import Grid, Row, looks_like_a_number
 
 _LEAST_ROWS: Final = 3
 """Fewest cells of a column with a unit."""
+_NUMBER_AND_LETTERS: Final = re.compile(r"[-+]?[\d.,]{1,30}\s?[^\W\d_]{1,9}")
+"""A number with letters behind it: a unit, or a part of a name such as `1u`."""
+_DECIMAL: Final = re.compile(r"\d[.,]\d")
+_LONG_UNITS: Final = frozenset(("m", "in"))
+"""Units in which no arm's positions are whole numbers: `1m` and `2m` are names."""
 _CELL: Final = re.compile(r"([-+]?[\d.,]{1,30}(?:[eE][-+]?\d{1,3})?)\s?(°|º|deg|rad|mm|µm|μm|um|m|in)")
 """A number with a unit of an angle or a length. Loads such as `50 kg` are words for states."""
 
@@ -47,6 +52,10 @@ def _find_unit(rows: Sequence[Row], column: int) -> str:
     texts = [row.cells[column] for row in rows if column < len(row.cells) and row.cells[column]]
     matches = [_CELL.fullmatch(text) for text in texts]
     units = {match[2] for match in matches if match is not None}
-    has_bare_number = any(map(looks_like_a_number, texts))
     count = sum(match is not None for match in matches)
-    return units.pop() if len(units) == 1 and count >= _LEAST_ROWS and not has_bare_number else ""
+    if len(units) != 1 or count < _LEAST_ROWS:
+        return ""
+    others = [text for text, match in zip(texts, matches, strict=True) if match is None]
+    has_other = any(looks_like_a_number(text) or _NUMBER_AND_LETTERS.fullmatch(text) for text in others)
+    are_names = units <= _LONG_UNITS and not any(map(_DECIMAL.search, texts))
+    return "" if has_other or are_names else units.pop()

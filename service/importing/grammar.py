@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from importlib.resources import files
+from itertools import product
 from types import MappingProxyType
 from typing import Final, Literal, NamedTuple, TypeVar
 
@@ -40,7 +41,31 @@ def _values_by_word(groups: Mapping[_Value, Iterable[str]]) -> Mapping[str, _Val
 _WORDS: Final = tomllib.loads(files(__package__).joinpath("words.toml").read_text("utf-8"))
 _WORD_LISTS: Final[Mapping[str, Sequence[str]]] = _WORDS["beside"]
 _TEXT_KIND_OF: Final[Mapping[str, Kind]] = _values_by_word({"name": LABEL_HEADERS, **_WORDS["keys"]})
-_STATE_OF: Final[Mapping[str, State]] = _values_by_word(_WORDS["states"])
+_FORMS_OF_PHRASES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "before": "{sign} {load}",
+        "behind": "{load} {sign}",
+        "joined_before": "{sign}{load}",
+        "joined_behind": "{load}{sign}",
+    }
+)
+"""Place of the words that say whether a load hangs → a phrase of such a word and a word for the load."""
+
+
+def _build_phrases() -> dict[str, State]:
+    """Return phrase → state, of each word for a load with each word of its language that it hangs or not."""
+    return {
+        fold_word(form.format(sign=sign, load=load)): state
+        for group in _WORDS["phrases"]
+        for place, form in _FORMS_OF_PHRASES.items()
+        for state, signs in group.get(place, {}).items()
+        for sign, load in product(signs, group["load"])
+    }
+
+
+_STATE_OF: Final[Mapping[str, State]] = MappingProxyType(
+    {**_build_phrases(), **_values_by_word(_WORDS["states"])}
+)
 _OPPOSITES: Final[Mapping[str, Sequence[str]]] = _WORDS["opposites"]
 _VECTOR_OF: Final[Mapping[str, Kind]] = _values_by_word(_WORDS["vectors"])
 WORDS_OF_ENCODINGS: Final[Mapping[str, Sequence[str]]] = _WORDS["encodings"]
@@ -178,6 +203,8 @@ DIMENSIONS: Final[Mapping[Kind, Dimension]] = MappingProxyType(
     {"joint": "angle", "force": "force", "mass": "force", "moment": "moment", **_LENGTHS}
 )
 _MAY_HAVE_UNITS: Final[frozenset[Kind]] = frozenset(("time", "ignored"))
+_PARTS_OF_NAMES: Final[tuple[Kind, ...]] = ("collection", "group", "target", "name")
+"""Columns whose texts are parts of the name of a point."""
 UNKNOWN: Final = "columns"
 """Option that settles an unknown header."""
 
@@ -235,13 +262,29 @@ _UNIT_OF_MASS: Final = re.compile(
     re.IGNORECASE,
 )
 """End of a header of masses, such as `weight_kg` or `Load (lb)`."""
+
+
+def _build_phrase_alternation(phrases: Iterable[str]) -> str:
+    """Return a regular expression that matches any of the phrases: each first word, then those behind it."""
+    rests_of_word: dict[str, list[str]] = {}
+    for phrase in phrases:
+        first, _, rest = phrase.partition(" ")
+        rests_of_word.setdefault(first, []).append(rest)
+    found = (
+        rf"{re.escape(first)}[\s_-]+(?:{_build_alternation(rests)})" for first, rests in rests_of_word.items()
+    )
+    return "|".join(found)
+
+
 _PHRASES: Final = [word for word in _STATE_OF if " " in word]
+_FIRST_WORDS: Final = frozenset(_NO_LETTERS.split(phrase)[0] for phrase in _PHRASES)
+"""First words of phrases: a text without them needs no search for hundreds of phrases."""
 _STATE_PHRASE: Final = re.compile(
-    rf"(?<![^\s_])(?:{_build_alternation(_PHRASES)})\.?(?![^\s_])", re.IGNORECASE
+    rf"(?<![^\s_])(?:{_build_phrase_alternation(_PHRASES)})\.?(?![^\s_])", re.IGNORECASE
 )
+_PHRASES_IN_NAMES: Final = [phrase for phrase in _PHRASES if not phrase[-1].isdigit()]
 _PHRASE_IN_NAME: Final = re.compile(
-    rf"(?<![^\W_])(?:{_build_alternation(word for word in _PHRASES if not word[-1].isdigit())})(?![^\W_])",
-    re.IGNORECASE,
+    rf"(?<![^\W_])(?:{_build_phrase_alternation(_PHRASES_IN_NAMES)})(?![^\W_])", re.IGNORECASE
 )
 """A phrase in a name; those with a digit are left out, as the digit may be a target."""
 _UNIT: Final = re.compile(r"(.*?)\s*_?(?:\[((?!\d+\])[^][]*)\]|\(([^()]*)\)|[/,]\s*([^][/,]+))")
@@ -385,9 +428,7 @@ def names_load_or_state(header: str) -> bool:
 
 def is_force(name: str) -> bool:
     """Return whether a name without an axis is that of a force, such as `F`, `force_N` or `Kraft [kN]`."""
-    base, unit = split_unit(name)
-    if unit is None:
-        base, unit = split_unit_suffix(base) or (base, None)
+    base, unit = _split_any_unit(name)
     return _VECTOR_OF.get(fold_word(base)) == "force" and (unit is None or _is_unit_of("force", unit))
 
 
@@ -494,8 +535,10 @@ def is_repeat_header(header: str) -> bool:
 
 def _join_phrases(phrase: re.Pattern[str], text: str) -> str:
     """Return a text in which a state takes the place of its phrase as one word, such as of `no load`."""
+    if _FIRST_WORDS.isdisjoint(_NO_LETTERS.split(text.casefold())):
+        return text
     return phrase.sub(
-        lambda match: _STATE_OF[" ".join(re.split(r"[\s_-]+", match[0].casefold().rstrip(".")))].replace(
+        lambda match: _STATE_OF[" ".join(re.split(r"[\s_-]+", fold_word(match[0]).rstrip(".")))].replace(
             "_", ""
         ),
         text,
@@ -684,7 +727,7 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
         ImportFileError: the header is not understood, or its unit does not fit.
     """
     base, unit = split_unit(header)
-    key = _TEXT_KIND_OF.get(fold_word(base))
+    key = _TEXT_KIND_OF.get(fold_word(base)) or _find_kind_of_path(base)
     if key is not None:
         if unit is not None and key not in _MAY_HAVE_UNITS:
             reason = f"the header {quote(header)} has a unit, but its column has texts"
@@ -711,6 +754,15 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
     meaning = _parse_quantity(header, base, state_words)
     unit = check_unit(header, unit, meaning.kind)
     return replace(meaning, unit=unit, guessed=meaning.guessed or split_suffix is not None)
+
+
+def _find_kind_of_path(header: str) -> Kind | None:
+    """Return the kind of a column of whole names, such as `Collection::Group::Target`; None for others."""
+    parts = header.split("::")
+    are_parts = len(parts) > 1 and all(
+        _TEXT_KIND_OF.get(fold_word(part)) in _PARTS_OF_NAMES for part in parts
+    )
+    return "name" if are_parts else None
 
 
 def _name_by_unit(base: str, unit: str | None) -> str:
@@ -768,6 +820,12 @@ def _split_unit_of_name(base: str) -> tuple[str, str] | None:
     dimension = DIMENSIONS[_VECTOR_OF[fold_word(vector[1].replace("-", " "))]]
     unit = _UNIT_IN_LOWER_CASE.get((dimension, ending))
     return None if unit is None else (name, unit)
+
+
+def _split_any_unit(header: str) -> tuple[str, str | None]:
+    """Split a header such as `S [deg]` or `S grader` into name and unit; None without a unit."""
+    base, unit = split_unit(header)
+    return (base, unit) if unit is not None else (split_unit_suffix(base) or (base, None))
 
 
 def check_unit(header: str, text: str | None, kind: Kind) -> str | None:
@@ -988,7 +1046,7 @@ class Vocabulary:
 
     def _add_joints_of_makers(self, headers: Iterable[str]) -> None:
         """Know the names of a maker for the joints, such as S L U R B T, if a table has all of them."""
-        names = [split_unit(header)[0] for header in headers]
+        names = [_split_any_unit(header)[0] for header in headers]
         name_of_joint = {_name_joint_of_maker(name): fold_word(name) for name in names}
         for joints in _WORDS["makers"].values():
             if name_of_joint.keys() >= set(joints):
@@ -1058,7 +1116,7 @@ class Vocabulary:
         Raises:
             ImportFileError: the header is not understood.
         """
-        name, unit = split_unit(header)
+        name, unit = _split_any_unit(header)
         number = self._joints.get(fold_word(name))
         load = self._loads.get(fold_word(name))
         if load is not None and number is None:

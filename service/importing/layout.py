@@ -73,6 +73,8 @@ def understand_table(
     vocabulary.add_names_of_table(heading.texts)
     remarks = sorted([*grid.comments, *_read_titles_above(grid, heading)])
     stated = _read_remarks(grid.file, remarks)
+    if not _have_length_unit(heading.texts, vocabulary, options):
+        stated = stated._replace(axes_unit=stated.axes_unit or _find_length_unit(remarks))
     grid, notes_on_rows = _drop_rows_without_readings(grid, heading)
     heading, rows = _fit_rows_to_heading(grid, heading, faults)
     headers = ["" if heading.columns_are_assumed else text for text in heading.texts]
@@ -104,6 +106,14 @@ def understand_table(
         frame=stated.frame,
         unsure_number=unsure_number,
     )
+
+
+def _have_length_unit(headers: Sequence[str], words: Vocabulary, options: ImportOptions) -> bool:
+    """Return whether a header of a length, or the option `units`, states the unit of lengths."""
+    if options.units is not None and options.units.length is not None:
+        return True
+    meanings = [words.find(header) for header in headers if header]
+    return any(each is not None and each.dimension == "length" and each.unit for each in meanings)
 
 
 def _has_state_in_name(grid: Grid, options: ImportOptions) -> bool:
@@ -213,12 +223,17 @@ _AXES_UNIT: Final = re.compile(
 """The unit behind the names of the axes, in one of three groups, or behind each of them."""
 _FRAME: Final = re.compile(
     r"(?:\b(?:FRAME|(?:COORDINATE|REFERENCE)\s+SYSTEM|(?:KOORDINATEN|BEZUGS)SYSTEM|REP[ÈE]RE|R[ÉE]F[ÉE]RENTIEL)\s*[=:]"
-    r"|\b(?:COORDINATE|WORKING|REFERENCE|ACTIVE)\s+FRAME\b)\s*[=:]*\s*(\S.*)",
+    r"|\b(?:COORDINATE|WORKING|REFERENCE|ACTIVE)\s+FRAME\b)\s*[=:]*\s*(\S+(?:[ \t]\S+)*)",
     re.IGNORECASE,
 )
+"""The name of a frame ends at a gap of blanks, as behind it another statement may follow."""
 _UNITS: Final = re.compile(
     r"(?:UNITÉ|UNIT|EINHEIT)(?:S|EN)?\b(?P<equals>[^=:]{0,30}[=:]+)?\s*(?P<units>\S.*)", re.IGNORECASE
 )
+_UNITS_OF_FILE: Final = re.compile(
+    r"(?:^|[\t;,|]|\s\s)\s?(?:UNITÉ|UNIT|EINHEIT)(?:S|EN)?\s?[=:]", re.IGNORECASE
+)
+"""Begin of a statement on all units: not those of a quantity, such as `Deflection units:`."""
 _UNIT: Final = re.compile(
     r"[\[(]\s*([^\W\d]+)\s*[\])]|\b(?:in|en)\s+([^\W\d]+)|(?<![\d\w.,])(?<!\d )(mm|inch|inches)(?!\w)",
     re.IGNORECASE,
@@ -285,6 +300,17 @@ def _read_axes_unit(text: str, place: Place) -> str | None:
     return None
 
 
+def _find_length_unit(remarks: Sequence[Remark]) -> str | None:
+    """Return the only unit of length of remarks on all units, such as `Units: mm, deg`; None without one."""
+    units = set[str]()
+    for remark in remarks:
+        of_file = _UNITS_OF_FILE.search(remark.text)
+        words = [] if of_file is None else _list_stated_units(remark.text[of_file.start() :]).units
+        known = map(grammar.find_known_unit, words)
+        units |= {each[1] for each in known if each is not None and each[0] == "length"}
+    return units.pop() if len(units) == 1 else None
+
+
 def _read_frame(text: str) -> str | None:
     """Return the name of the frame in a remark such as `Frame: 'A'`; None if it names no frame."""
     match = None if _AXES.search(text) else _FRAME.search(text)
@@ -318,18 +344,24 @@ class _ListedUnits(NamedTuple):
 
 def _list_units(text: str) -> _ListedUnits:
     """Return the units in a title or comment such as `Units: mm, deg` or `lengths in inches`."""
-    match = _UNITS.search(text)
+    stated = _list_stated_units(text)
     in_brackets = ["".join(groups) for groups in _UNIT.findall(text)]
+    return _ListedUnits([*stated.units, *in_brackets], stated.unknown)
+
+
+def _list_stated_units(text: str) -> _ListedUnits:
+    """Return the units behind the word `units` in a title or comment, such as `Units: mm, deg`."""
+    match = _UNITS.search(text)
     if match is None:
-        return _ListedUnits(in_brackets)
+        return _ListedUnits([])
     words = re.findall(r"[^\s,;:()\[\]]+", match["units"])
     # The word `in` means inches only if it is alone; in a sentence it is a preposition.
     units = [word for word in words if grammar.find_any_unit(word) and (word != "in" or len(words) == 1)]
     is_sentence = not match["equals"] and len(units) < len(words)
     if is_sentence:
-        return _ListedUnits(in_brackets)
+        return _ListedUnits([])
     is_unknown = len(words) == 1 and not units and words[0].isalpha()
-    return _ListedUnits([*units, *in_brackets], words[0] if is_unknown else None)
+    return _ListedUnits(units, words[0] if is_unknown else None)
 
 
 # ---- the rows of data

@@ -21,6 +21,8 @@ _MOST_TEXTS: Final = 100_000
 _MOST_CHARACTERS: Final = 200
 """Characters of a line of a legend, at most: a longer line is no legend."""
 _LONGEST_WORD: Final = 16
+_MOST_CELLS: Final = 3
+"""Cells of words with one meaning: those of the three axes; more are a row of a table."""
 _MOST_MEANINGS: Final = 200
 """Meanings of words of all files, at most: more are rows of a table."""
 _ENTRY: Final = re.compile(rf"(?<![^\W_])[\"'(]?(\w{{1,{_LONGEST_WORD}}})[\"')]? ?[=:] ?")
@@ -103,13 +105,14 @@ def _list_entries(files: Sequence[SourceFile]) -> list[_Entry]:
 
 
 def _read_entries(file: str, statement: Statement) -> Iterator[_Entry]:
-    """Yield the words that a text explains: cells before a cell with words, or words before an equals sign.
+    """Yield the words that a text explains: words before an equals sign, or cells before a cell with words.
 
     `Xa Ya Za` explains `a`, too: the letters of axes tell the columns of a position.
     """
     source = f"{statement.place} of {quote(file)}"
     cells = [cell.strip() for cell in statement.text.split("\t")]
-    pairs = _split_cells(cells) if len(cells) > 1 else _split_text(statement.text)
+    of_texts = [pair for cell in cells for pair in _split_text(cell)]
+    pairs = of_texts if of_texts or len(cells) == 1 else _split_cells(cells)
     for words, meaning in pairs:
         for word in dict.fromkeys(_strip_axes(words)):
             yield _Entry(word, meaning, source)
@@ -120,7 +123,7 @@ def _split_cells(cells: Sequence[str]) -> Iterator[tuple[list[str], str]]:
     has_unit = len(cells) > 2 and find_any_unit(cells[-1]) is not None
     *first, meaning = cells[:-1] if has_unit else cells
     words = [word for cell in first for word in _BETWEEN.split(cell.strip(_ENDS)) if word]
-    is_short = all(len(word) <= _LONGEST_WORD for word in words)
+    is_short = len(first) <= _MOST_CELLS and all(len(word) <= _LONGEST_WORD for word in words)
     if is_short and not any(map(looks_like_a_number, (meaning, *first[1:]))):
         yield words, meaning.strip(_ENDS)
 

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.imports import ImportRequest
+from jointstiff.schemas.imports import ImportRequest, State
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
-from jointstiff.service.importing.grammar import is_likely_unloaded
+from jointstiff.service.importing.grammar import OPPOSITE_STATE, is_likely_unloaded
 from jointstiff.service.proposals.named_forces import read_forces
 from jointstiff.service.proposals.names.naming import (
     NamedReading,
@@ -89,11 +89,17 @@ def refuse_states_against_force(
     reason = f"{found}, but the targets then move against `force`"
     words = list_state_words(by_order)
     if words:
-        raise _build_words_error(reason, words)
+        raise _build_words_error(reason, words, _list_opposite_states(by_order))
     remedy = (
         "name the states in the headers (`header`) or in the names of files; or correct the sign of `force`"
     )
     raise NoProposalError(reason, remedy)
+
+
+def _list_opposite_states(named: Sequence[NamedReading]) -> list[State]:
+    """Return the other states of the readings of the first target that have words, in their order."""
+    own = [each for each in named if each.target == named[0].target and each.contrast.words]
+    return [OPPOSITE_STATE.get(each.state, "loaded") for each in own]
 
 
 def refuse_order_against_words(proposal: Proposal, named: Sequence[NamedReading]) -> None:
@@ -105,7 +111,9 @@ def refuse_order_against_words(proposal: Proposal, named: Sequence[NamedReading]
     words = find_words_against_order(named)
     if words:
         found = describe(proposal, [each.words for each in named])
-        raise _build_words_error(f"{found} by their order, but words may state other states", words)
+        likely: State = "unloaded" if is_likely_unloaded(words[0]) else "loaded"
+        reason = f"{found} by their order, but words may state other states"
+        raise _build_words_error(reason, words, (likely, OPPOSITE_STATE[likely]))
 
 
 def refuse_unknown_words(
@@ -126,16 +134,15 @@ def refuse_unknown_words(
 
 
 def _build_words_error(
-    reason: str, words: Sequence[str], states: tuple[str, str] = ("loaded", "unloaded")
+    reason: str, words: Sequence[str], states: Sequence[State] = ("loaded", "unloaded")
 ) -> NoProposalError:
     """Return the error that words of headers, files or cells may be the states of positions.
 
-    `states` are the likely states of two words.
+    `states` are the likely states of the words.
     """
     listed = " and ".join(map(quote, words))
     kind_of_words = "words for states" if len(words) > 1 else "a word for a state"
-    likely = "unloaded" if is_likely_unloaded(words[0]) else "loaded"
-    pairs = list(zip(words, states if len(words) > 1 else (likely,), strict=False))
+    pairs = list(zip(words, states, strict=False))
     in_order = tuple(word for word, _ in sorted(pairs, key=lambda pair: pair[1] != "unloaded"))
     examples = [f"{quote(word)} as `{state}`" for word, state in pairs]
     remedy = f"state what these words mean by `state_words`, such as {' and '.join(examples)}"

@@ -51,12 +51,11 @@ def propose_import(
 
 
 def _list_open_words(found: ProposedImport | NoProposal) -> Sequence[str]:
-    """Return the words of files that may be states, and that no name explains; () without such words."""
+    """Return the words of files that may be states, and that a legend may explain; () without such words."""
     if isinstance(found, NoProposal):
         is_question = found.fault is not None and found.fault.option == "state_words"
         return found.fault.words if found.fault is not None and is_question else ()
-    by_order = [each for each in found.named if each.is_by_order]
-    return list_state_words(by_order) if by_order else ()
+    return list_state_words(found.named) if found.named else ()
 
 
 def _propose_or_decline(

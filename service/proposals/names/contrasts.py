@@ -17,6 +17,7 @@ from jointstiff.service.importing.grammar import (
     read_states,
     split_unit,
 )
+from jointstiff.service.proposals.names.labels import find_ending
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.service.tables.labels import fold_word
 from jointstiff.solver.meaning.proposal import TargetReading
@@ -133,7 +134,8 @@ def split_header(header: str) -> list[str]:
 def _list_cells(reading: TargetReading, table: NumberTable) -> list[str]:
     """Return the cells of the rows of a reading that are alike in all postures, of several rows each.
 
-    Numbers along an axis, such as those of a force, are no words.
+    Of labels such as `1u` and `2u` it is the ending. Numbers along an axis, such as those of a force, are no
+    words.
     """
     groups = reading.points.groups
     if groups.count < 2:
@@ -143,11 +145,11 @@ def _list_cells(reading: TargetReading, table: NumberTable) -> list[str]:
     cells = list[str]()
     for column in range(len(table.headers)):
         texts = {table.rows[row].cells[column] for row in rows}
-        text = next(iter(texts))
         meaning = table.meanings[column]
         may_be_word = column not in table.ignored and (meaning is None or meaning.axis is None)
-        if len(texts) == 1 and text and may_be_word:
-            cells.append(text)
+        words = texts if len(texts) == 1 else set(map(find_ending, texts))
+        if may_be_word and len(words) == 1:
+            cells += [word for word in words if word]
     return cells
 
 

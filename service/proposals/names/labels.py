@@ -18,6 +18,8 @@ MOST_CODES: Final = 16
 """Most different names of targets or states in a column."""
 COUNTED: Final = re.compile(r"\d{1,5}")
 """A name that is a number."""
+_ENDING: Final = re.compile(r"[^\W\d_]{0,16}[\s_.-]?\d{1,5}[\s_.-]?([^\W\d_]{1,16})")
+"""A number with a word behind it, such as `1u` and `P01-before`."""
 _LEADING_ZEROS: Final = re.compile(r"(?<![\d.,])0+(?=\d)")
 
 
@@ -39,6 +41,12 @@ def omit_state(text: str, words: Mapping[str, State]) -> str:
 def omit_zeros(label: str) -> str:
     """Return a label whose numbers have no leading zeros, in lower case: `P01` gives `p1`."""
     return _LEADING_ZEROS.sub("", label.casefold())
+
+
+def find_ending(label: str) -> str:
+    """Return the word behind the number of a label: `u` of `1u`; empty for other labels."""
+    found = _ENDING.fullmatch(label)
+    return "" if found is None else found[1]
 
 
 def find_number(label: str) -> str:

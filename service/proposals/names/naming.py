@@ -11,6 +11,7 @@ from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.grammar import (
     find_state,
     is_likely_unloaded,
+    is_negation,
     split_words,
 )
 from jointstiff.service.importing.loads import find_load, find_state_of_load, remove_load
@@ -73,6 +74,7 @@ def name_readings(
             _find_names(reading, table_of_name[reading.points.table], options, states_of_titles)
             for reading in proposal.readings
         ]
+        found = _add_loads_of_headers(found, proposal.readings, table_of_name, contrasts)
         targets = _number_states(_name_targets(proposal.readings, found), proposal.readings, options)
         named = _add_states(proposal.readings, targets, _add_states_of_words(found, contrasts), contrasts)
         if are_distinct(named):
@@ -120,6 +122,37 @@ def _find_names(
     if name.state is None and options.state is not None:
         name = name._replace(state=options.state)
     return name
+
+
+def _add_loads_of_headers(
+    names: Sequence[RowName],
+    readings: Sequence[TargetReading],
+    table_of_name: Mapping[str, NumberTable],
+    contrasts: Sequence[Contrast],
+) -> list[RowName]:
+    """Return names with the loads that headers of any form state, such as `tracker (4,5 kg) X`.
+
+    A load that all headers state alike tells no positions apart. A load does not hang if another word of its
+    header means no load, or negates.
+    """
+    loads = [_find_load_of_headers(reading, table_of_name[reading.points.table]) for reading in readings]
+    if len(set(loads)) == 1:
+        return list(names)
+    named = []
+    for name, mass, contrast in zip(names, loads, contrasts, strict=True):
+        may_hang = {name.state, contrast.state} <= {None, "loaded"} and not any(
+            map(is_negation, contrast.words)
+        )
+        if mass is not None and name.mass is None and may_hang:
+            name = name._replace(state=find_state_of_load(mass), mass=mass)
+        named.append(name)
+    return named
+
+
+def _find_load_of_headers(reading: TargetReading, table: NumberTable) -> float | None:
+    """Return the mass [kg] that the headers of x, y and z state alike; None without one."""
+    loads = {find_load(table.headers[column]) for column in reading.points.columns}
+    return loads.pop() if len(loads) == 1 else None
 
 
 def _are_targets_in_rows(table: NumberTable) -> bool:

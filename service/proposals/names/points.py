@@ -38,7 +38,7 @@ def split_names(
         return _split_by_template(texts, options.point_name, options.state_words)
     if known_labels and set(map(omit_zeros, texts)) <= set(map(omit_zeros, known_labels)):
         return [RowName(text) for text in texts]
-    parts = _add_lacking_states(texts, options.state_words)
+    parts = _add_lacking_states(_split_paths(texts, options.state_words), options.state_words)
     if len({len(each) for each in parts}) != 1 or len(parts[0]) == 1:
         return [RowName(text) for text in texts]
     columns = [list(each) for each in zip(*parts, strict=True)]
@@ -49,9 +49,11 @@ def split_names(
     states = {}
     if state_part is not None:
         states = list_state_words(columns[state_part], options.state_words)
+    of_collection = range(_count_parts_of_collection(texts))
     named = []
     for own in parts:
-        target_words = [word for n, word in enumerate(own) if n not in (state_part, label_part)]
+        others = (state_part, label_part, *of_collection)
+        target_words = [word for n, word in enumerate(own) if n not in others]
         name = RowName(own[label_part], "_".join(target_words) or None)
         if state_part is not None:
             name = add_state(name, own[state_part], states)
@@ -60,9 +62,30 @@ def split_names(
     return [name._replace(target=None) for name in named] if are_same_target else named
 
 
-def _add_lacking_states(texts: Sequence[str], words: Mapping[str, State]) -> list[list[str]]:
+def _split_paths(texts: Sequence[str], words: Mapping[str, State]) -> list[list[str]]:
+    """Return the parts of names; groups between `::` that are words for states or loads stay whole.
+
+    So do `unloaded` and `loaded_150kg` of `A::unloaded::P1_T1` and `A::loaded_150kg::P1_T1`.
+    """
+    paths = [text.split("::") for text in texts]
+    if len({len(path) for path in paths}) != 1:
+        return [split_parts(text) for text in texts]
+    columns = []
+    for groups in zip(*paths, strict=True):
+        is_whole = len(paths[0]) > 1 and _are_states(groups, words)
+        columns.append([[group] if is_whole else split_parts(group) for group in groups])
+    return [[part for own in parts for part in own] for parts in zip(*columns, strict=True)]
+
+
+def _count_parts_of_collection(texts: Sequence[str]) -> int:
+    """Return the number of parts of the collection before the first `::` of all names; 0 without one."""
+    collections = {text.partition("::")[0] for text in texts if "::" in text}
+    has_collection = len(collections) == 1 and all("::" in text for text in texts)
+    return len(split_parts(collections.pop())) if has_collection else 0
+
+
+def _add_lacking_states(parts: list[list[str]], words: Mapping[str, State]) -> list[list[str]]:
     """Return the parts of names; a name without the last part of the others, a load, has a word for none."""
-    parts = [split_parts(text) for text in texts]
     most = max(map(len, parts))
     states = [read_state_word(each[-1], words) for each in parts if len(each) == most]
     are_loaded = all(state is not None and state.state == "loaded" for state in states)
@@ -101,13 +124,15 @@ def _find_parts_with_numbers_of(
 
 def _find_state_part(columns: Sequence[Sequence[str]], words: Mapping[str, State]) -> int | None:
     """Return the part of names that is a word for a state or a load in every name; None unless it is one."""
-    found = []
-    for number, column in enumerate(columns):
-        different = set(column)
-        are_states = are_words_of_states(different, words)
-        if 1 < len(different) <= MOST_CODES and are_states and not all(map(str.isdigit, different)):
-            found.append(number)
+    found = [number for number, column in enumerate(columns) if _are_states(column, words)]
     return found[0] if len(found) == 1 else None
+
+
+def _are_states(texts: Sequence[str], words: Mapping[str, State]) -> bool:
+    """Return whether texts are several words for states or loads, and not all of them are digits."""
+    different = set(texts)
+    may_be_states = 1 < len(different) <= MOST_CODES and not all(map(str.isdigit, different))
+    return may_be_states and are_words_of_states(different, words)
 
 
 def _find_label_part(

@@ -617,8 +617,11 @@ def _order_by_keys(named: _NamedTable) -> list[int] | None:
 
 
 def _refuse_unknown_states(named: _NamedTable, options: ImportOptions) -> None:
-    """Raise an `ImportFileError` if two words of a column may be the states of rows with the same names."""
-    words = find_unknown_states(named.table, options)
+    """Raise an `ImportFileError` if two words of a column may be the states of rows with the same names.
+
+    The word that more likely means without load comes first.
+    """
+    words = tuple(sorted(find_unknown_states(named.table, options), key=_rate_as_unloaded, reverse=True))
     if not words:
         return
     first, second = map(quote, words)
