@@ -188,6 +188,8 @@ class _LatexReader:
             self._end_cell()
         elif sign == "\n" and self._table is None:
             self._end_remark()
+        elif sign == "&" and self._table is not None and not self._inner_count:
+            raise self._build_error("a cell ends within braces")
         elif sign in ("&", "\n", "~"):
             self._pieces.append(" ")
         elif sign == "_":
@@ -209,7 +211,7 @@ class _LatexReader:
 
     def _add_index(self) -> None:
         """Add what is between a letter and its index: nothing in `q_1`, a blank in `x_{loaded}`."""
-        last = self._pieces[-1][-1:] if self._pieces else ""
+        last = self._pieces[-1][-1:] if self._pieces and self._is_mathematics else ""
         is_word = _WORD_IN_BRACES.match(self._text, self._position) is not None
         of_letter = " " if is_word else ""
         self._add_text(of_letter if last.isalpha() else "_")

@@ -185,7 +185,8 @@ def test_a_script_that_prints_a_table_is_no_latex():
     [
         ("\\begin{tabular}{ll}\n1 & 2", "the table has no end"),
         ("\\begin{tabular}{ll}\n1 } & 2 \\\\\n\\end{tabular}", "a brace has no beginning"),
-        ("\\begin{tabular}{ll}\n{1 & 2 \\\\\n\\end{tabular}", "a brace has no end"),
+        ("\\begin{tabular}{ll}\n{1 & 2 \\\\\n\\end{tabular}", "a cell ends within braces"),
+        ("\\begin{tabular}{ll}\n1 & {2 \\\\\n\\end{tabular}", "a brace has no end"),
         ("\\begin{tabular}{ll\n1 & 2", "an argument in braces has no end"),
         ("\\begin{tabular}{ll}\n\\multicolumn{x}{c}{2} \\\\\n\\end{tabular}", "how many columns it covers"),
         ("\\begin{tabular}{ll}\n\\multicolumn{9999}{c}{2} \\\\\n\\end{tabular}", "more than 256 columns"),
