@@ -24,7 +24,7 @@ _NAMES: Final[Mapping[str, str]] = MappingProxyType(
         "cp1250": "Windows-1250 (Central European)",
         "cp1251": "Windows-1251 (Cyrillic)",
         "koi8_r": "KOI8-R (Cyrillic)",
-        _LATIN1: "Latin-1",
+        _LATIN1: "Latin-1 (Western European)",
     }
 )
 """Encoding that was assumed → its name for people."""
@@ -124,14 +124,17 @@ def _find_stated(content: bytes) -> str:
 def _find_encoding(content: bytes) -> str:
     """Return the encoding in which most words of headers are known; empty without words, or for equally many.
 
-    One short word may be there by chance, so that it shows no encoding. No byte of a letter in these
-    encodings is a line break.
+    One short word may be there by chance, and a word in ASCII is the same in all encodings: these show no
+    encoding. No byte of a letter in these encodings is a line break.
     """
     first = content[:_FIRST_BYTES].rpartition(b"\n")[0] if len(content) > _FIRST_BYTES else content
     known = {name: _find_words(first, name, words) for name, words in WORDS_OF_ENCODINGS.items()}
     most = max(map(len, known.values()))
     found = [name for name, words in known.items() if len(words) == most]
-    is_clear = len(found) == 1 and (most > 1 or any(map(_is_long, known[found[0]])))
+    if len(found) > 1:
+        return ""
+    words = {word for word in known[found[0]] if not word.isascii()}
+    is_clear = bool(words) and (most > 1 or any(map(_is_long, words)))
     return found[0] if is_clear and _can_be_decoded(content, found[0]) else ""
 
 
