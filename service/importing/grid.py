@@ -7,7 +7,7 @@ import io
 import re
 import zipfile
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import PurePath
 from types import MappingProxyType
@@ -330,7 +330,9 @@ def read_text(
     """
     text, encoding = decode(file, content)
     if is_table:
-        return _read_table(file, text, encoding, delimiter, are_marks_literal=are_marks_literal)
+        written = _read_table(file, text, encoding, delimiter, are_marks_literal=are_marks_literal)
+        # The files that were sent may have another delimiter than the table that the import wrote.
+        return replace(written, preview=written.preview.model_copy(update={"delimiter": None}))
     if positions := read_joint_positions(text):
         return _build_grid_of_positions(file, encoding, positions)
     if states := read_joint_states(text) or read_rows_of_joint_states(text):

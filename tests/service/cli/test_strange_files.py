@@ -23,6 +23,7 @@ from support.strange_files import (
     wide,
 )
 
+from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.cli import imports
 
 ARMS = ("KUKA KR 210 R2700 extra", "Universal Robots UR10e", "Yaskawa GP25", "FANUC M-20iD/25")
@@ -397,3 +398,30 @@ def test_nominal_positions_without_a_header_are_no_third_state(order):
     assert_said(
         refused(line({"a.txt": table([], rows, " ")}, ARMS[1])), "so that headers must name the states"
     )
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ({"file": "a.ods", "format": "xlsx", "sheet": "s"}, "OpenDocument, sheet 's', 0 rows"),
+        ({"file": "a.xlsx", "format": "xlsx"}, "Excel, 0 rows"),
+        ({"file": "a.md", "format": "text", "encoding": "utf-8", "delimiter": "tab"}, "utf-8, Markdown, "),
+        (
+            {"file": "a.md", "format": "text", "encoding": "utf-8", "delimiter": "comma"},
+            "utf-8, comma between",
+        ),
+    ],
+)
+def test_the_format_of_a_file_has_the_words_of_its_owner(file, words):
+    assert imports._describe_format(FilePreview.model_validate(file)).startswith(words)
+
+
+def test_a_table_of_several_files_names_no_delimiter_that_they_do_not_have():
+    campaign = simulate(ARMS[1], seed=4, postures=14)
+    files = {"j.csv": table(["pose", *JOINTS], [[n, *q] for n, (_, *q) in enumerate(wide(campaign), 1)], ",")}
+    for number in range(14):
+        rows = [[f"T{k + 1}", *digits(places(campaign, k)[number])] for k in range(3)]
+        files[f"pose{number + 1:02}_noload.csv"] = table(["target", *"XYZ"], rows, ",")
+        rows = [[f"T{k + 1}", *digits(places(campaign, k, 1)[number])] for k in range(3)]
+        files[f"pose{number + 1:02}_6kg.csv"] = table(["target", *"XYZ"], rows, ",")
+    assert "semicolon" not in typed(line(files, ARMS[1]))
