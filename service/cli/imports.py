@@ -1338,16 +1338,22 @@ def _make_finding_lines(answer: ImportAnswer) -> Iterator[Line]:
 _FORMATS: Final = MappingProxyType(
     {"xlsx": "Excel", "mat": "MATLAB", "npz": "NumPy", "hdf5": "HDF5", "parquet": "Parquet"}
 )
+_FORMATS_BY_SUFFIX: Final = MappingProxyType({"ods": "OpenDocument"})
+"""Formats that are stored as another format, which is read alike."""
+_MARKDOWN: Final = ("md", "markdown")
 
 
 def _describe_format(file: FilePreview) -> str:
     """Describe encoding, delimiter, decimal mark and number of rows of a file, or the sheet of a workbook."""
     rows = f"{file.row_count} row{'s' if file.row_count != 1 else ''}"
+    suffix = file.file.lower().rpartition(".")[2]
     if file.format != "text":
-        kind = _FORMATS[file.format]
+        kind = _FORMATS_BY_SUFFIX.get(suffix) or _FORMATS[file.format]
         place = f", {'sheet' if file.format == 'xlsx' else 'group'} {file.sheet!r}" if file.sheet else ""
         return f"{kind}{place}, {rows}"
     cells = f"{file.delimiter} between cells, " if file.delimiter else ""
+    is_markdown = suffix in _MARKDOWN and file.delimiter == "tab"  # tabs are in place of its upright lines
+    cells = "Markdown, " if is_markdown else cells
     return f"{file.encoding}, {cells}decimal {file.decimal_mark}, {rows}"
 
 

@@ -14,6 +14,7 @@ reading      files to readings: the way through; rows of all files put together 
     ├── blocks, adjacent_tables, transposed   of several blocks, of tables side by side, or of columns of
     │                                         postures, for the robot's proposal
     ├── excel    of workbooks
+    ├── web_pages, latex > documents   of tables of web pages and of LaTeX
     ├── certificates, val3 > elements   of certificates and of data of VAL3, in XML
     └── arrays > libraries   of MATLAB, HDF5 and Parquet, in a process of its own (child)
 

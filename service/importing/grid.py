@@ -7,7 +7,7 @@ import io
 import re
 import zipfile
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import PurePath
 from types import MappingProxyType
@@ -180,8 +180,6 @@ _SIGNATURES: Final = (
     (b"Rar!", "a RAR archive"),
     (b"\xd0\xcf\x11\xe0", "an old Office document (such as .xls), or an encrypted one"),
     (b"{\\rtf", "an RTF document"),
-    (b"<!DOCTYPE html", "a web page (HTML)"),
-    (b"<html", "a web page (HTML)"),
     (b"<?xml", XML),
     (b"<svg", "a picture (SVG)"),
 )
@@ -195,6 +193,20 @@ _FIRST_BYTES: Final = 4096
 WORKBOOK: Final = "an Excel workbook (.xlsx)"
 SPREADSHEET: Final = "an OpenDocument spreadsheet (.ods)"
 WORKBOOKS: Final = (WORKBOOK, SPREADSHEET)
+WEB_PAGE: Final = "a web page (HTML)"
+LATEX: Final = "a text in LaTeX"
+WITH_SHEETS: Final = (*WORKBOOKS, WEB_PAGE, LATEX)
+"""Types of files whose tables are read as sheets."""
+_WEB_PAGE_START: Final = re.compile(
+    rb"\s*(?P<xml><\?xml(?:(?!\?>).)*\?>\s*)?(?:<!--(?:(?!-->).)*-->\s*)*"
+    rb"<(?:!doctype\s+html|html|(?(xml)(?!)|(?:head|meta|title|style|body|table|center|h1)))\b",
+    re.IGNORECASE | re.DOTALL,
+)
+"""Beginning of a web page, which programs may save without its outer elements."""
+_LATEX_TABLE: Final = re.compile(
+    rb"^[ \t]*(?:[\\{][^\n%]*)?\\begin\{(?:tabular[*xy]?|longtable|tblr|longtblr)\}", re.MULTILINE
+)
+"""Beginning of a table of LaTeX, perhaps behind other commands."""
 _ZIP: Final = b"PK\x03\x04"
 _TYPES_BY_PART: Final = (
     ("xl/workbook.bin", "a binary Excel workbook (.xlsb)"),
@@ -229,20 +241,34 @@ def file_type(content: bytes, name: str = "") -> str | None:
             return words
     if content[4:8] == b"ftyp":
         return "a picture (HEIC) or a film"
+    return _text_type(content, name)
+
+
+def _text_type(content: bytes, name: str) -> str | None:
+    """Return the type of a text in words; None for text of no known type."""
     # White space, or a byte order mark of UTF-8 or UTF-16, may come before the first sign of the content.
     start = content[:256].lstrip(b"\xef\xbb\xbf \t\r\n")
+    ends_with_bracket = content.rstrip()[-1:] in (b"}", b"]")
+    is_val3 = _VAL3_NAMESPACE in content[:_FIRST_BYTES] or name.lower().endswith(".dtx")
     if start.startswith(b"<") and _CERTIFICATE_NAMESPACE in content[:_FIRST_BYTES]:
         return CERTIFICATE
-    if start.startswith(b"<") and (
-        _VAL3_NAMESPACE in content[:_FIRST_BYTES] or name.lower().endswith(".dtx")
-    ):
+    if start.startswith(b"<") and is_val3:
         return VAL3
-    ends_with_bracket = content.rstrip()[-1:] in (b"}", b"]")
     if start.lstrip(b"\xff\xfe\0")[:1] in (b"{", b"[") and (
         ends_with_bracket or name.lower().endswith(".json")
     ):
         return JSON
-    return next((words for signature, words in _SIGNATURES if start.startswith(signature)), None)
+    known = next((words for signature, words in _SIGNATURES if start.startswith(signature)), None)
+    return _document_type(content) or known if known in (None, XML) else known
+
+
+def _document_type(content: bytes) -> str | None:
+    """Return the type of a web page, or of a text in LaTeX with tables; None for other texts."""
+    first = content[:_FIRST_BYTES].translate(None, b"\0").lstrip(b"\xef\xbb\xbf\xff\xfe")
+    if _WEB_PAGE_START.match(first):
+        return WEB_PAGE
+    is_latex = b"\\begin{" in content and _LATEX_TABLE.search(content) is not None
+    return LATEX if is_latex else None
 
 
 def _archive_type(content: bytes) -> str | None:
@@ -306,7 +332,9 @@ def read_text(
     """
     text, encoding = decode(file, content)
     if is_table:
-        return _read_table(file, text, encoding, delimiter, are_marks_literal=are_marks_literal)
+        written = _read_table(file, text, encoding, delimiter, are_marks_literal=are_marks_literal)
+        # The files that were sent may have another delimiter than the table that the import wrote.
+        return replace(written, preview=written.preview.model_copy(update={"delimiter": None}))
     if positions := read_joint_positions(text):
         return _build_grid_of_positions(file, encoding, positions)
     if states := read_joint_states(text) or read_rows_of_joint_states(text):

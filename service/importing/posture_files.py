@@ -181,7 +181,7 @@ def _write(
             writer.writerow((*names, *by_order, *row.cells))
     suffix = PurePath(files[0].name).suffix
     name = _NUMBER.sub("…", parts[0].label, count=1)
-    return SourceFile(f"{name}{suffix}", text.getvalue().encode())
+    return SourceFile(f"{name}{suffix}", text.getvalue().encode(), is_table=True)
 
 
 def _name_columns(contents: Sequence[_Content], options: ImportOptions, *, has_target: bool) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -14,6 +14,30 @@ from jointstiff.service.importing.loads import find_load, find_state_of_load, re
 
 _LEAST_NUMBERS: Final = 3
 """Numbers of a row of data, at least."""
+
+
+def split_sheets(sheets: str | None) -> list[str | None]:
+    """Return the names of sheets that an option states, with semicolons between; [None] without it."""
+    return [name.strip() for name in sheets.split(";")] if sheets else [None]
+
+
+def refuse_unknown_sheets(file: str, stated: str | None, known: Collection[str], lack: str) -> None:
+    """Refuse names of sheets that a file does not have.
+
+    Args:
+        file: name of the file, for messages.
+        stated: names, with semicolons between; None for all sheets.
+        known: names of the sheets that the file has.
+        lack: words for a missing sheet, such as `the workbook has no sheet`.
+
+    Raises:
+        ImportFileError: the file has no sheet of a name.
+    """
+    for name in split_sheets(stated):
+        if name is not None and name not in known:
+            reason = f"{lack} {quote(name)}"
+            remedy = f"give one of {quote(', '.join(known))} as `sheet`"
+            raise ImportFileError(Place(file), reason, remedy, "sheet", tuple(known))
 
 
 def list_tables(sheets: Sequence[Grid]) -> list[Grid]:
@@ -40,9 +64,11 @@ def note_others(chosen: Sequence[Grid], others: Sequence[Grid]) -> list[Grid]:
     if not others:
         return list(chosen)
     listed = ", ".join(quote(_name(sheet)) for sheet in others)
-    note = f"the sheet {listed} has no table, and was not read"
+    is_document = others[0].preview.format == "text"
+    kind, lack = ("table", "rows of numbers") if is_document else ("sheet", "table")
+    note = f"the {kind} {listed} has no {lack}, and was not read"
     if len(others) > 1:
-        note = f"the sheets {listed} have no table, and were not read"
+        note = f"the {kind}s {listed} have no {lack}, and were not read"
     first, *further = chosen
     assumptions = [note, *first.preview.assumptions]
     noted = replace(first, preview=first.preview.model_copy(update={"assumptions": assumptions}))

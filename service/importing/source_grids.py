@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
+from typing import Final
 
 from pydantic_core import from_json
 
@@ -17,16 +19,18 @@ from jointstiff.service.importing.formats.arrays import build_grids_of_matrices,
 from jointstiff.service.importing.formats.blocks import read_blocks
 from jointstiff.service.importing.formats.certificates import read_certificate
 from jointstiff.service.importing.formats.encoding import decode, describe_encoding
-from jointstiff.service.importing.formats.excel import read_workbook, split_sheets
+from jointstiff.service.importing.formats.excel import read_workbook
 from jointstiff.service.importing.formats.forms import join_forms
 from jointstiff.service.importing.formats.json_rows import read_json_rows
+from jointstiff.service.importing.formats.latex import read_latex
 from jointstiff.service.importing.formats.matrices import find_matrices
 from jointstiff.service.importing.formats.opendocument import read_spreadsheet
 from jointstiff.service.importing.formats.val3 import read_joint_data
+from jointstiff.service.importing.formats.web_pages import read_web_page
 from jointstiff.service.importing.formats.yaml_rows import read_yaml_rows
 from jointstiff.service.importing.grammar import Vocabulary
 from jointstiff.service.importing.grid import Grid, file_type, read_lists, read_text
-from jointstiff.service.importing.sheets import choose_sheets, list_tables, note_others
+from jointstiff.service.importing.sheets import choose_sheets, list_tables, note_others, split_sheets
 from jointstiff.service.importing.source_files import SourceFile
 
 
@@ -52,7 +56,7 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
         return read_certificate(file.name, file.content)
     if kind == grid.VAL3:
         return _mark_sheets(read_joint_data(file.name, file.content))
-    if kind in grid.WORKBOOKS:
+    if kind in grid.WITH_SHEETS:
         grids = _read_sheets(file, options, every_length=every_length)
     else:
         grids = list(map(_note_encoding, _read_text_grids(file, kind, options, every_length=every_length)))
@@ -64,22 +68,36 @@ def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool =
 
 
 def read_sheets(file: SourceFile, stated: str | None) -> list[Grid]:
-    """Return the sheets of a workbook of Excel or OpenDocument; `stated` are their names, None for all.
+    """Return the sheets of a workbook, or the tables of a document; `stated` are their names, None for all.
 
     Raises:
-        ImportFileError: the workbook cannot be read, or has no sheet of a name.
+        ImportFileError: the file cannot be read, has no sheet of a name, or is a document without readings.
     """
-    read = read_workbook if file_type(file.content) == grid.WORKBOOK else read_spreadsheet
-    return read(file.name, file.content, stated)
+    kind = file_type(file.content, file.name) or ""
+    sheets = _SHEET_READERS[kind](file.name, file.content, stated)
+    if not sheets:
+        raise _build_type_error(file, kind)
+    return sheets
+
+
+_SHEET_READERS: Final[Mapping[str, Callable[[str, bytes, str | None], list[Grid]]]] = MappingProxyType(
+    {
+        grid.WORKBOOK: read_workbook,
+        grid.SPREADSHEET: read_spreadsheet,
+        grid.WEB_PAGE: read_web_page,
+        grid.LATEX: read_latex,
+    }
+)
+"""Type of a file → reader of its sheets."""
 
 
 def _read_sheets(file: SourceFile, options: ImportOptions, *, every_length: bool) -> list[Grid]:
-    """Read the sheets of a workbook that the options state, or those whose numbers can be read together.
+    """Read the sheets of a file that the options state, or those whose numbers can be read together.
 
     With `every_length`, for a proposal, forms of one posture each are one table.
 
     Raises:
-        ImportFileError: the workbook cannot be read, or the choice of the sheets is not clear.
+        ImportFileError: the file cannot be read, or the choice of the sheets is not clear.
     """
     sheets = read_sheets(file, options.sheet)
     tables = list_tables(sheets) if options.sheet is None else sheets
@@ -91,7 +109,8 @@ def _read_sheets(file: SourceFile, options: ImportOptions, *, every_length: bool
     else:
         chosen = tables
     others = [sheet for sheet in sheets if sheet not in tables]
-    return note_others(_mark_sheets(chosen), others)
+    grids = note_others(_mark_sheets(chosen), others)
+    return list(map(_note_encoding, grids))
 
 
 def _mark_sheets(sheets: Sequence[Grid]) -> list[Grid]:

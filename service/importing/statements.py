@@ -15,7 +15,7 @@ from jointstiff.service.importing.formats.elements import list_leaves, read_elem
 from jointstiff.service.importing.formats.encoding import decode
 from jointstiff.service.importing.formats.yaml_rows import is_named_yaml, read_yaml_documents
 from jointstiff.service.importing.grammar import UNIT_OF_LOAD, is_force, is_hung
-from jointstiff.service.importing.grid import ARRAYS, JSON, WORKBOOKS, XML, ArrayFormat, file_type
+from jointstiff.service.importing.grid import ARRAYS, JSON, WITH_SHEETS, XML, ArrayFormat, file_type
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.importing.source_grids import read_sheets
 
@@ -40,7 +40,7 @@ def read_statements(file: SourceFile) -> Iterator[Statement]:
     yield Statement("", file.name.rpartition(".")[0])
     with suppress(ImportFileError):
         kind = file_type(file.content, file.name)
-        if kind in WORKBOOKS:
+        if kind in WITH_SHEETS:
             yield from _read_rows(file)
         elif kind is not None and kind in ARRAYS:
             yield from _read_scalars(file, ARRAYS[kind])
@@ -51,13 +51,15 @@ def read_statements(file: SourceFile) -> Iterator[Statement]:
 
 
 def _read_rows(file: SourceFile) -> Iterator[Statement]:
-    """Yield the names, rows and comments of all sheets of a workbook; a tab is between cells."""
+    """Yield the names, rows and comments of all sheets of a file; a tab is between cells."""
     for sheet in read_sheets(file, None):
         yield Statement("the name of a sheet", sheet.preview.sheet or "")
         rows = [(row.line, "\t".join(filter(None, row.cells))) for row in sheet.rows]
         rows += [(comment.line, comment.text) for comment in sheet.comments]
+        is_text = sheet.preview.format == "text"  # whose lines people see
         for number, text in rows:
-            yield Statement(f"row {number} of the sheet {quote(sheet.preview.sheet or '')}", text)
+            place = f"row {number} of the sheet {quote(sheet.preview.sheet or '')}"
+            yield Statement(f"line {number}" if is_text else place, text)
 
 
 def _read_scalars(file: SourceFile, kind: ArrayFormat) -> Iterator[Statement]:

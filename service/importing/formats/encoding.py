@@ -24,7 +24,7 @@ _NAMES: Final[Mapping[str, str]] = MappingProxyType(
         "cp1250": "Windows-1250 (Central European)",
         "cp1251": "Windows-1251 (Cyrillic)",
         "koi8_r": "KOI8-R (Cyrillic)",
-        _LATIN1: "Latin-1",
+        _LATIN1: "Latin-1 (Western European)",
     }
 )
 """Encoding that was assumed → its name for people."""
@@ -38,6 +38,24 @@ _UTF8_SEQUENCE: Final = re.compile(
 )
 _ASCII: Final = bytes(range(128))
 _CONTROL: Final = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ufeff\ufffe\uffff]")
+_STATED: Final = re.compile(
+    rb"<(?:meta|\?xml)\s[^<>]{0,300}?(?:charset|encoding)\s*=\s*[\"']?([\w.:-]{2,40})", re.IGNORECASE
+)
+"""Encoding that a web page states, such as `<meta charset="big5">`."""
+_FIRST_BYTES_OF_PAGE: Final = 4096
+"""Bytes of a web page among which its encoding is stated."""
+_ENCODING_OF_LABEL: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        **dict.fromkeys(("shift_jis", "shift-jis", "sjis", "x-sjis", "windows-31j"), "cp932"),
+        **dict.fromkeys(("gb2312", "gbk", "gb18030", "x-gbk"), "gb18030"),
+        **dict.fromkeys(("big5", "big5-hkscs", "x-x-big5"), "big5"),
+        **dict.fromkeys(("euc-kr", "ks_c_5601-1987", "windows-949"), "cp949"),
+        **dict.fromkeys(("iso-8859-1", "latin1", "us-ascii", "windows-1252"), "cp1252"),
+        **{"euc-jp": "euc_jp", "koi8-r": "koi8_r", "iso-8859-2": "iso8859-2", "iso-8859-15": "iso8859-15"},
+        **{f"windows-{page}": f"cp{page}" for page in (1250, 1251, 1253, 1254, 1255, 1256, 1257)},
+    }
+)
+"""Name of an encoding on web pages → its codec."""
 _FIRST_BYTES: Final = 65_536
 """Bytes of a file that show its encoding."""
 
@@ -46,8 +64,9 @@ def decode(file: str, content: bytes) -> tuple[str, str]:
     """Return the text of a file, and the name of its encoding; tables of Markdown have tabs between cells.
 
     A byte order mark decides for UTF-8 or UTF-16. Without a mark, a zero among the first bytes means UTF-16,
-    and valid UTF-8 is read as UTF-8. Of other encodings the one is used in which most words of headers are
-    known, else Latin-1, unless most bytes beyond ASCII are letters in UTF-8: then the file is damaged UTF-8.
+    and valid UTF-8 is read as UTF-8. Of other encodings the one is used that a web page states, or in which
+    most words of headers are known, else Latin-1, unless most bytes beyond ASCII are letters in UTF-8: then
+    the file is damaged UTF-8.
 
     Raises:
         ImportFileError: the text is damaged, contains control characters, or has a row of a table of Markdown
@@ -59,7 +78,7 @@ def decode(file: str, content: bytes) -> tuple[str, str]:
     try:
         text = content[len(mark) :].decode(encoding or "utf-8")
     except UnicodeDecodeError as error:
-        other = "" if encoding else _find_encoding(content)
+        other = "" if encoding else _find_stated(content) or _find_encoding(content)
         if encoding or (not other and _is_mostly_utf8(content)):
             line = None if encoding else 1 + content.count(b"\n", 0, error.start)
             reason = (
@@ -94,17 +113,28 @@ def _find_utf16(content: bytes) -> str:
     return "utf-16-be" if upper_first > upper_last else "utf-16-le"
 
 
+def _find_stated(content: bytes) -> str:
+    """Return the encoding that a web page states, if its bytes are valid in the encoding; else no name."""
+    found = _STATED.search(content[:_FIRST_BYTES_OF_PAGE])
+    label = found[1].decode("ascii").casefold() if found else ""
+    encoding = _ENCODING_OF_LABEL.get(label, "")
+    return encoding if encoding and _can_be_decoded(content, encoding) else ""
+
+
 def _find_encoding(content: bytes) -> str:
     """Return the encoding in which most words of headers are known; empty without words, or for equally many.
 
-    One short word may be there by chance, so that it shows no encoding. No byte of a letter in these
-    encodings is a line break.
+    One short word may be there by chance, and a word in ASCII is the same in all encodings: these show no
+    encoding. No byte of a letter in these encodings is a line break.
     """
     first = content[:_FIRST_BYTES].rpartition(b"\n")[0] if len(content) > _FIRST_BYTES else content
     known = {name: _find_words(first, name, words) for name, words in WORDS_OF_ENCODINGS.items()}
     most = max(map(len, known.values()))
     found = [name for name, words in known.items() if len(words) == most]
-    is_clear = len(found) == 1 and (most > 1 or any(map(_is_long, known[found[0]])))
+    if len(found) > 1:
+        return ""
+    words = {word for word in known[found[0]] if not word.isascii()}
+    is_clear = bool(words) and (most > 1 or any(map(_is_long, words)))
     return found[0] if is_clear and _can_be_decoded(content, found[0]) else ""
 
 

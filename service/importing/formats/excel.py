@@ -24,7 +24,7 @@ from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import grid, limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grid import EMPTY_CELL_KIND, CellKind, Grid, Remark, Row, write_ascii_minus
-from jointstiff.service.importing.sheets import build_sheet_error
+from jointstiff.service.importing.sheets import build_sheet_error, refuse_unknown_sheets, split_sheets
 
 MAX_SHEET_CELLS: Final = 500_000
 """Cells of all sheets that are read, which take longer to read than those of a text."""
@@ -120,12 +120,8 @@ def build_grids(file: str, sheets: Mapping[str, Sheet], stated: str | None) -> l
     Raises:
         ImportFileError: a sheet cannot be read, or there is no sheet of a name.
     """
+    refuse_unknown_sheets(file, stated, sheets, "the workbook has no sheet")
     names = [name for name in split_sheets(stated) if name is not None]
-    for name in names:
-        if name not in sheets:
-            reason = f"the workbook has no sheet {quote(name)}"
-            remedy = f"give one of {quote(', '.join(sheets))} as `sheet`"
-            raise ImportFileError(Place(file), reason, remedy, "sheet", tuple(sheets))
     if not names:
         names = [name for name, sheet in sheets.items() if next(sheet.rows(), None)] or list(sheets)[:1]
     try:
@@ -161,11 +157,6 @@ def _build_grid(file: str, name: str, sheet: Sheet) -> Grid:
         notes.append(f"comments were skipped ({count}), the first in row {comments[0].line}")
     preview = FilePreview(file=file, format="xlsx", sheet=name, assumptions=notes)
     return Grid(preview, tuple(row.resize(width) for row in rows), tuple(comments))
-
-
-def split_sheets(sheets: str | None) -> list[str | None]:
-    """Return the names of sheets that an option states, with semicolons between; [None] without it."""
-    return [name.strip() for name in sheets.split(";")] if sheets else [None]
 
 
 def _find_parts(archive: Archive) -> tuple[dict[str, str], str | None, str | None]:

@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
-from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import (
@@ -74,7 +73,7 @@ def join_forms(sheets: Sequence[Grid], words: Vocabulary) -> Grid | None:
     notes = [note for sheet in sheets for note in sheet.preview.assumptions]
     notes = [f"{len(forms)} forms were read as postures", *dict.fromkeys(notes)]
     name = sheets[0].preview.sheet if len(sheets) == 1 else None
-    preview = FilePreview(file=file, format="xlsx", sheet=name, assumptions=notes)
+    preview = sheets[0].preview.model_copy(update={"sheet": name, "assumptions": notes})
     rows = [_write_row(form.line, form.label, form.values) for form in forms]
     texts = (_TEXT,) * (1 + len(headers))
     header = Row(rows[0].line, ("label", *headers), texts)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from jointstiff.schemas.imports import ImportRequest
@@ -21,7 +22,7 @@ from jointstiff.service.proposals.tables.numbers import (
     read_number_tables,
 )
 from jointstiff.service.proposals.tables.relations import join_relations
-from jointstiff.service.proposals.unread import advise_on_files_without_rows
+from jointstiff.service.proposals.unread import advise_on_files_without_rows, find_remarks
 
 
 class JoinedTables(NamedTuple):
@@ -55,9 +56,13 @@ def read_numbers(
         raise describe_fault(fault, kind) from fault
     if not found.tables:
         raise UnreadError("the files have no rows of numbers")
-    if found.without:
-        reason = f"{', '.join(found.without)} has no rows of numbers"
-        raise UnreadError(reason, advise_on_files_without_rows(files, found.without))
+    remarks = find_remarks(files, found.without)
+    unread = [name for name in found.without if name not in remarks]
+    if unread:
+        reason = f"{', '.join(unread)} has no rows of numbers"
+        raise UnreadError(reason, advise_on_files_without_rows(files, unread))
+    left_out = [f"{name} has no rows of numbers, and was left out" for name in remarks]
+    found = replace(found, notes=(*found.notes, *left_out))
     try:
         refuse_unknown_headers(found.tables, request)
     except ImportFileError as fault:

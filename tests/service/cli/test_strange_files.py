@@ -23,6 +23,7 @@ from support.strange_files import (
     wide,
 )
 
+from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.cli import imports
 
 ARMS = ("KUKA KR 210 R2700 extra", "Universal Robots UR10e", "Yaskawa GP25", "FANUC M-20iD/25")
@@ -169,11 +170,34 @@ def test_a_file_that_is_not_read_is_refused(change, said):
     assert not Path("c.json").exists()
 
 
-def test_a_file_without_numbers_is_refused():
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("notes.txt", "hall 3, Monday\n"),
+        ("README.md", "# Test\n\n- `q` (14, 6) deg\n- a mass of 5 kg hangs at (0, 0, 120) mm\n"),
+        ("LEEME.txt", "ensayo del 3 de julio\n  angulos  14x6\n  pesa de 3 kg en la brida\n"),
+    ],
+)
+def test_a_text_in_words_is_left_out_by_name_and_its_load_is_read(name, text):
     campaign = simulate(ARMS[1], seed=4, postures=14)
     files = write_parts(campaign, [digits(each) for each in places(campaign, 0, 1)])
-    files["notes.txt"] = "hall 3, Monday\n"
-    assert_said(refused(line(files, ARMS[1])), "notes.txt has no rows of numbers", "leave this file out")
+    assert_said(
+        typed(line(files | {name: text}, ARMS[1])), f"{name} has no rows of numbers, and was left out"
+    )
+    assert judge(campaign, read_set()) == []
+    if "kg" in text:
+        assert_said(refused(line(files | {name: text}, ARMS[1], "")), f"'{name}' says", "kg")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["point 1 at 12.5\n" * 9, "1 100\n2 200\n3 300\n4 400\n5 500\n", "load;mass\nL1;5\nL2;10\n"],
+    ids=["decimals", "numbers", "cells"],
+)
+def test_a_text_with_readings_that_are_no_rows_is_refused(text):
+    campaign = simulate(ARMS[1], seed=4, postures=14)
+    files = write_parts(campaign, [digits(each) for each in places(campaign, 0, 1)])
+    assert_said(refused(line(files | {"more.txt": text}, ARMS[1])), "more.txt has no rows of numbers")
 
 
 def test_columns_that_may_be_the_loaded_positions_are_not_dropped():
@@ -374,3 +398,30 @@ def test_nominal_positions_without_a_header_are_no_third_state(order):
     assert_said(
         refused(line({"a.txt": table([], rows, " ")}, ARMS[1])), "so that headers must name the states"
     )
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ({"file": "a.ods", "format": "xlsx", "sheet": "s"}, "OpenDocument, sheet 's', 0 rows"),
+        ({"file": "a.xlsx", "format": "xlsx"}, "Excel, 0 rows"),
+        ({"file": "a.md", "format": "text", "encoding": "utf-8", "delimiter": "tab"}, "utf-8, Markdown, "),
+        (
+            {"file": "a.md", "format": "text", "encoding": "utf-8", "delimiter": "comma"},
+            "utf-8, comma between",
+        ),
+    ],
+)
+def test_the_format_of_a_file_has_the_words_of_its_owner(file, words):
+    assert imports._describe_format(FilePreview.model_validate(file)).startswith(words)
+
+
+def test_a_table_of_several_files_names_no_delimiter_that_they_do_not_have():
+    campaign = simulate(ARMS[1], seed=4, postures=14)
+    files = {"j.csv": table(["pose", *JOINTS], [[n, *q] for n, (_, *q) in enumerate(wide(campaign), 1)], ",")}
+    for number in range(14):
+        rows = [[f"T{k + 1}", *digits(places(campaign, k)[number])] for k in range(3)]
+        files[f"pose{number + 1:02}_noload.csv"] = table(["target", *"XYZ"], rows, ",")
+        rows = [[f"T{k + 1}", *digits(places(campaign, k, 1)[number])] for k in range(3)]
+        files[f"pose{number + 1:02}_6kg.csv"] = table(["target", *"XYZ"], rows, ",")
+    assert "semicolon" not in typed(line(files, ARMS[1]))

@@ -6,7 +6,7 @@ from support.catalogue_arms import build_nominal_robots, readings_on
 
 import jointstiff as js
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.formats.encoding import decode
+from jointstiff.service.importing.formats.encoding import decode, describe_encoding
 
 HEADERS = {
     "cp932": "姿勢番号,J1(度),J2(度),無負荷X(mm),負荷X(mm)",
@@ -30,6 +30,28 @@ def test_the_encoding_is_the_one_whose_words_are_known(encoding):
 def test_one_short_word_is_there_by_chance(header):
     text = f"name;{header} unloaded x [mm];{header} loaded x [mm]\n1;2;3\n"
     assert decode("a.csv", text.encode("latin-1")) == (text, "latin-1")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Mesures, repère robot\nindex;à vide X mm;chargé X mm\n",
+        "robot;Größe\n",
+        "robot;posição;ângulo\n",
+        "Robot: åben\n",
+    ],
+)
+def test_a_word_in_ascii_shows_no_central_european_encoding(text):
+    assert decode("a.csv", text.encode("cp1252")) == (text, "latin-1")
+    (note,) = describe_encoding("latin-1")
+    assert "read as Latin-1 (Western European): check the names" in note
+
+
+@pytest.mark.parametrize(
+    "text", ["robot;kąt;siła\n", "robot: bez obciążenia\n", "Robot;úhel;zatížení\n", "robot;erő;szög\n"]
+)
+def test_words_of_central_europe_show_their_encoding(text):
+    assert decode("a.csv", text.encode("cp1250")) == (text, "cp1250")
 
 
 @pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])

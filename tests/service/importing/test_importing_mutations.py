@@ -5,6 +5,7 @@ the dialect and the columns of the file before it was damaged and takes nothing 
 openpyxl. A file that is accepted must have been read as they read it.
 """
 
+import html
 import io
 import itertools
 import random
@@ -77,6 +78,11 @@ COLUMNS |= {  # what docs/import.md allows besides: other words for the states, 
     for state, synonyms in (("unloaded", "unloaded unload ul u"), ("loaded", "loaded load ld l"))
     for synonym in synonyms.split()
     for words in itertools.permutations(("p", "10", synonym, axis))
+}
+COLUMNS |= {  # a state may be named twice
+    f"{state[0]}p10{state}{axis}mm": f"P10 {state} {axis} [mm]"
+    for axis in "xyz"
+    for state in ("unloaded", "loaded")
 }
 
 
@@ -315,6 +321,84 @@ def _by_openpyxl(content):
     return _gathered(header, [row for row in rows if any(row) and row[0][:1] not in "#%/"], comma=False)
 
 
+# ---- documents: what a reader of a few lines sees in the damaged page or text
+
+
+def _page():
+    rows = "\n".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in TABLE)
+    return f"<html><body>\n<table>\n{rows}\n</table>\n</body></html>\n".encode()
+
+
+def _latex():
+    rows = "\n".join(" & ".join(_in_mathematics(cell) for cell in row) + r" \\" for row in TABLE)
+    return f"\\begin{{tabular}}{{l}}\n{rows}\n\\end{{tabular}}\n".encode()
+
+
+def _in_mathematics(cell):
+    return f"${cell.replace('.', '{,}')}$" if PLAIN.fullmatch(cell) else cell
+
+
+def _rows_of_page(text):
+    """Rows of cells, as browsers show them: a tag ends what is open."""
+    table = re.fullmatch(r".*?<table\b[^>]*>(.*)</table\b[^>]*>.*", text, re.DOTALL | re.IGNORECASE)
+    if table is None or "<!--" in text:
+        raise UnclearError
+    cells = []
+    rows = [cells]
+    for part in re.split(r"(<[/?!a-zA-Z][^>]*>)", table[1]):
+        if re.match(r"</?tr[\s/>]", part, re.IGNORECASE):
+            cells = []
+            rows.append(cells)
+        elif re.match(r"<t[dh][\s/>]", part, re.IGNORECASE):
+            cells.append("")
+        elif not re.match(r"<[/?!a-zA-Z]", part) and (cells or part.strip()):
+            if not cells:
+                raise UnclearError
+            cells[-1] += html.unescape(part)
+    return [[" ".join(cell.split()) for cell in row] for row in rows], "."
+
+
+def _rows_of_latex(text):
+    """Rows of cells, as LaTeX prints them; no command but those of the table is known."""
+    body = re.search(r"\\begin\s*\{tabular\}\s*\{[^{}]*\}(.*?)\\end\s*\{tabular\}", text, re.DOTALL)
+    if body is None:
+        raise UnclearError
+    printed = re.sub(r"(?<!\\)((?:\\\\)*)%[^\n]*\n?[ \t]*", r"\1", body[1])
+    rows = re.split(r"\\\\(?:\s*\[[^\[\]{}\n]*\])?", printed)
+    cells = [re.split(r"(?<!\\)&", row) for row in rows]
+    plain = [
+        [re.sub(r"~|\\[ ,;:\n\t]", " ", re.sub(r"[{}$]|\\[-/!()]", "", cell)) for cell in row]
+        for row in cells
+    ]
+    return [[" ".join(cell.split()) for cell in row] for row in plain], ","
+
+
+DOCUMENTS = {"a.htm": (_page(), _rows_of_page), "a.tex": (_latex(), _rows_of_latex)}
+
+
+def _check_document(random_, counts):
+    name = random_.choice(list(DOCUMENTS))
+    whole, rows_of = DOCUMENTS[name]
+    content = _damaged(random_, whole)
+    try:
+        imported = read((name, content))
+    except ImportFileError as error:
+        _check_refusal(error, name)
+        counts["refused"] += 1
+        return
+    try:
+        rows, mark = rows_of(_decoded(content, "utf-8"))
+        is_remark_named = any("rows of remarks" in note for note in imported.preview.files[0].assumptions)
+        filled = [row for row in rows if any(row)]
+        header, *rows = [row for row in filled if len(row) > 1 or not is_remark_named]
+        header = [COLUMNS.get("".join(WORD.findall(cell.casefold()))) for cell in header]
+        expected = _gathered(header, rows, comma=mark == ",")
+    except (UnclearError, KeyError, UnicodeDecodeError) as error:
+        pytest.fail(f"accepted, though the small reader refuses ({error!r}):\n{content!r}")
+    assert (values_of(imported), points_of(imported)) == expected, content
+    counts["same" if content == whole else "read"] += 1
+
+
 def _with_part(name, change):
     output = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(WORKBOOK)) as old, zipfile.ZipFile(output, "w") as new:
@@ -353,3 +437,10 @@ def test_damaged_workbooks(seed, count):
     with warnings.catch_warnings():  # openpyxl's, of damaged files
         warnings.simplefilter("ignore")
         _run(_check_excel, seed, count)
+
+
+@pytest.mark.parametrize(
+    ("seed", "count"), [(2, 200), pytest.param(20_261_130, 10_000, marks=pytest.mark.slow)]
+)
+def test_damaged_documents(seed, count):
+    _run(_check_document, seed, count)

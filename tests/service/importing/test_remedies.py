@@ -49,6 +49,14 @@ c02;-15;-35.125;1102.5518;402.9017;318.4406
 """
 MARKDOWN = "| " + POSES.replace(";", " | ").replace("\n", " |\n|" + 6 * "---|" + "\n| ", 1)
 """The same poses as a table of Markdown."""
+LATEX = "\\begin{tabular}{l}\n" + "".join(
+    " & ".join(line.split(";")) + " \\\\\n" for line in CAMPAIGN.splitlines()[1:]
+)
+"""A table of LaTeX without its end."""
+PAGE = "<html><table>" + "".join(
+    "<tr><td>" + "<td>".join(line.split(";")) + "</tr>\n" for line in CAMPAIGN.splitlines()[1:]
+)
+"""A web page without its end."""
 READINGS = arrays(
     label=["c01", "c02"],
     q_deg=[[10.0, 20.0], [30.0, 40.0]],
@@ -337,6 +345,19 @@ ROWS = {
     ),
     "row of Markdown": table(
         "but not the 6 cells of the table above", MARKDOWN.replace("-15 | ", "-15 "), MARKDOWN
+    ),
+    "cell of a page": table(
+        "a cell has more than 256 characters",
+        PAGE.replace("c02", "c02" + "a" * 300) + "</table></html>",
+        PAGE + "</table></html>",
+    ),
+    "table of LaTeX": table("the table has no end", LATEX, LATEX + "\\end{tabular}\n"),
+    "page that is cut off": table("the page is cut off within an element", PAGE, PAGE + "</table></html>"),
+    "large document": Case(
+        "the document has more than 100 characters",
+        {"a.htm": PAGE},
+        {"a.csv": CAMPAIGN},
+        limits={"formats.documents._MAX_CHARACTERS": 100},
     ),
     "header without rows": table("a header but no row of data", CAMPAIGN.splitlines()[1] + "\n", CAMPAIGN),
     "row above the header": table(
