@@ -55,7 +55,9 @@ def _find_unit(rows: Sequence[Row], column: int) -> str:
     count = sum(match is not None for match in matches)
     if len(units) != 1 or count < _LEAST_ROWS:
         return ""
-    others = [text for text, match in zip(texts, matches, strict=True) if match is None]
-    has_other = any(looks_like_a_number(text) or _NUMBER_AND_LETTERS.fullmatch(text) for text in others)
-    are_names = units <= _LONG_UNITS and not any(map(_DECIMAL.search, texts))
-    return "" if has_other or are_names else units.pop()
+    first = next(number for number, match in enumerate(matches) if match is not None)
+    others = [text for text, match in zip(texts[first:], matches[first:], strict=True) if match is None]
+    has_bare_number = any(map(looks_like_a_number, texts))
+    are_whole = units <= _LONG_UNITS and not any(map(_DECIMAL.search, texts))
+    are_names = are_whole or any(map(_NUMBER_AND_LETTERS.fullmatch, others))
+    return "" if has_bare_number or are_names else units.pop()

@@ -289,9 +289,22 @@ def _yield_possible_headers(grid: Grid, words: Vocabulary) -> Iterator[_Possible
             own = rows[start : start + count]
             if any(after.line - before.line > usual_step for before, after in pairwise(own)):
                 continue  # an empty row is between a title and the header
-            texts = _merge_rows([row.cells for row in own], words)
-            if texts is not None:
-                yield _PossibleHeader(start, count, texts)
+            rows_of_cells = [row.cells for row in own]
+            for texts in dict.fromkeys(
+                (_merge_rows(rows_of_cells, words), _merge_upwards(rows_of_cells, words))
+            ):
+                if texts is not None:
+                    yield _PossibleHeader(start, count, texts)
+
+
+def _merge_upwards(rows: Sequence[tuple[str, ...]], words: Vocabulary) -> tuple[str, ...] | None:
+    """Combine the rows of a header from the lowest on, as groups above groups require; None as `_merge_rows`.
+
+    In `T1` above `unloaded` and `loaded`, above `X Y Z X Y Z`, the target holds for all six columns.
+    """
+    first, *others = rows
+    lower = _merge_rows(others, words) if others else None
+    return None if lower is None else _merge_rows([first, lower], words)
 
 
 def _merge_rows(rows: Sequence[tuple[str, ...]], words: Vocabulary) -> tuple[str, ...] | None:

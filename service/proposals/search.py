@@ -9,6 +9,7 @@ from functools import partial
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.meaning import TableMeaning
 from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.importing.grammar import find_state_in_name
 from jointstiff.service.importing.legends import find_legend
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.proposals.completion import complete
@@ -51,11 +52,16 @@ def propose_import(
 
 
 def _list_open_words(found: ProposedImport | NoProposal) -> Sequence[str]:
-    """Return the words of files that may be states, and that a legend may explain; () without such words."""
+    """Return the words of files that may be states, and that a legend may explain; () without such words.
+
+    A letter may be a state in one language and the other state in the next; certain words need no legend.
+    """
     if isinstance(found, NoProposal):
         is_question = found.fault is not None and found.fault.option == "state_words"
         return found.fault.words if found.fault is not None and is_question else ()
-    return list_state_words(found.named) if found.named else ()
+    words = list_state_words(found.named) if found.named else ()
+    are_certain = all(find_state_in_name(word, {}) is not None for word in words)
+    return () if are_certain else words
 
 
 def _propose_or_decline(

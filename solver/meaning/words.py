@@ -82,11 +82,16 @@ def name_columns(reading: TargetReading, *, with_table: bool) -> str:
 def _describe_joints(joints: JointColumns, *, with_table: bool) -> str:
     """Return the columns of the joints, their unit and the way of counting."""
     joint_count = len(joints.columns)
-    first_column, last_column = sorted((joints.columns[0] + 1, joints.columns[-1] + 1))
-    names = f"J{joint_count}…J1" if joints.is_reversed else f"J1…J{joint_count}"
+    in_order = sorted(joints.columns) if joints.is_reversed else list(joints.columns)
+    are_neighbours = in_order == list(range(in_order[0], in_order[0] + joint_count))
+    listed, names = f"{in_order[0] + 1}–{in_order[-1] + 1}", f"J1…J{joint_count}"
+    if not are_neighbours:
+        listed = ", ".join(str(column + 1) for column in joints.columns)
+    elif joints.is_reversed:
+        names = f"J{joint_count}…J1"
     counting = "" if joints.counting.is_own else f" {joints.counting.name}"
     table = f"{joints.table} columns" if with_table else "columns"
-    return f"{table} {first_column}–{last_column} as {names} [{joints.unit}]{counting}"
+    return f"{table} {listed} as {names} [{joints.unit}]{counting}"
 
 
 def join(parts: Sequence[str]) -> str:

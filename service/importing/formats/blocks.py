@@ -40,6 +40,8 @@ _MOST_CHARACTERS: Final = 2000
 """Characters of a line in which names, numbers and lists are sought."""
 _MISSING: Final = "NaN"
 """Mark of a number of a row that is missing."""
+_SIGNS_OF_VALUES: Final = "=:"
+"""Signs that may be between a name and its number."""
 _COORDINATES: Final = 3
 _SIGN: Final = re.compile(r"(?<![\w.])([^\W\d]\w{0,15})[=:](?=[ \t]{0,3}[-+]?\d)")
 """A name with its sign before a number."""
@@ -528,10 +530,13 @@ def _name_columns(rows: Sequence[tuple[Row, Row | None]]) -> list[str]:
         if cell and not looks_like_a_number(cell) and all(_has_cell(row, column, cell) for row, _ in rows)
     ]
     columns = [column for column, cell in enumerate(first.cells) if looks_like_a_number(cell)]
-    own_names = [first.cells[column - 1] for column in columns if column]
+    names_before = [
+        [cell for cell in first.cells[:column] if cell.strip(_SIGNS_OF_VALUES)][-1:] for column in columns
+    ]
+    own_names = [name for each in names_before for name in each]
     are_named = len(set(own_names)) == len(columns) and set(own_names) <= set(common)
     if are_named:
-        before = " ".join(cell for cell in common if cell not in own_names)
+        before = " ".join(cell for cell in common if cell not in own_names and cell.strip(_SIGNS_OF_VALUES))
         return [f"{before.rstrip(':')} {name}".strip() for name in own_names]
     words = " ".join(common)
     words = words.rstrip(":")

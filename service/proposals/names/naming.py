@@ -9,14 +9,22 @@ from typing import Final
 
 from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.grammar import (
+    find_any_unit,
     find_state,
     is_likely_unloaded,
     is_negation,
+    split_unit_suffix,
     split_words,
 )
 from jointstiff.service.importing.loads import find_load, find_state_of_load, remove_load
 from jointstiff.service.importing.titles import find_states_of_titles
-from jointstiff.service.proposals.names.contrasts import NO_CONTRAST, Contrast, choose_words, find_contrasts
+from jointstiff.service.proposals.names.contrasts import (
+    NO_CONTRAST,
+    Contrast,
+    choose_words,
+    find_contrasts,
+    split_header,
+)
 from jointstiff.service.proposals.names.row_name import RowName
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.meaning.proposal import Proposal, TargetReading
@@ -75,6 +83,7 @@ def name_readings(
             for reading in proposal.readings
         ]
         found = _add_loads_of_headers(found, proposal.readings, table_of_name, contrasts)
+        found = _add_targets_of_headers(found, proposal.readings, table_of_name)
         targets = _number_states(_name_targets(proposal.readings, found), proposal.readings, options)
         named = _add_states(proposal.readings, targets, _add_states_of_words(found, contrasts), contrasts)
         if are_distinct(named):
@@ -155,6 +164,41 @@ def _find_load_of_headers(reading: TargetReading, table: NumberTable) -> float |
     return loads.pop() if len(loads) == 1 else None
 
 
+def _add_targets_of_headers(
+    names: Sequence[RowName], readings: Sequence[TargetReading], table_of_name: Mapping[str, NumberTable]
+) -> list[RowName]:
+    """Return names with the targets that headers of any form name, such as `Kugel 1 ohne Last [mm] X`.
+
+    A name are the words that all headers of a target share, but for those of states and units; each target
+    has its own. Only readings without any named target get one.
+    """
+    words_of_target: dict[int, list[list[str]]] = {}
+    for reading in readings:
+        table = table_of_name[reading.points.table]
+        headers = [split_header(table.headers[column]) for column in reading.points.columns]
+        words_of_target.setdefault(reading.target, []).extend(headers)
+    name_of_target = {target: _join_shared_words(words) for target, words in words_of_target.items()}
+    texts = list(name_of_target.values())
+    are_names = len(texts) > 1 and len(set(texts)) == len(texts) and all(map(_has_letters, texts))
+    if not are_names or any(name.target is not None for name in names):
+        return list(names)
+    return [
+        name._replace(target=name_of_target[reading.target])
+        for name, reading in zip(names, readings, strict=True)
+    ]
+
+
+def _join_shared_words(headers: Sequence[Sequence[str]]) -> str:
+    """Return the words that all headers share, without those of states, units and axes."""
+    shared = [word for word in headers[0] if all(word in other for other in headers)]
+    return " ".join(word for word in shared if find_state(word, {}) is None and find_any_unit(word) is None)
+
+
+def _has_letters(text: str) -> bool:
+    """Return whether a text has a letter."""
+    return any(map(str.isalpha, text))
+
+
 def _are_targets_in_rows(table: NumberTable) -> bool:
     """Return whether the rows of a posture are of several targets, and all positions have one header."""
     in_headers = {
@@ -173,10 +217,17 @@ def _name_by_header(reading: TargetReading, table: NumberTable) -> RowName:
     _, target, state = named.pop()
     if target is None:
         return RowName(None, None, state)
+    target = _omit_objects_with_unit(target)
     mass = find_load(target)
     if mass is None:
         return RowName(None, target, state)
     return RowName(None, remove_load(target) or None, state or find_state_of_load(mass), mass)
+
+
+def _omit_objects_with_unit(target: str) -> str:
+    """Return a target without the objects around it that state a unit: `tracker_mm smr` gives `smr`."""
+    *objects, last = target.split(" ")
+    return " ".join([*(each for each in objects if split_unit_suffix(each) is None), last])
 
 
 def _name_by_file(name: RowName, table: NumberTable, states: Mapping[str, State]) -> RowName:

@@ -619,18 +619,20 @@ def _order_by_keys(named: _NamedTable) -> list[int] | None:
 def _refuse_unknown_states(named: _NamedTable, options: ImportOptions) -> None:
     """Raise an `ImportFileError` if two words of a column may be the states of rows with the same names.
 
-    The word that more likely means without load comes first.
+    The remedy names the word first that more likely means without load.
     """
-    words = tuple(sorted(find_unknown_states(named.table, options), key=_rate_as_unloaded, reverse=True))
+    words = find_unknown_states(named.table, options)
     if not words:
         return
-    first, second = map(quote, words)
+    listed = " and ".join(map(quote, words))
+    likely = tuple(sorted(words, key=_rate_as_unloaded, reverse=True))
+    unloaded, loaded = map(quote, likely)
     raise ImportFileError(
         Place(named.table.grid.file),
-        f"{first} and {second} may be words for states",
-        f"state both words by `state_words`, such as {first} as `unloaded` and {second} as `loaded`",
+        f"{listed} may be words for states",
+        f"state both words by `state_words`, such as {unloaded} as `unloaded` and {loaded} as `loaded`",
         "state_words",
-        words,
+        likely,
     )
 
 
