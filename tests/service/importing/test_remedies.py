@@ -1151,6 +1151,7 @@ def strangers() -> dict[str, Proposed]:
     }
     of_states = table(["Pose", "Zustand", *"XYZ", "Fx [N]", "Fy [N]", "Fz [N]"],
                       [[row[0], *row[7:], "0", "0", "-981"] for row in TURNS])  # fmt: skip
+    sized = list(enumerate(strange.wide(MEASURED, UNLOADED, LOADED)))
     numbered_cases = [
         [row[0], target, *row[1:]]
         for number, target in enumerate("AB")
@@ -1302,6 +1303,16 @@ def strangers() -> dict[str, Proposed]:
             },
             stated={"ignore": ["Kraft quer"]},
         ),
+        "size of another force": Proposed(
+            "but 'pull \\[N\\]' has .* under load",
+            {"a.csv": table([*WIDE, "pull [N]"], [[*row, f"{900 + n}"] for n, row in sized])},
+            stated={"ignore": ["pull [N]"]},
+        ),
+        "size of a force in some postures": Proposed(
+            "'pull \\[N\\]' has no force in some postures",
+            {"a.csv": table([*WIDE, "pull [N]"], [[*row, f"{975 + n}" if n else ""] for n, row in sized])},
+            {"a.csv": table([*WIDE, "pull [N]"], [[*row, f"{975 + n}"] for n, row in sized])},
+        ),
         "one force with unit vectors": Proposed(
             "the unit vectors nx, ny, nz differ by posture",
             {
@@ -1309,7 +1320,7 @@ def strangers() -> dict[str, Proposed]:
                     [*WIDE, "pull [N]", "nx", "ny", "nz"],
                     [
                         [*row, str(975 + n), *(["0", "0", "-1"] if n % 2 else ["0", "-0.6", "-0.8"])]
-                        for n, row in enumerate(strange.wide(MEASURED, UNLOADED, LOADED))
+                        for n, row in sized
                     ],
                 )
             },
