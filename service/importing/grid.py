@@ -17,13 +17,13 @@ from jointstiff.schemas.fields import MAX_MAGNITUDE
 from jointstiff.schemas.imports import MAX_PREVIEW_ROWS, ColumnMeaning, DecimalMark, Delimiter, FilePreview
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
-from jointstiff.service.importing.formats.encoding import decode
-from jointstiff.service.importing.formats.joint_positions import JointPosition, read_joint_positions
-from jointstiff.service.importing.formats.joint_states import read_joint_states, read_rows_of_joint_states
-from jointstiff.service.importing.formats.key_values import KeyedRecords, read_key_values
-from jointstiff.service.importing.formats.listed_rows import read_listed_rows
-from jointstiff.service.importing.formats.point_reports import PointReport, read_point_report
 from jointstiff.service.importing.grammar import lacks_number
+from jointstiff.service.importing.texts.encoding import decode
+from jointstiff.service.importing.texts.joint_positions import JointPosition, read_joint_positions
+from jointstiff.service.importing.texts.joint_states import read_joint_states, read_rows_of_joint_states
+from jointstiff.service.importing.texts.key_values import KeyedRecords, read_key_values
+from jointstiff.service.importing.texts.listed_rows import read_listed_rows
+from jointstiff.service.importing.texts.point_reports import PointReport, read_point_report
 
 # ---- limits: files are hostile until parsed
 

@@ -18,7 +18,6 @@ from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.formats.arrays import build_grids_of_matrices, read_arrays
 from jointstiff.service.importing.formats.blocks import read_blocks
 from jointstiff.service.importing.formats.certificates import read_certificate
-from jointstiff.service.importing.formats.encoding import decode, describe_encoding
 from jointstiff.service.importing.formats.excel import read_workbook
 from jointstiff.service.importing.formats.forms import join_forms
 from jointstiff.service.importing.formats.json_rows import read_json_rows
@@ -32,6 +31,7 @@ from jointstiff.service.importing.grammar import Vocabulary
 from jointstiff.service.importing.grid import Grid, file_type, read_lists, read_text
 from jointstiff.service.importing.sheets import choose_sheets, list_tables, note_others, split_sheets
 from jointstiff.service.importing.source_files import SourceFile
+from jointstiff.service.importing.texts.encoding import decode, describe_encoding
 
 
 def read_grids(file: SourceFile, options: ImportOptions, *, every_length: bool = False) -> list[Grid]:

@@ -12,12 +12,12 @@ from pydantic_core import from_json
 from jointstiff.service.importing.errors import ImportFileError, quote
 from jointstiff.service.importing.formats.arrays import read_arrays
 from jointstiff.service.importing.formats.elements import list_leaves, read_elements
-from jointstiff.service.importing.formats.encoding import decode
 from jointstiff.service.importing.formats.yaml_rows import is_named_yaml, read_yaml_documents
 from jointstiff.service.importing.grammar import UNIT_OF_LOAD, is_force, is_hung
 from jointstiff.service.importing.grid import ARRAYS, JSON, WITH_SHEETS, XML, ArrayFormat, file_type
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.importing.source_grids import read_sheets
+from jointstiff.service.importing.texts.encoding import decode
 
 _MOST_DEPTH: Final = 12
 _COORDINATES: Final = 3

@@ -33,8 +33,8 @@ from jointstiff.service.importing.grid import ARRAYS, looks_like_a_number
 from jointstiff.service.importing.loads import find_load, find_state_of_load
 from jointstiff.service.proposals.names.naming import NamedReading
 from jointstiff.service.proposals.posture_loads import LOADS
+from jointstiff.service.proposals.rewriting import KEPT_KINDS
 from jointstiff.service.proposals.tables.numbers import NumberTable
-from jointstiff.service.proposals.tables.rewriting import KEPT_KINDS
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.table import find_moving_columns

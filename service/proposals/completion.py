@@ -37,11 +37,11 @@ from jointstiff.service.proposals.refused_states import (
     refuse_unknown_words,
 )
 from jointstiff.service.proposals.repeated_postures import refuse_repeated_postures
+from jointstiff.service.proposals.rewriting import list_masses, note_mean_of_joints, write_readings
 from jointstiff.service.proposals.stated_weights import take_stated_weight
 from jointstiff.service.proposals.tables.numbers import NumberTable
-from jointstiff.service.proposals.tables.rewriting import list_masses, note_mean_of_joints, write_readings
-from jointstiff.service.proposals.tables.uncertainties import add_uncertainties
 from jointstiff.service.proposals.template_meaning import build_meaning
+from jointstiff.service.proposals.uncertainties import add_uncertainties
 from jointstiff.service.proposals.weights import describe_weights, has_masses
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.words import describe

@@ -15,8 +15,8 @@ from jointstiff.service.importing.loads import find_newtons
 from jointstiff.service.proposals.columns_left import ColumnsLeft, find_sizes_along_vectors, may_be_force
 from jointstiff.service.proposals.force_evidence import ForceEvidence
 from jointstiff.service.proposals.names.naming import NamedReading
+from jointstiff.service.proposals.rewriting import has_column_of
 from jointstiff.service.proposals.tables.numbers import NumberTable
-from jointstiff.service.proposals.tables.rewriting import has_column_of
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 

@@ -12,11 +12,11 @@ from jointstiff.service.proposals.columns_left import (
     list_columns_left,
     list_unexplained_numbers,
 )
+from jointstiff.service.proposals.joined_tables import JoinedTables, join_numbers
 from jointstiff.service.proposals.named_forces import order_by_forces
+from jointstiff.service.proposals.names.joining import label_by_joints
 from jointstiff.service.proposals.names.naming import name_readings
 from jointstiff.service.proposals.no_proposal import NoProposalError, UnreadError
-from jointstiff.service.proposals.tables.joined_tables import JoinedTables, join_numbers
-from jointstiff.service.proposals.tables.joining import label_by_joints
 from jointstiff.service.proposals.tables.lengths import convert_columns
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.service.proposals.unread import describe_turned_table

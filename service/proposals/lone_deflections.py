@@ -17,18 +17,18 @@ from jointstiff.service.proposals.columns_left import (
     list_unexplained_numbers,
     name_columns_left,
 )
+from jointstiff.service.proposals.joined_tables import JoinedTables, describe_fault
 from jointstiff.service.proposals.named_forces import note_force, read_forces
 from jointstiff.service.proposals.no_proposal import NoProposalError
 from jointstiff.service.proposals.options import clear_headers, clear_names
 from jointstiff.service.proposals.proposed_import import ProposedImport
+from jointstiff.service.proposals.rewriting import write_deflections
 from jointstiff.service.proposals.tables.deflections import (
     Deflection,
     list_displacement_columns,
     list_lone_displacements,
 )
-from jointstiff.service.proposals.tables.joined_tables import JoinedTables, describe_fault
 from jointstiff.service.proposals.tables.numbers import NumberTable
-from jointstiff.service.proposals.tables.rewriting import write_deflections
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.hypotheses import list_countings
 from jointstiff.solver.meaning.proposal import Proposal

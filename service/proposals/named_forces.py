@@ -23,8 +23,8 @@ from jointstiff.service.proposals.force_sizes import StatedForce, compare_stated
 from jointstiff.service.proposals.names.naming import NamedReading
 from jointstiff.service.proposals.no_proposal import NoProposalError, UnfinishedError
 from jointstiff.service.proposals.posture_loads import GatheredLoads, gather_loads, join_forces
+from jointstiff.service.proposals.rewriting import has_column_of
 from jointstiff.service.proposals.tables.numbers import NumberTable
-from jointstiff.service.proposals.tables.rewriting import has_column_of
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.states import order_states

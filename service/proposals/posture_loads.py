@@ -12,10 +12,10 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import Kind
 from jointstiff.service.importing.loads import find_newtons
-from jointstiff.service.proposals.names.row_name import RowName
+from jointstiff.service.proposals.rewriting import has_column_of
 from jointstiff.service.proposals.tables.load_columns import find_states_of_loads
 from jointstiff.service.proposals.tables.numbers import NumberTable
-from jointstiff.service.proposals.tables.rewriting import has_column_of
+from jointstiff.service.proposals.tables.row_name import RowName
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.meaning.proposal import Proposal
 

@@ -8,8 +8,8 @@ from typing import Final
 from jointstiff.schemas.imports import MAX_PREVIEW_ROWS, ColumnMeaning, FilePreview, State
 from jointstiff.service.proposals.columns_left import describe_uses, find_named_kind
 from jointstiff.service.proposals.names.naming import NamedReading
+from jointstiff.service.proposals.rewriting import KEPT_KINDS
 from jointstiff.service.proposals.tables.numbers import NumberTable
-from jointstiff.service.proposals.tables.rewriting import KEPT_KINDS
 from jointstiff.solver.meaning.proposal import Proposal
 
 _NAMES: Final = frozenset(("name", "target", "state", "time"))

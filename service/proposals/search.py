@@ -14,11 +14,11 @@ from jointstiff.service.importing.legends import find_legend
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.proposals.completion import complete
 from jointstiff.service.proposals.found_meaning import find_in_one_unit, tell_postures_by_joints
+from jointstiff.service.proposals.joined_tables import JoinedTables, join_numbers, read_numbers
 from jointstiff.service.proposals.lone_deflections import propose_deflections
 from jointstiff.service.proposals.names.naming import list_state_words
 from jointstiff.service.proposals.no_proposal import NoProposalError, UnfinishedError, UnreadError
 from jointstiff.service.proposals.proposed_import import NoProposal, ProposedImport
-from jointstiff.service.proposals.tables.joined_tables import JoinedTables, join_numbers, read_numbers
 from jointstiff.service.proposals.tables.lengths import unify_lengths
 from jointstiff.service.proposals.tables.numbers import GridReader, read_tables
 from jointstiff.service.proposals.tables.polar import list_cartesian

@@ -12,8 +12,8 @@ from jointstiff.service.importing.stated_loads import describe_source, find_stat
 from jointstiff.service.proposals.columns_left import describe_likely_force, list_columns_left, may_be_force
 from jointstiff.service.proposals.force_evidence import ForceEvidence
 from jointstiff.service.proposals.names.naming import NamedReading
+from jointstiff.service.proposals.rewriting import has_column_of
 from jointstiff.service.proposals.tables.numbers import NumberTable
-from jointstiff.service.proposals.tables.rewriting import has_column_of
 from jointstiff.solver.meaning.proposal import Proposal
 
 

@@ -16,8 +16,8 @@ from jointstiff.service.proposals.names.naming import NamedReading, name_reading
 from jointstiff.service.proposals.no_proposal import NoProposalError
 from jointstiff.service.proposals.proposed_import import ProposedImport
 from jointstiff.service.proposals.tables.numbers import NumberTable
-from jointstiff.service.proposals.tables.uncertainties import add_uncertainties
 from jointstiff.service.proposals.template_meaning import build_meaning
+from jointstiff.service.proposals.uncertainties import add_uncertainties
 from jointstiff.solver.mechanics.robot import KnownRobot
 
 _LARGEST_WORSENING: Final = 3.0

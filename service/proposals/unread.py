@@ -8,10 +8,10 @@ from contextlib import suppress
 from typing import Final
 
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.formats.encoding import decode
 from jointstiff.service.importing.grammar import Vocabulary
 from jointstiff.service.importing.grid import Grid, file_type
 from jointstiff.service.importing.source_files import SourceFile
+from jointstiff.service.importing.texts.encoding import decode
 
 _DECIMAL: Final = re.compile(r"\d[.,]\d")
 _READINGS: Final = 9

@@ -13,8 +13,8 @@ from jointstiff.service.importing.errors import NOWHERE, ImportFileError
 from jointstiff.service.importing.grammar import is_in_kg
 from jointstiff.service.importing.loads import find_newtons
 from jointstiff.service.proposals.names.naming import NamedReading
+from jointstiff.service.proposals.rewriting import has_column_of, list_masses
 from jointstiff.service.proposals.tables.numbers import NumberTable
-from jointstiff.service.proposals.tables.rewriting import has_column_of, list_masses
 from jointstiff.solver.meaning.proposal import Proposal
 
 _SAME_WEIGHT: Final = 0.02

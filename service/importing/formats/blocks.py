@@ -11,8 +11,6 @@ from typing import Final
 
 from jointstiff.schemas.imports import Delimiter, FilePreview
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.formats.encoding import decode
-from jointstiff.service.importing.formats.joint_positions import name_angles
 from jointstiff.service.importing.grammar import lacks_number
 from jointstiff.service.importing.grid import (
     Grid,
@@ -25,6 +23,8 @@ from jointstiff.service.importing.grid import (
     split_line,
     strip_comment_mark,
 )
+from jointstiff.service.importing.texts.encoding import decode
+from jointstiff.service.importing.texts.joint_positions import name_angles
 
 _LEAST_NUMBERS: Final = 3
 """Numbers of a row of data, at least."""

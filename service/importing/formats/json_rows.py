@@ -11,9 +11,9 @@ from pydantic_core import from_json
 from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.formats.encoding import decode
 from jointstiff.service.importing.grammar import find_known_unit, is_force, is_joint
 from jointstiff.service.importing.grid import Grid, Row, too_large_error
+from jointstiff.service.importing.texts.encoding import decode
 
 LEAST_ROWS: Final = 3
 """Objects of a table."""

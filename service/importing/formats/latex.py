@@ -14,8 +14,8 @@ from unicodedata import normalize
 
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.formats.documents import LEAST_NUMBERS, Cell, Document, Table
-from jointstiff.service.importing.formats.encoding import decode
 from jointstiff.service.importing.grid import Grid, count_numbers
+from jointstiff.service.importing.texts.encoding import decode
 
 _MARKS: Final = tuple("\\%{}&$~^_\n")
 _ARGUMENTS_OF_TABLES: Final[Mapping[str, int]] = MappingProxyType(

@@ -10,8 +10,8 @@ from typing import Final
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.formats.documents import Cell, Document, Table
-from jointstiff.service.importing.formats.encoding import decode
 from jointstiff.service.importing.grid import Grid
+from jointstiff.service.importing.texts.encoding import decode
 
 _MAX_DEPTH: Final = 32
 """Tables within tables."""

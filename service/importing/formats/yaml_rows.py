@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.formats.encoding import decode
-from jointstiff.service.importing.formats.joint_states import read_joint_states
 from jointstiff.service.importing.formats.json_rows import (
     LEAST_ROWS,
     NumberedObject,
@@ -19,6 +17,8 @@ from jointstiff.service.importing.formats.json_rows import (
     find_objects,
 )
 from jointstiff.service.importing.grid import Grid, is_plain_number
+from jointstiff.service.importing.texts.encoding import decode
+from jointstiff.service.importing.texts.joint_states import read_joint_states
 
 if TYPE_CHECKING:
     import yaml

@@ -10,9 +10,9 @@ import numpy as np
 from jointstiff.service.importing.grammar import find_unit_of_size, is_in_kg
 from jointstiff.service.importing.loads import find_state_of_load
 from jointstiff.service.proposals.names.labels import MOST_CODES
-from jointstiff.service.proposals.names.row_name import RowName
 from jointstiff.service.proposals.tables.load_columns import find_states_of_loads, list_states_of_columns
 from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.row_name import RowName
 from jointstiff.solver.arrays import FloatArray
 
 

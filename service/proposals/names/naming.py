@@ -25,8 +25,8 @@ from jointstiff.service.proposals.names.contrasts import (
     find_contrasts,
     split_header,
 )
-from jointstiff.service.proposals.names.row_name import RowName
 from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.row_name import RowName
 from jointstiff.solver.meaning.proposal import Proposal, TargetReading
 
 _STATES: Final[tuple[State, ...]] = ("unloaded", "loaded", "unloaded_after")

@@ -14,7 +14,6 @@ from jointstiff.service.proposals.names.labels import (
     omit_zeros,
     split_parts,
 )
-from jointstiff.service.proposals.names.row_name import RowName
 from jointstiff.service.proposals.names.state_words import (
     add_state,
     are_words_of_states,
@@ -23,6 +22,7 @@ from jointstiff.service.proposals.names.state_words import (
 )
 from jointstiff.service.proposals.names.targets import are_targets
 from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.row_name import RowName
 
 
 def split_names(

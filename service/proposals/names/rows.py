@@ -12,11 +12,11 @@ from jointstiff.service.proposals.names.label_columns import find_label_column
 from jointstiff.service.proposals.names.labels import split_parts
 from jointstiff.service.proposals.names.loads import add_loads
 from jointstiff.service.proposals.names.points import split_names
-from jointstiff.service.proposals.names.row_name import RowName
 from jointstiff.service.proposals.names.state_words import add_state
 from jointstiff.service.proposals.names.states import MOST_DIFFERENT, find_state_column, list_states
 from jointstiff.service.proposals.names.targets import add_targets, find_target_column
 from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.row_name import RowName
 
 _WORD: Final = re.compile(r"[^\W\d_]+")
 """A part of a name without digits, which may be a state: repeats have numbers."""

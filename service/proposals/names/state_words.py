@@ -15,7 +15,7 @@ from jointstiff.service.importing.grammar import (
     read_states,
 )
 from jointstiff.service.importing.loads import find_load, find_state_of_load
-from jointstiff.service.proposals.names.row_name import RowName
+from jointstiff.service.proposals.tables.row_name import RowName
 
 _FORCE_WITH_UNIT: Final = re.compile(r"(\d{1,6}(?:[.,]\d{1,3})?)\s?((?:k|da)?N|kgf|kp|lbf)")
 

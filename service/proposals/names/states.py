@@ -19,13 +19,13 @@ from jointstiff.service.importing.grammar import (
 from jointstiff.service.importing.grid import are_texts
 from jointstiff.service.importing.loads import find_load
 from jointstiff.service.proposals.names.labels import MOST_CODES
-from jointstiff.service.proposals.names.row_name import RowName
 from jointstiff.service.proposals.names.state_words import (
     are_words_of_states,
     list_state_words,
     read_state_word,
 )
 from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.row_name import RowName
 from jointstiff.service.tables.labels import fold_word
 
 MOST_DIFFERENT: Final = 2

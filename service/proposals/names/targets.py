@@ -10,9 +10,9 @@ import numpy as np
 
 from jointstiff.service.importing.grammar import is_cycle_header
 from jointstiff.service.proposals.names.labels import COUNTED, LEAST_LABELS, MOST_CODES
-from jointstiff.service.proposals.names.row_name import RowName
 from jointstiff.service.proposals.tables.lengths import find_units_of_coordinates
 from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.row_name import RowName
 
 LEAST_BETWEEN_TARGETS: Final = 2e-3
 """Least distance [m] of two targets along an axis of coordinates; repeats of a reading are nearer."""

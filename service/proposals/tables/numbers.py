@@ -50,7 +50,7 @@ from jointstiff.service.importing.posture_files import join_posture_files
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.importing.source_grids import read_grids
 from jointstiff.service.importing.transposed import turn_table
-from jointstiff.service.proposals.names.row_name import RowName
+from jointstiff.service.proposals.tables.row_name import RowName
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.table import RowGroups, Table
 

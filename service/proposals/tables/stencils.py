@@ -20,11 +20,11 @@ from jointstiff.schemas.imports import FilePreview, ImportOptions
 from jointstiff.service.importing import grid, limits
 from jointstiff.service.importing.errors import ImportFileError, quote
 from jointstiff.service.importing.formats.elements import list_leaves, read_elements
-from jointstiff.service.importing.formats.encoding import decode
 from jointstiff.service.importing.grammar import find_any_unit, is_statistic, split_unit
 from jointstiff.service.importing.grid import CellKind, Grid, Remark, Row, file_type, looks_like_a_number
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.importing.source_grids import read_grids, read_sheets
+from jointstiff.service.importing.texts.encoding import decode
 
 LEAST_POSTURES: Final = 8
 """Rows of a stencil, at least: fewer postures may fit by chance."""

@@ -6,7 +6,7 @@ from support.catalogue_arms import build_nominal_robots, readings_on
 
 import jointstiff as js
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.formats.encoding import decode, describe_encoding
+from jointstiff.service.importing.texts.encoding import decode, describe_encoding
 
 HEADERS = {
     "cp932": "姿勢番号,J1(度),J2(度),無負荷X(mm),負荷X(mm)",

@@ -5,8 +5,8 @@ import pytest
 from support.catalogue_arms import build_nominal_robots, readings_on
 
 import jointstiff as js
-from jointstiff.service.importing.formats.joint_positions import read_joint_positions
 from jointstiff.service.importing.grid import read_text
+from jointstiff.service.importing.texts.joint_positions import read_joint_positions
 
 ARM = "Universal Robots UR10e"
 ROBOT = next(known.robot for known in build_nominal_robots() if known.name == ARM)

@@ -12,8 +12,8 @@ from support.strange_files import both, digits, joints, judge, places, points, s
 
 import jointstiff as js
 from jointstiff.schemas.imports import ImportOptions
-from jointstiff.service.importing.formats.joint_states import read_rows_of_joint_states
 from jointstiff.service.importing.grammar import Vocabulary
+from jointstiff.service.importing.texts.joint_states import read_rows_of_joint_states
 
 ARM = "KUKA KR 210 R2700 extra"
 UR = "Universal Robots UR10e"

@@ -7,7 +7,7 @@ from support.strange_files import JOINTS, both, in_turn, joint_rows, judge, poin
 
 import jointstiff as js
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.formats.markdown import write_tables_plainly
+from jointstiff.service.importing.texts.markdown import write_tables_plainly
 
 ARM = "KUKA KR 210 R2700 extra"
 CAMPAIGN = simulate(ARM, seed=3, postures=10)

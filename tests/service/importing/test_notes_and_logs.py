@@ -28,8 +28,8 @@ from support.strange_files import (
 
 import jointstiff as js
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.formats.joint_states import read_joint_states
 from jointstiff.service.importing.grid import split_line
+from jointstiff.service.importing.texts.joint_states import read_joint_states
 
 ARM = "KUKA KR 210 R2700 extra"
 CAMPAIGN = simulate(ARM, seed=3, postures=14)

@@ -12,7 +12,7 @@ from support.importing_samples import MM, READ_POINTS, points_of, read
 
 import jointstiff as js
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.formats.point_reports import read_point_report
+from jointstiff.service.importing.texts.point_reports import read_point_report
 
 ARM = "Universal Robots UR10e"
 ROBOT = next(known.robot for known in build_nominal_robots() if known.name == ARM)

@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
-from jointstiff.service.importing.formats.key_values import KeyedRecords
 from jointstiff.service.importing.grammar import find_known_unit, is_force
+from jointstiff.service.importing.texts.key_values import KeyedRecords
 
 _LEAST_LINES: Final = 3
 _LEAST_PART: Final = 0.6

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from jointstiff.service.importing.formats.key_values import KeyedRecords
+from jointstiff.service.importing.texts.key_values import KeyedRecords
 
 _LEAST_MESSAGES: Final = 3
 _MAX_LENGTH: Final = 4_000_000

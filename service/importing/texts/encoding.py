@@ -10,8 +10,8 @@ from typing import Final
 from unicodedata import east_asian_width
 
 from jointstiff.service.importing.errors import ImportFileError, Place
-from jointstiff.service.importing.formats.markdown import write_tables_plainly
 from jointstiff.service.importing.grammar import WORDS_OF_ENCODINGS
+from jointstiff.service.importing.texts.markdown import write_tables_plainly
 
 _LATIN1: Final = "latin-1"
 _NAMES: Final[Mapping[str, str]] = MappingProxyType(
