@@ -47,7 +47,7 @@ def _list_forces(table: NumberTable, names: Sequence[RowName]) -> list[RowName] 
     """Return state and force of each row by its columns of forces, if some rows have none; else None.
 
     Sizes that occur in one posture are those of one load that was read in each posture, and no further loads,
-    as are sizes of which no posture has two. `names` have the postures; without a name, each row counts.
+    as are sizes if no posture has two. `names` have the postures; without a name, each row counts.
     """
     columns = [column for column, meaning in enumerate(table.meanings) if meaning and meaning.kind == "force"]
     size_column = table.find_size_of_force()

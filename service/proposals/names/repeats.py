@@ -48,9 +48,9 @@ def are_repeats(table: NumberTable, groups: Sequence[Sequence[int]]) -> bool:
 
 
 def find_telling_column(table: NumberTable, groups: Sequence[Sequence[int]]) -> int | None:
-    """Return the first column of few values, of which rows with the same names never share one; else None.
+    """Return the first column of few values, all different in rows with the same names; else None.
 
-    The values may be states or loads. `groups` are the rows with the same names, of which most are several.
+    The values may be states or loads. `groups` are the rows with the same names; most have several.
     """
     if 2 * sum(len(rows) > 1 for rows in groups) <= len(groups):
         return None

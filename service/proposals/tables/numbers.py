@@ -113,7 +113,7 @@ class NumberTable:
 
     @property
     def has_repeats(self) -> bool:
-        """Whether a header says that a column counts the repeated readings of a point."""
+        """Return whether a header says that a column counts the repeated readings of a point."""
         return any(map(is_repeat_header, self.headers))
 
     def list_texts(self, column: int) -> list[str]:

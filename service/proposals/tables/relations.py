@@ -13,7 +13,7 @@ from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.arrays import FloatArray
 
 _LOADS: Final[frozenset[Kind]] = frozenset(("force", "moment", "mass"))
-"""Kinds of columns of which one without load is zero."""
+"""Kinds of columns that are zero without load."""
 _POSITIONS: Final[frozenset[Kind]] = frozenset(("joint", "position"))
 _LEAST_JOINTS: Final = 3
 """Columns of joints, at least."""
