@@ -231,7 +231,7 @@ class _LatexReader:
     # ---- commands
 
     def _read_command(self, name: str) -> None:
-        """Read a command, of which the name is known, with the arguments that are no text."""
+        """Read a command behind its name, with the arguments that are no text."""
         action = self._actions.get(name)
         if action is None and self._is_in_row():
             action = self._actions_in_row.get(name)

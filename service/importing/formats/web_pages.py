@@ -63,7 +63,7 @@ class _OpenTable:
 
 
 class _PageReader(HTMLParser):
-    """Parser of a page, of which rows, cells and texts around tables are kept."""
+    """Parser of a page that keeps rows, cells and texts around tables."""
 
     def __init__(self, file: str, text: str) -> None:
         super().__init__(convert_charrefs=True)
