@@ -119,7 +119,7 @@ def _read_entries(file: str, statement: Statement) -> Iterator[_Entry]:
 
 
 def _split_cells(cells: Sequence[str]) -> Iterator[tuple[list[str], str]]:
-    """Yield words and meaning of a row of cells, whose last one may be a unit; none of numbers."""
+    """Yield words and meaning of a row of cells, the last perhaps a unit; nothing of a row of numbers."""
     has_unit = len(cells) > 2 and find_any_unit(cells[-1]) is not None
     *first, meaning = cells[:-1] if has_unit else cells
     words = [word for cell in first for word in _BETWEEN.split(cell.strip(_ENDS)) if word]
