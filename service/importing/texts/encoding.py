@@ -14,6 +14,8 @@ from jointstiff.service.importing.grammar import WORDS_OF_ENCODINGS
 from jointstiff.service.importing.texts.markdown import write_tables_plainly
 
 _LATIN1: Final = "latin-1"
+_WINDOWS: Final = "cp1252"
+"""Latin-1 with typographic signs, such as `’` and `–`, in place of control characters."""
 _NAMES: Final[Mapping[str, str]] = MappingProxyType(
     {
         "cp932": "Shift-JIS (Japanese)",
@@ -24,6 +26,8 @@ _NAMES: Final[Mapping[str, str]] = MappingProxyType(
         "cp1250": "Windows-1250 (Central European)",
         "cp1251": "Windows-1251 (Cyrillic)",
         "koi8_r": "KOI8-R (Cyrillic)",
+        "cp1254": "Windows-1254 (Turkish)",
+        _WINDOWS: "Windows-1252 (Western European)",
         _LATIN1: "Latin-1 (Western European)",
     }
 )
@@ -65,8 +69,8 @@ def decode(file: str, content: bytes) -> tuple[str, str]:
 
     A byte order mark decides for UTF-8 or UTF-16. Without a mark, a zero among the first bytes means UTF-16,
     and valid UTF-8 is read as UTF-8. Of other encodings the one is used that a web page states, or in which
-    most words of headers are known, else Latin-1, unless most bytes beyond ASCII are letters in UTF-8: then
-    the file is damaged UTF-8.
+    most words of headers are known, else Latin-1 or Windows-1252, unless most bytes beyond ASCII are letters
+    in UTF-8: then the file is damaged UTF-8. The end of a printed page is a blank.
 
     Raises:
         ImportFileError: the text is damaged, contains control characters, or has a row of a table of Markdown
@@ -86,8 +90,9 @@ def decode(file: str, content: bytes) -> tuple[str, str]:
                 f"{error.start + 1} is not valid in this encoding"
             )
             raise ImportFileError(Place(file, line), reason, remedy) from None
-        encoding = other or _LATIN1
+        encoding = other or _find_western(content)
         text = content.decode(encoding)
+    text = text.replace("\f", " ")  # the end of a printed page
     if control := _CONTROL.search(text):
         reason = f"the file contains the control character {control.group()!a}, so it is not plain text"
         raise ImportFileError(Place(file, 1 + text.count("\n", 0, control.start())), reason, remedy)
@@ -136,6 +141,12 @@ def _find_encoding(content: bytes) -> str:
     words = {word for word in known[found[0]] if not word.isascii()}
     is_clear = bool(words) and (most > 1 or any(map(_is_long, words)))
     return found[0] if is_clear and _can_be_decoded(content, found[0]) else ""
+
+
+def _find_western(content: bytes) -> str:
+    """Return Latin-1, or Windows-1252 for a text with its typographic signs."""
+    has_signs = any(0x80 <= byte < 0xA0 for byte in content)
+    return _WINDOWS if has_signs and _can_be_decoded(content, _WINDOWS) else _LATIN1
 
 
 def _find_words(content: bytes, encoding: str, words: Sequence[str]) -> set[str]:

@@ -16,6 +16,8 @@ HEADERS = {
     "cp949": "자세,관절1(도),관절2(도),무부하X(mm),부하X(mm)",
     "cp1251": "№;А1, град;А2, град;X без нагрузки, мм;X под нагрузкой, мм",
     "koi8_r": "Поза;А1, град;А2, град;X без нагрузки, мм;X под нагрузкой, мм",
+    "cp1254": "Sıra;Açıklama;Eklem 1 açısı [°];Yüksüz X [mm];Yüklü X [mm]",
+    "cp1252": "Point d’appui – repère;Axe 1 [°];À vide X [mm]",
     "latin-1": "Stützpunkt;Achse 1 [°];Höhe [mm];Größe;Réflecteur;Déchargé",
 }
 
@@ -52,6 +54,17 @@ def test_a_word_in_ascii_shows_no_central_european_encoding(text):
 )
 def test_words_of_central_europe_show_their_encoding(text):
     assert decode("a.csv", text.encode("cp1250")) == (text, "cp1250")
+
+
+@pytest.mark.parametrize("page", ["c02;2", "\fc02;2", "\f\nc02;2"])
+def test_the_end_of_a_printed_page_is_a_blank(page):
+    text, _ = decode("a.csv", f"label;x [mm]\nc01;1\n{page}\n".encode())
+    assert [line.strip() for line in text.split("\n") if line.strip()] == ["label;x [mm]", "c01;1", "c02;2"]
+
+
+def test_bytes_of_no_western_encoding_are_refused():
+    with pytest.raises(ImportFileError, match="control character"):
+        decode("a.csv", b"Gr\xf6\xdfe;x [mm]\n\x81;1\n")
 
 
 @pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])
