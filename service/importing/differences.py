@@ -17,7 +17,7 @@ _MOST_DECIMALS: Final = 8
 """Decimals up to which rounding is found: 10 nm in metres."""
 _NO_ROUNDING: Final = 1e-9
 """Difference by binary arithmetic."""
-_FACTORS: Final = (1.0, 1e-3, 1e-6)
+FACTORS: Final = (1.0, 1e-3, 1e-6)
 """Units of displacements in the unit of the positions, such as µm next to mm."""
 _LEAST_ROWS: Final = 3
 _LEAST_PART: Final = 0.5
@@ -88,7 +88,7 @@ def are_differences(first: FloatArray, second: FloatArray, shifts: FloatArray) -
     differences, shifts = differences[known], shifts[known]
     typical = float(np.median(np.linalg.norm(differences, axis=1)))
     of_positions = 0.5 * (find_rounding(first, _MOST_DECIMALS) + find_rounding(second, _MOST_DECIMALS))
-    for factor in _FACTORS:
+    for factor in FACTORS:
         rounding = of_positions + 0.5 * factor * find_rounding(shifts, _MOST_DECIMALS)
         deviation = min(np.abs(differences - sign * factor * shifts).max() for sign in (1.0, -1.0))
         if deviation <= rounding + _NO_ROUNDING and rounding <= _MOST_ROUNDING * typical:

@@ -23,6 +23,10 @@ _MOST_CHARACTERS: Final = 200
 _LONGEST_WORD: Final = 16
 _MOST_CELLS: Final = 3
 """Cells of words with one meaning: those of the three axes; more are a row of a table."""
+_SHORTEST_ABBREVIATION: Final = 3
+"""Letters of a word, at least, that abbreviates a word of a legend."""
+_MEASURED, _DATA = "measured", "data"
+"""Programs that compare points with a reference call measured points data."""
 _MOST_MEANINGS: Final = 200
 """Meanings of words of all files, at most: more are rows of a table."""
 _ENTRY: Final = re.compile(rf"(?<![^\W_])[\"'(]?(\w{{1,{_LONGEST_WORD}}})[\"')]? ?[=:] ?")
@@ -53,6 +57,7 @@ def find_legend(files: Sequence[SourceFile], words: Sequence[str]) -> Legend | N
     """Return the states of words by the meanings that files state; None unless one is loaded, one unloaded.
 
     One word needs another word of the legend, with the other state. A word with two meanings has no state.
+    A word may abbreviate one word of the legend, such as `Ref` the word `reference`.
     """
     if len(words) not in (1, 2):
         return None
@@ -61,24 +66,38 @@ def find_legend(files: Sequence[SourceFile], words: Sequence[str]) -> Legend | N
     others = words[1:] or [word for word in meanings if word != fold_word(words[0])]
     pairs = [(words[0], other) for other in others]
     legends = [legend for pair in pairs if (legend := _read_pair(pair, meanings)) is not None]
-    if len(legends) != 1:
-        return None
-    (states,) = legends
-    listed = " and ".join(f"{quote(word)} is {state}" for word, state in states.items())
-    sources = dict.fromkeys(meanings[fold_word(word)].source for word in states)
-    return Legend(states, f"{listed} according to {' and '.join(sources)}")
+    return legends[0] if len(legends) == 1 else None
 
 
-def _read_pair(pair: tuple[str, str], meanings: Mapping[str, _Entry]) -> dict[str, State] | None:
-    """Return word → state of two words with meanings; None unless one is loaded, and one unloaded."""
-    entries = [meanings.get(fold_word(word)) for word in pair]
-    texts = [entry.meaning for entry in entries if entry is not None]
-    if len(texts) < 2:
+def _read_pair(pair: tuple[str, str], meanings: Mapping[str, _Entry]) -> Legend | None:
+    """Return the legend of two words with meanings; None unless one is loaded, and one unloaded."""
+    entries = [entry for word in pair if (entry := _find_entry(word, meanings)) is not None]
+    if len(entries) < 2:
         return None
-    state_of_text = find_states_of_titles(texts, {})
-    states = {word: state_of_text.get(text) for word, text in zip(pair, texts, strict=True)}
+    state_of_text = find_states_of_titles([entry.meaning for entry in entries], {})
+    states = {word: state_of_text.get(entry.meaning) for word, entry in zip(pair, entries, strict=True)}
     known = {word: state for word, state in states.items() if state is not None}
-    return known if sorted(known.values()) == ["loaded", "unloaded"] else None
+    if sorted(known.values()) != ["loaded", "unloaded"]:
+        return None
+    listed = " and ".join(f"{quote(word)} is {state}" for word, state in known.items())
+    sources = dict.fromkeys(entry.source for entry in entries)
+    return Legend(known, f"{listed} according to {' and '.join(sources)}")
+
+
+def _find_entry(word: str, meanings: Mapping[str, _Entry]) -> _Entry | None:
+    """Return the entry of a word, or of the only word that it abbreviates; None without one."""
+    folded = fold_word(word)
+    if folded in meanings:
+        return meanings[folded]
+    written_out = [entry for entry in meanings.values() if _abbreviates(folded, entry.word)]
+    return written_out[0] if len(written_out) == 1 else None
+
+
+def _abbreviates(short: str, word: str) -> bool:
+    """Return whether a short word begins a word of a legend, or means the same as it; both are folded."""
+    if len(short) < _SHORTEST_ABBREVIATION or not word.isalpha():
+        return False
+    return word.startswith(short) or (word == _DATA and _MEASURED.startswith(short))
 
 
 def _gather_meanings(entries: Iterable[_Entry]) -> dict[str, _Entry]:

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from jointstiff.service.importing.differences import are_differences
+from jointstiff.service.importing.differences import FACTORS, are_differences
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.grammar import Meaning, Quantity, Vocabulary, split_unit
 from jointstiff.service.importing.titles import find_states_of_titles
@@ -33,6 +33,8 @@ _LEAST, _MOST = 5e-6, 0.03
 """Displacements under load that are plausible [m]: larger than a tracker's noise, and elastic."""
 _MOST_UNCERTAIN: Final = 1e-4
 """Uncertainty [m] up to which an instrument writes coordinates."""
+_COMPARED_ROWS: Final = 32
+"""Rows by which the two columns of a difference are found; all rows confirm these columns."""
 
 
 class Displacement(NamedTuple):
@@ -142,27 +144,60 @@ def _are_uncertainties(table: NumberTable, found: Displacement) -> bool:
     return bool((known > 0.0).all()) and float(known.max()) * SIZES[unit] < _MOST_UNCERTAIN
 
 
-def _find_difference(table: NumberTable, found: Displacement) -> tuple[Sequence[int], Sequence[int]] | None:
-    """Return the columns of two positions whose difference a displacement is; None without such positions."""
-    columns_of: dict[Quantity, dict[int, int]] = {}
-    for column, meaning in enumerate(table.meanings):
-        is_position = meaning is not None and meaning.kind == "position" and column not in table.ignored
-        if meaning is not None and is_position and meaning.axis is not None:
-            columns_of.setdefault(meaning.quantity, {})[meaning.axis] = column
-    positions = {
-        quantity: [columns[0], columns[1], columns[2]]
-        for quantity, columns in columns_of.items()
-        if len(columns) == 3 and quantity.state != "deflection"
-    }
-    bases = [each for each in positions if found.target in (None, each.target)]
+def _find_difference(table: NumberTable, found: Displacement) -> tuple[list[int], list[int]] | None:
+    """Return the columns of two positions whose difference a displacement is; None without such positions.
+
+    Numbers alone show them, as headers of the positions may have no known meaning, and their axes may have
+    another order.
+    """
+    positions = np.array(
+        [column for column in range(len(table.headers)) if _may_compare(table, found, column)]
+    )
     numbers = table.table.numbers
     shifts = numbers[:, list(found.columns)]
-    for base in bases:
-        for other, columns in positions.items():
-            first = numbers[:, positions[base]]
-            if other != base and are_differences(first, numbers[:, columns], shifts):
-                return positions[base], columns
+    known = np.flatnonzero(np.isfinite(shifts).all(axis=1))
+    compared = known[:: 1 + len(known) // _COMPARED_ROWS]
+    if len(positions) < 2 * len(found.columns):
+        return None
+    for factor in FACTORS:
+        nearest = [
+            _find_nearest_pair(numbers[np.ix_(compared, positions)], factor * axis)
+            for axis in shifts[compared].T
+        ]
+        pairs = positions[nearest]  # (3, 2)
+        first, second = pairs.T
+        if len(np.unique(pairs)) == pairs.size and are_differences(
+            numbers[:, first], numbers[:, second], shifts
+        ):
+            in_order = np.sort(pairs, axis=1)
+            return in_order[:, 0].tolist(), in_order[:, 1].tolist()
     return None
+
+
+def _may_compare(table: NumberTable, found: Displacement, column: int) -> bool:
+    """Return whether a column may be one of the positions whose difference a displacement is."""
+    if column in table.ignored or column in found.columns:
+        return False
+    meaning = table.meanings[column]
+    if meaning is None:
+        return True
+    is_position = meaning.kind == "position" and meaning.quantity.state != "deflection"
+    return is_position and found.target in (None, meaning.quantity.target)
+
+
+def _find_nearest_pair(numbers: FloatArray, shifts: FloatArray) -> tuple[int, int]:
+    """Return the two columns of numbers (N, m) whose difference is nearest to displacements (N,) of an axis.
+
+    The columns have numbers together in half of the rows.
+    """
+    is_known = np.isfinite(numbers).astype(float)
+    greatest = np.zeros((numbers.shape[1], numbers.shape[1]))
+    for row, shift in zip(numbers, shifts, strict=True):
+        greatest = np.fmax(greatest, np.abs(row - row[:, np.newaxis] - shift))
+    greatest[2.0 * is_known.T @ is_known < len(numbers)] = np.inf
+    np.fill_diagonal(greatest, np.inf)
+    first, second = np.unravel_index(greatest.argmin(), greatest.shape)
+    return int(first), int(second)
 
 
 def _add_found(

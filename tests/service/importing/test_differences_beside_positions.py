@@ -34,9 +34,9 @@ def workbook(differences, *, without=WITHOUT, under=UNDER, moved=("dX", "dY", "d
     return output.getvalue()
 
 
-def read(folder, content):
+def read(folder, content, **options):
     (folder / "a.xlsx").write_bytes(content)
-    proposal = js.read(folder / "a.xlsx", robot=ARM, length_unit="mm", **STATED)
+    proposal = js.read(folder / "a.xlsx", robot=ARM, length_unit="mm", **STATED, **options)
     answer = proposal.accept() if hasattr(proposal, "accept") else proposal
     return str(proposal), [each for own in answer.measurement_set.observations for each in own.readings]
 
@@ -65,6 +65,18 @@ def test_differences_of_positions_are_ignored_with_a_remark(differences, moved, 
     assert_has_one_load(readings)
 
 
+@pytest.mark.parametrize(
+    "differences",
+    [DIFFERENCES, DIFFERENCES[:, [0, 2, 1]] * [1, -1, 1]],
+    ids=["axes of the positions", "Y up"],
+)
+def test_differences_beside_positions_of_unknown_headers_are_no_third_position(differences, tmp_path):
+    without, under = ([f"{axis}{number} [mm]" for axis in "XYZ"] for number in (0, 1))
+    text, readings = read(tmp_path, workbook(differences.tolist(), without=without, under=under))
+    assert "dX, dY, dZ ignored, the difference of X0 [mm]" in text
+    assert_has_one_load(readings)
+
+
 def test_formulas_without_stored_values_are_ignored_with_a_remark(tmp_path):
     text, readings = read(tmp_path, workbook(FORMULAS))
     assert "dX, dY, dZ ignored, which have no numbers" in text
@@ -81,6 +93,18 @@ NAMED = {
 def test_formulas_without_values_beside_named_positions_are_not_read(tmp_path):
     text, readings = read(tmp_path, workbook(FORMULAS, **NAMED))
     assert "P1 dx [mm], P1 dy [mm], P1 dz [mm] ignored, which have no numbers" in text
+    assert_has_one_load(readings)
+
+
+def test_displacements_that_are_no_differences_are_never_left_out(tmp_path):
+    """Only one of the three axes states more than the positions: another load may have moved the target."""
+    without, under = ([f"{axis}{number} [mm]" for axis in "XYZ"] for number in (0, 1))
+    other = DIFFERENCES - [0.0, 0.0, 0.3]
+    content = workbook(other.tolist(), without=without, under=under)
+    with pytest.raises(js.CampaignError, match="third positions") as refused:
+        read(tmp_path, content)
+    assert r"with `ignore`, in which * stands for any characters, such as `d*`" in str(refused.value)
+    _, readings = read(tmp_path, content, ignore=["d*"])
     assert_has_one_load(readings)
 
 

@@ -131,3 +131,40 @@ def test_a_legend_against_the_force_is_no_silent_exchange(tmp_path):
     proposed = propose({"a.csv": text}, tmp_path, force=[0, 0, -981], units={"force": "N"})
     assert "'a' is loaded and 'b' is unloaded according to line 1 of 'a.csv'" in str(proposed)
     assert "deflections_unexplained" in [finding.code for finding in proposed.accept().findings]
+
+
+HEADER_OF_COMPARISON = ["Name", *JOINTS, *(f"{word} {axis}" for word in ("Ref", "Meas") for axis in "XYZ")]
+
+
+def compare_points(legend, is_loaded_first):
+    positions = (LOADED, UNLOADED) if is_loaded_first else (UNLOADED, LOADED)
+    return {"a.csv": f"{legend}\n{table(HEADER_OF_COMPARISON, wide(CAMPAIGN, *positions))}"}
+
+
+@pytest.mark.parametrize("is_loaded_first", [True, False])
+@pytest.mark.parametrize("measured", ["data", "measured", "Measurement"])
+def test_a_legend_explains_the_abbreviations_of_its_words(measured, is_loaded_first, tmp_path):
+    states = ["loaded 100 kg", "unloaded survey"] if is_loaded_first else ["unloaded survey", "loaded 100 kg"]
+    legend = f"Comparison points - {measured} = {states[1]}, reference = {states[0]}"
+    files = compare_points(legend, is_loaded_first)
+    proposed = propose(files, tmp_path, force=[0, 0, -981], units={"force": "N"})
+    assert judge(CAMPAIGN, proposed.accept().measurement_set.model_dump(mode="json")) == []
+    reference, other = ("loaded", "unloaded") if is_loaded_first else ("unloaded", "loaded")
+    assert f"'Ref' is {reference}" in str(proposed)
+    assert f"'Meas' is {other}" in str(proposed)
+    assert "according to line 1 of 'a.csv'" in str(proposed)
+
+
+@pytest.mark.parametrize(
+    "legend",
+    [
+        "Comparison points",
+        "reference = unloaded survey",
+        "data = loaded 100 kg, measured = unloaded survey, reference = unloaded survey",
+        "measured = loaded 100 kg, reference = unloaded survey, refined = loaded 50 kg",
+        "data = loaded 100 kg, re = unloaded survey",
+    ],
+)
+def test_abbreviations_that_no_legend_explains_leave_the_question_with_the_likely_states(legend, tmp_path):
+    with pytest.raises(js.CampaignError, match="'Ref' as `unloaded` and 'Meas' as `loaded`"):
+        propose(compare_points(legend, is_loaded_first=False), tmp_path)
