@@ -19,6 +19,7 @@ from jointstiff.service.importing.grammar import (
     is_likely_unloaded,
     names_load_or_state,
 )
+from jointstiff.service.importing.grid import Row
 from jointstiff.service.proposals.names.labels import find_number, list_words_behind, omit_zeros
 from jointstiff.service.proposals.names.repeats import (
     MOST_REPEAT,
@@ -38,6 +39,8 @@ from jointstiff.solver.meaning.table import JointColumns
 _LARGEST_RADIANS = 6.6
 """Largest joint in radians; larger numbers are degrees."""
 _LEAST_POSTURES = 3
+_LOADS = frozenset(("force", "moment", "load point", "mass"))
+"""Kinds of numbers that may be the same in all rows."""
 _SEPARATORS = re.compile(r"[\W_]+")
 _MOST_NAMED = 3
 """Most names in a message."""
@@ -69,6 +72,11 @@ class _NamedTable:
     def keys(self) -> tuple[RowName, ...]:
         """Names of the rows of a posture, in order of appearance, without labels."""
         return tuple(dict.fromkeys(name._replace(label=None) for name in self.names))
+
+    @property
+    def has_positions(self) -> bool:
+        """Return whether columns may be the coordinates of a point."""
+        return len(find_units_of_coordinates(self.table)) >= len("xyz")
 
     @property
     def rows_of_label(self) -> dict[str | None, list[int]]:
@@ -164,8 +172,7 @@ def _unite_joints(named: _NamedTable, tolerance: float, named_tables: Sequence[_
     table, joints = named.table, list(named.table.table.joints)
     rows_of_label = named.rows_of_label
     is_possible = joints and len(named.labels) >= _LEAST_POSTURES and None not in rows_of_label
-    has_positions = len(find_units_of_coordinates(table)) >= len("xyz")
-    if not is_possible or has_positions or min(map(len, rows_of_label.values())) < 2:
+    if not is_possible or named.has_positions or min(map(len, rows_of_label.values())) < 2:
         return named
     have_states = all(name.state is not None for name in named.names)
     if have_states and any(
@@ -244,13 +251,17 @@ def _list_spellings(named: _NamedTable, labels: Sequence[str], fold: Callable[[s
 
 
 def _choose_first(tables: Sequence[NumberTable], options: ImportOptions) -> NumberTable | None:
-    """Return the table with names of rows whose observations give the order: of joints, or most columns."""
-    named = [table for table in tables if _name(table, options).labels]
-    return max(
-        named,
-        key=lambda table: (table.find_column("joint") is not None, table.table.size[1]),
-        default=None,
-    )
+    """Return the table with names of rows whose observations give the order.
+
+    This is the table of joints with most observations, or else that with most columns.
+    """
+
+    def rate(named: _NamedTable) -> tuple[int, int]:
+        has_joints = named.table.find_column("joint") is not None
+        return len(named.labels) if has_joints else 0, named.table.table.size[1]
+
+    named = [each for each in (_name(table, options) for table in tables) if each.labels]
+    return max(named, key=rate).table if named else None
 
 
 def _shares_labels(named: _NamedTable, labels: Sequence[str]) -> bool:
@@ -266,13 +277,23 @@ def _shares_labels(named: _NamedTable, labels: Sequence[str]) -> bool:
 
 
 def _choose_labels(joined: Sequence[_NamedTable], labels: Sequence[str]) -> tuple[str, ...]:
-    """Return the observations that all tables with common names have, in order.
+    """Return the observations, in order, that all tables have, but for some that tables of readings lack.
+
+    If a table has all joints, a table in which each row has its own name may lack an observation of which
+    another table has a reading.
 
     Raises:
         ImportFileError: most observations of a table are not in another table.
     """
     sets = [set(each.labels) for each in joined]
-    kept = tuple(label for label in labels if all(label in own for own in sets))
+    has_joints = any(each.table.table.joints and set(labels) <= set(each.labels) for each in joined)
+    needed = [set(each.labels) for each in joined if not has_joints or len(set(each.names)) < len(each.names)]
+    of_readings = set[str]().union(*(each.labels for each in joined if each.has_positions))
+    kept = tuple(
+        label
+        for label in labels
+        if all(label in own for own in needed) and (label in of_readings or not of_readings)
+    )
     for each, own in zip(joined, sets, strict=True):
         for other in joined:
             lacking = [label for label in other.labels if label not in own]
@@ -362,7 +383,7 @@ def _arrange_alike(named: Sequence[_NamedTable], arranged: Sequence[NumberTable]
             for other, table in zip(named, arranged, strict=True)
             if other is not each
             and table.turn
-            and len(table.rows) == len(other.names)
+            and set(map(id, table.rows)) == set(map(id, other.table.rows))
             and (targets := _list_targets_of_stops(each, len(table.rows)))
         ]
         has_names = len(each.keys) > 1 or 1 < len(each.labels) < len(own_rows)
@@ -533,30 +554,56 @@ def _add_missing_rows(named: _NamedTable, labels: Sequence[str]) -> _NamedTable:
     """Return a table with a row for each reading that less than half of the observations lack.
 
     Such a row is that of another reading of the observation, without the numbers in which readings in one
-    state differ. Names that occur twice, or that most observations lack, are left to the errors about them.
+    state differ. An observation without any row gets rows without readings. Names that occur twice, or that
+    most observations lack, are left to the errors about them.
     """
     known = set(named.names)
     if len(known) < len(named.names):
         return named
     gaps = [key._replace(label=label) for label in labels for key in named.keys]
     gaps = [gap for gap in gaps if gap not in known]
-    gaps_of_key = Counter(gap._replace(label=None) for gap in gaps)
+    own_labels = set(named.labels)
+    gaps_of_key = Counter(gap._replace(label=None) for gap in gaps if gap.label in own_labels)
     is_possible = all(2 * count < len(labels) for count in gaps_of_key.values())
     if not gaps or not is_possible:
         return named
     table = named.table
     rows, numbers = list(table.rows), [table.table.numbers]
     for gap in gaps:
-        of_label = [row for row, name in enumerate(named.names) if name.label == gap.label]
-        like = [row for row in of_label if named.names[row].state == gap.state] or of_label
-        own = table.table.numbers[like]
-        differs = _find_different_columns(named, gap)
-        cells = tuple("" if differs[column] else cell for column, cell in enumerate(rows[like[0]].cells))
-        rows.append(replace(rows[like[0]], cells=cells))
-        numbers.append(np.where(differs, np.nan, own[:1]))
+        row, own = _copy_row(named, gap) if gap.label in own_labels else _build_row(named, gap)
+        rows.append(row)
+        numbers.append(own[np.newaxis])
     solver_table = replace(table.table, numbers=np.vstack(numbers))
     filled = replace(table, rows=tuple(rows), table=solver_table)
     return replace(named, table=filled, names=(*named.names, *gaps))
+
+
+def _copy_row(named: _NamedTable, gap: RowName) -> tuple[Row, FloatArray]:
+    """Return a row, and its numbers (m,), of another reading of an observation, without what differs."""
+    table = named.table
+    of_label = [row for row, name in enumerate(named.names) if name.label == gap.label]
+    like = next((row for row in of_label if named.names[row].state == gap.state), of_label[0])
+    differs = _find_different_columns(named, gap)
+    cells = tuple("" if differs[column] else cell for column, cell in enumerate(table.rows[like].cells))
+    return replace(table.rows[like], cells=cells), np.where(differs, np.nan, table.table.numbers[like])
+
+
+def _build_row(named: _NamedTable, gap: RowName) -> tuple[Row, FloatArray]:
+    """Return a row, and its numbers (m,), of an observation without any row: its name, and no reading.
+
+    Texts and loads that all such rows have alike are those of this row.
+    """
+    table = named.table
+    like = [row for row, name in enumerate(named.names) if name._replace(label=gap.label) == gap]
+    names, numbers = [named.names[row].label for row in like], table.table.numbers[like]
+    cells, kept = list[str](), list[bool]()
+    for column, meaning in enumerate(table.meanings):
+        texts = [table.rows[row].cells[column] for row in like]
+        is_load = meaning is not None and meaning.kind in _LOADS
+        are_alike = len(set(texts)) == 1 < len(texts)
+        kept.append(are_alike and (is_load or bool(np.isnan(numbers[:, column]).all())))
+        cells.append((gap.label or "") if texts == names else texts[0] if kept[-1] else "")
+    return replace(table.rows[like[0]], cells=tuple(cells)), np.where(kept, numbers[0], np.nan)
 
 
 def _find_different_columns(named: _NamedTable, gap: RowName) -> BoolArray:

@@ -9,6 +9,7 @@ from support.command_lines import assert_said, refused, typed
 from support.measured_arms import TRACKER
 from support.strange_files import (
     FORMS,
+    GERMAN,
     JOINTS,
     both,
     deflection,
@@ -16,6 +17,7 @@ from support.strange_files import (
     in_turn,
     joints,
     judge,
+    names,
     places,
     points,
     simulate,
@@ -217,9 +219,34 @@ def test_a_posture_without_a_row_in_another_file_is_named_and_left_out():
         "mit_last.csv": table(header, loaded),
     }
     shown = typed(line(files, ARMS[2], FORCE))
-    assert_said(shown, "left out, as not all files have them: 'P04'")
+    assert_said(shown, "P04: target T1 was read only unloaded; skipped")
+    assert_said(shown, "P04: no reading is complete; the observation was skipped")
     assert len(read_set()["observations"]) == 13
     assert judge(campaign, read_set())[:-1] == []  # the last is the reading that is left out
+
+
+@pytest.mark.parametrize("target", [0, 2])
+@pytest.mark.parametrize("joint_files", ["own file", "each file"])
+@pytest.mark.parametrize("lack", [[], [["P04", *6 * [""]]]], ids=["no row", "empty row"])
+def test_a_posture_that_one_target_lacks_keeps_its_other_readings(target, joint_files, lack):
+    """Each target has its own file, with the positions in both states."""
+    campaign = simulate(ARMS[2], seed=4, postures=14)
+    header = ["Pose", *(f"{state} {axis}" for state in GERMAN for axis in "XYZ")]
+    points = [[digits([*u, *w]) for u, w in zip(*both(campaign, each), strict=True)] for each in range(3)]
+    of_targets = [[[name, *row] for name, row in zip(names(campaign), each, strict=True)] for each in points]
+    of_targets[target][3:4] = lack
+    files = {"achsen.csv": joints(campaign, label="Pose")}
+    if joint_files == "each file":
+        header, files = [*header, *JOINTS], {}
+        angles = {name: digits(q) for name, q in zip(names(campaign), campaign.joints, strict=True)}
+        of_targets = [[[*row, *angles[row[0]]] for row in each] for each in of_targets]
+    files |= {f"T{number}.csv": table(header, each) for number, each in enumerate(of_targets, start=1)}
+    shown = typed(line(files, ARMS[2]))
+    assert_said(shown, f"P04: the cells of target T{target + 1} are empty; skipped")
+    assert "left out" not in shown
+    read = {o["label"]: {each["target"] for each in o["readings"]} for o in read_set()["observations"]}
+    assert read.pop("P04") == {"T1", "T2", "T3"} - {f"T{target + 1}"}
+    assert list(read.values()) == 13 * [{"T1", "T2", "T3"}]
 
 
 def test_a_block_without_a_reading_is_named_and_one_without_joints_is_refused_at_its_line():
