@@ -25,6 +25,7 @@ from jointstiff.service.importing.grid import (
 )
 from jointstiff.service.importing.texts.encoding import decode
 from jointstiff.service.importing.texts.joint_positions import name_angles
+from jointstiff.service.importing.texts.time_stamps import split_time_stamp
 
 _LEAST_NUMBERS: Final = 3
 """Numbers of a row of data, at least."""
@@ -168,9 +169,12 @@ def _read_split_blocks(
 def _read_log(file: str, encoding: str, lines: Sequence[NumberedLine]) -> list[Grid]:
     """Return one table of a log with a joint position as robots write it, and lines of targets below it.
 
+    Time stamps at the start of lines are no part of the names of rows.
+
     Raises:
         ImportFileError: a posture has other rows than the others.
     """
+    lines = [(number, split_time_stamp(line)[1]) for number, line in lines]
     angles = {number: named for number, line in lines if (named := name_angles(line)) is not None}
     if len(angles) < _LEAST_BLOCKS:
         return []

@@ -25,6 +25,7 @@ from jointstiff.service.importing.grid import CellKind, Grid, Remark, Row, file_
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.importing.source_grids import read_grids, read_sheets
 from jointstiff.service.importing.texts.encoding import decode
+from jointstiff.service.importing.texts.time_stamps import split_time_stamp
 
 LEAST_POSTURES: Final = 8
 """Rows of a stencil, at least: fewer postures may fit by chance."""
@@ -61,6 +62,7 @@ class _Cell(NamedTuple):
     is_number: bool = False
     unit: str = ""  # behind the number
     is_value: bool = False  # whether it is a text of a document, and no word of its keys
+    is_time: bool = False  # whether it is of a time stamp at the start of a line, and no word
 
 
 @dataclass(frozen=True)
@@ -87,13 +89,18 @@ class _Line:
         """Cells that a record has: numbers, and texts of a document."""
         return [cell for cell in self.cells if cell.is_number or cell.is_value]
 
+    @property
+    def context(self) -> tuple[str, ...]:
+        """Words that lines below have in common with a line without numbers; a time is none."""
+        return tuple(cell.text for cell in self.cells if not cell.is_number and not cell.is_time)
+
     def list_words_before(self, cell: _Cell) -> list[str]:
-        """Return the words between a cell and the number before it."""
+        """Return the words between a cell and the number, or the time stamp, before it."""
         words = list[str]()
         for other in self.cells:
             if other.column >= cell.column:
                 break
-            words = [] if other.is_number else [*words, other.text]
+            words = [] if other.is_number or other.is_time else [*words, other.text]
         return words
 
 
@@ -223,19 +230,20 @@ def _list_lines(file: SourceFile) -> Iterator[_Line]:
     text, _ = decode(file.name, file.content)
     has_points = len(_POINT.findall(text)) >= len(_COMMA.findall(text))
     for number, line in enumerate(_LINE_END.split(text), 1):
-        shown = line[:_MOST_CHARACTERS]
+        stamp, shown = split_time_stamp(line[:_MOST_CHARACTERS])
         shown = shown.replace(",", " , ") if has_points else shown
-        cells = tuple(
+        times = [_Cell(text, column, is_time=True) for column, text in enumerate(stamp.split())]
+        cells = [
             _Cell(
                 (match["number"] or match["word"]).replace("\u2212", "-"),
                 column,
                 match["number"] is not None,
                 match["unit"] or "",
             )
-            for column, match in enumerate(_TOKEN.finditer(shown))
-        )
-        if cells:
-            yield _Line("", number, cells, line[:_MOST_CHARACTERS].strip())
+            for column, match in enumerate(_TOKEN.finditer(shown), len(times))
+        ]
+        if times or cells:
+            yield _Line("", number, (*times, *cells), line[:_MOST_CHARACTERS].strip())
 
 
 # ---- runs and records
@@ -436,7 +444,7 @@ class _Stencils:
 
     def _write_without_digits(self, cell: _Cell) -> str:
         """Return the word of a cell without digits that tell postures apart; an empty text for a value."""
-        if cell.is_number or cell.is_value:
+        if cell.is_number or cell.is_value or cell.is_time:
             return ""
         return cell.text if cell.text in self._literals else _DIGITS.sub("#", cell.text)
 
@@ -448,7 +456,7 @@ class _Stencils:
         for number in record:
             line = self._lines[number]
             if not line.values:
-                context = () if self._is_sheet else tuple(line.words)
+                context = () if self._is_sheet else line.context
                 continue
             stencil = (context, *self._find_stencil(line))
             for index, cell in enumerate(line.cells):
@@ -596,7 +604,7 @@ class _Table:
 
 def _find_label(line: _Line) -> str:
     """Return the name of a record by its first line: a short line with one value, or this value if a text."""
-    text = line.values[0].text if line.values and line.values[0].is_value else line.text
+    text = line.values[0].text if line.values and line.values[0].is_value else split_time_stamp(line.text)[1]
     return text if len(line.values) == 1 and len(text) <= _MOST_LABEL else ""
 
 

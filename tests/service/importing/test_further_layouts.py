@@ -96,6 +96,20 @@ LOGS = {
 }  # fmt: skip
 
 
+def stamp(text, form):
+    """Return a text whose lines each begin with a time of day of their own."""
+    lines = enumerate(text.splitlines())
+    return "\n".join(f"{form.format(10 + n // 3600, n // 60 % 60, n % 60)} {line}" for n, line in lines)
+
+
+STAMPS = ["[{:02}:{:02}:{:02}]", "2024-01-25 {:02}:{:02}:{:02},125", "25.01.2024 {:02}:{:02}:{:02} -"]
+
+
+@pytest.mark.parametrize("form", STAMPS)
+def test_a_time_at_the_start_of_a_line_is_no_part_of_the_name_of_its_row(form, tmp_path):
+    assert_read({"messung.log": stamp(LOGS["dashes, KRL"], form)}, tmp_path)
+
+
 @pytest.mark.parametrize("form", LOGS)
 def test_a_log_with_a_joint_position_above_lines_of_targets_is_read(form, tmp_path):
     assert_read({"messung.log": LOGS[form]}, tmp_path)

@@ -203,6 +203,19 @@ def test_repeated_places_of_any_file_are_read_as_tables(write, tmp_path):
     assert any("repeated rows of" in note for file in answer.files for note in file.assumptions)
 
 
+@pytest.mark.parametrize(
+    "form", ["[10:{:02}:{:02}]", "2024-01-25 10:{:02}:{:02},125", "25.01.2024 10:{:02}:{:02} -"]
+)
+def test_a_time_at_the_start_of_a_line_is_no_word_of_its_place(form, tmp_path):
+    lines = [line for line in write_notes()["notes.txt"].splitlines() if line]
+    stamped = [f"{form.format(n // 60, n % 60)} {line.strip()}" for n, line in enumerate(lines)]
+    proposed = propose({"notes.log": "\n".join(stamped)}, tmp_path)
+    answer = proposed.accept()
+    assert judge(CAMPAIGN, answer.measurement_set.model_dump(mode="json")) == []
+    assert "Stellung 1" in [each.label for each in answer.measurement_set.observations]
+    assert "10:00" not in str([each.header for each in answer.files[0].columns])
+
+
 def test_a_word_in_place_of_numbers_is_a_missing_reading(tmp_path):
     answer = propose(write_fixed_width(), tmp_path).accept()
     labels = [each.label for each in answer.measurement_set.observations]
