@@ -118,22 +118,22 @@ def _is_explained(table: NumberTable, column: int) -> bool:
 def name_columns_left(
     left: Sequence[ColumnsLeft], tables: Sequence[NumberTable], state_words: Mapping[str, State]
 ) -> Iterator[str]:
-    """Yield a note that names the columns that a proposal does not read; nothing if all are read.
+    """Yield notes that name the columns of each table that a proposal does not read; nothing if all are read.
 
     A column whose words are the states or targets of its rows was read; `state_words` are the caller's words.
     """
-    names = []
+    are_left = False
     for each in left:
-        prefix = f"{each.table.name} " if len(tables) > 1 else ""
         unread = [column for column in each.columns if not find_named_kind(each.table, column, state_words)]
-        names += [prefix + _name_column(each.table, column) for column in unread]
-    if not names:
-        return
-    others = len(names) - _MOST_NAMED
-    listed = ", ".join(names[:_MOST_NAMED]) + (f" and {others} more" if others > 0 else "")
-    yield f"not read: {listed}"
-    headers = [each.table.headers[column] for each in left for column in each.columns]
-    yield from _note_unknown_units(headers)
+        others = len(unread) - _MOST_NAMED
+        listed = ", ".join(_name_column(each.table, column) for column in unread[:_MOST_NAMED])
+        prefix = f"{each.table.name} " if len(tables) > 1 else ""
+        if unread:
+            yield f"not read: {prefix}{listed}" + (f" and {others} more" if others > 0 else "")
+            are_left = True
+    if are_left:
+        headers = [each.table.headers[column] for each in left for column in each.columns]
+        yield from _note_unknown_units(headers)
 
 
 def find_named_kind(

@@ -45,7 +45,6 @@ class JudgedAxes(NamedTuple):
 
     are_of_positions: bool  # whether forces are turned into R0 as the positions are
     reason: str  # in words
-    change: float  # of a force by the turn, as a part of the largest force
 
 
 class MovedPostures(NamedTuple):
@@ -105,17 +104,17 @@ class ForceEvidence:
         if frame.is_mirrored or frame.is_base or change <= _SAME_TURN or self._explain(forces, [turned]):
             return None
         if self._explain(turned, [forces]):
-            return JudgedAxes(True, "as the deflections show", change)
+            return JudgedAxes(True, "as the deflections show")
         tilts = {is_turned: _find_tilt(each) for is_turned, each in ((False, forces), (True, turned))}
         for is_turned, tilt in tilts.items():
             if tilt <= _VERTICAL and tilts[not is_turned] >= _CLEARLY_TILTED * tilt:
-                return JudgedAxes(is_turned, "as they are then vertical, as a weight is", change)
+                return JudgedAxes(is_turned, "as they are then vertical, as a weight is")
         lean = self._measure_lean(turned, forces)
         if abs(lean) >= _LEAST_LEAN:
-            return JudgedAxes(lean > 0.0, "as the deflections rather show", change)
+            return JudgedAxes(lean > 0.0, "as the deflections rather show")
         is_one_table = all(each.reading.points.table == table for each in self._loaded)
         reason = "as they are in one table" if is_one_table else "as the positions are in another table"
-        return JudgedAxes(is_one_table, reason, change)
+        return JudgedAxes(is_one_table, reason)
 
     def _measure_lean(self, forces: FloatArray, others: FloatArray) -> float:
         """Return by how much the log of the likelihood by forces (rows, 3) is greater than by others."""

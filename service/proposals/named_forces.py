@@ -111,14 +111,12 @@ def _turn_forces(
     axes = evidence.judge_axes(joints.table.numbers[:, columns], source.name)
     if axes is None:
         return tables, []
-    difference = (
-        f"{axes.reason} (the axes differ by {math.degrees(proposal.frame.turn):.1f}°, "
-        f"the forces by {100.0 * axes.change:.1f} %)"
-    )
+    angle = f"{math.degrees(proposal.frame.turn):.1f}°"
     if not axes.are_of_positions:
-        return tables, [f"the forces taken in axes of R0, {difference}"]
+        differ = f"from which the instrument's axes differ by {angle}"
+        return tables, [f"the forces of the file were read in axes of R0, {differ}, {axes.reason}"]
     turned = joints.turn_vectors(("force", "moment"), proposal.frame.rotation)
-    note = f"the forces turned into R0 with the positions, {difference}"
+    note = f"the forces of the file were turned by {angle} from the instrument's axes into R0, {axes.reason}"
     return [turned if table is joints else table for table in tables], [note]
 
 

@@ -53,7 +53,7 @@ def refuse_loaded_after_unloading(named: Sequence[NamedReading]) -> None:
                 f"the third positions of {each.target} are {1e3 * to_unloaded:.2g} mm from the first, and "
                 f"{1e3 * to_loaded:.2g} mm from the second, so that headers must name the states",
                 "write states or loads in the headers (`header`) or in a column, such as `X 50 kg`, or leave "
-                "columns out with `ignore`, in which * stands for any characters, such as `d*`",
+                "columns out with `ignore`, in which * is any text, such as `d*`",
             )
 
 

@@ -35,14 +35,16 @@ def describe(proposal: Proposal, names: Sequence[str] = ()) -> str:
 def _describe_columns(proposal: Proposal, names: Sequence[str]) -> list[str]:
     """Return the columns of the joints and of each reading in words, such as `columns 7–9 as T1 loaded [mm]`.
 
-    The tables are named if the columns are in several tables. `names` are those of the readings.
+    If the columns are in several tables, the first of successive columns of a table names their table.
+    `names` are those of the readings.
     """
-    tables = {proposal.joints.table, *(reading.points.table for reading in proposal.readings)}
-    with_table = len(tables) > 1
+    table = proposal.joints.table
+    with_table = any(reading.points.table != table for reading in proposal.readings)
     parts = [_describe_joints(proposal.joints, with_table=with_table)]
     for reading, name in zip(proposal.readings, names, strict=True):
-        columns = name_columns(reading, with_table=with_table)
+        columns = name_columns(reading, with_table=reading.points.table != table)
         parts.append(f"{columns} as {name} [{proposal.unit}]")
+        table = reading.points.table
     return parts
 
 

@@ -339,13 +339,15 @@ def _list_names(names: Sequence[str]) -> str:
 def _describe(joined: Sequence[_NamedTable], kept: Sequence[str]) -> list[str]:
     """Return what a person should know of the order of rows."""
     notes = []
+    files = {each.table.grid.file for each in joined}
+    sources = "files" if len(files) == len(joined) else "tables"
     if len(joined) > 1:
-        notes.append("rows of the files joined by their names")
+        notes.append(f"rows of the {sources} joined by their names")
     kept_labels = set(kept)
     of_all = dict.fromkeys(label for each in joined for label in each.labels)
     left_out = [label for label in of_all if label not in kept_labels]
     if joined and left_out:
-        notes.append(f"left out, as not all files have them: {_list_names(left_out)}")
+        notes.append(f"left out, as not all {sources} have them: {_list_names(left_out)}")
     return notes
 
 

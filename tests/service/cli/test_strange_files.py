@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import openpyxl
 import pytest
 from support.command_lines import assert_said, refused, typed
 from support.measured_arms import TRACKER
@@ -247,6 +248,28 @@ def test_a_posture_that_one_target_lacks_keeps_its_other_readings(target, joint_
     read = {o["label"]: {each["target"] for each in o["readings"]} for o in read_set()["observations"]}
     assert read.pop("P04") == {"T1", "T2", "T3"} - {f"T{target + 1}"}
     assert list(read.values()) == 13 * [{"T1", "T2", "T3"}]
+
+
+def test_sheets_are_no_files_and_the_sheet_of_successive_columns_is_named_once():
+    campaign = simulate(ARMS[2], seed=4, postures=14)
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for state, title in enumerate(("ohne Last", "mit Last")):
+        sheet = book.create_sheet(title)
+        sheet.append(["Pose", *JOINTS, *(f"{target} {axis}" for target in ("M1", "M2") for axis in "XYZ")])
+        for row in wide(campaign, places(campaign, 0, state), places(campaign, 1, state)):
+            sheet.append([row[0], *map(float, row[1:])])
+    book["mit Last"].delete_rows(5)
+    book.save("a.xlsx")
+    shown = typed(f"import a.xlsx --robot '{ARMS[2]}' {STATED} {FORCE} --yes -o c.json")
+    assert_said(
+        shown,
+        "a.xlsx, ohne Last columns 2–7 as J1…J6 [deg], 8–10 as M1 unloaded [mm], 11–13 as M2 unloaded [mm], "
+        "a.xlsx, mit Last 8–10 as M1 loaded [mm] and 11–13 as M2 loaded [mm]",
+        "rows of the tables joined by their names",
+        "left out, as not all tables have them: 'P04'",
+        f"not read: a.xlsx, mit Last {', '.join(JOINTS)}",
+    )
 
 
 def test_a_block_without_a_reading_is_named_and_one_without_joints_is_refused_at_its_line():

@@ -103,7 +103,7 @@ def test_displacements_that_are_no_differences_are_never_left_out(tmp_path):
     content = workbook(other.tolist(), without=without, under=under)
     with pytest.raises(js.CampaignError, match="third positions") as refused:
         read(tmp_path, content)
-    assert r"with `ignore`, in which * stands for any characters, such as `d*`" in str(refused.value)
+    assert r"with `ignore`, in which * is any text, such as `d*`" in str(refused.value)
     _, readings = read(tmp_path, content, ignore=["d*"])
     assert_has_one_load(readings)
 

@@ -45,7 +45,9 @@ def test_forces_along_the_axes_of_the_tracker_are_turned_with_the_positions(tmp_
     joints, positions = measure(forces)
     rows = write_rows(joints, in_tracker(positions), TURN.inv().apply(forces))
     proposed = propose(table([*HEADERS, "Fx [N]", "Fy [N]", "Fz [N]"], rows), tmp_path)
-    assert "the forces turned into R0 with the positions, as the deflections show" in str(proposed)
+    angle = np.degrees(TURN.magnitude())
+    said = f"the forces of the file were turned by {angle:.1f}° from the instrument's axes into R0, as the "
+    assert f"{said}deflections show" in str(proposed)
     assert read_forces(proposed) == pytest.approx(forces, abs=5.0)
 
 
@@ -54,7 +56,7 @@ def test_forces_in_axes_of_r0_stay_where_positions_are_turned(tmp_path):
     joints, positions = measure(forces)
     rows = write_rows(joints, in_tracker(positions), forces)
     proposed = propose(table([*HEADERS, "Fx [N]", "Fy [N]", "Fz [N]"], rows), tmp_path)
-    assert "turned into R0 with" not in str(proposed)
+    assert "the forces of the file were turned" not in str(proposed)
     assert read_forces(proposed) == pytest.approx(forces, abs=1e-3)
 
 
@@ -70,9 +72,10 @@ def test_a_weight_beside_positions_of_a_tilted_tracker_is_vertical_in_r0_and_the
     written = forces if axes == "R0" else TILT.inv().apply(forces)
     rows = write_rows(joints, in_tracker(positions, TILT), written)
     proposed = propose(table([*HEADERS, *HEADERS_OF_FORCE], rows), tmp_path)
-    said = "taken in axes of R0" if axes == "R0" else "turned into R0 with the positions"
-    assert f"the forces {said}, as they are then vertical, as a weight is" in str(proposed)
-    assert "(the axes differ by 2.5°, the forces by 4.4 %)" in str(proposed)
+    said = "turned by 2.5° from the instrument's axes into R0"
+    if axes == "R0":
+        said = "read in axes of R0, from which the instrument's axes differ by 2.5°"
+    assert f"the forces of the file were {said}, as they are then vertical, as a weight is" in str(proposed)
     assert read_forces(proposed) == pytest.approx(forces, abs=3.0)
 
 
@@ -81,8 +84,9 @@ def test_forces_in_the_table_of_a_tilted_tracker_are_never_taken_in_some_axes_si
     joints, positions = measure(forces, error=1e-4)
     rows = write_rows(joints, in_tracker(positions, TILT), TILT.inv().apply(forces))
     proposed = propose(table([*HEADERS, *HEADERS_OF_FORCE], rows), tmp_path)
-    assert "the forces turned into R0 with the positions, as " in str(proposed)
-    assert "(the axes differ by 2.5°" in str(proposed)
+    assert "the forces of the file were turned by 2.5° from the instrument's axes into R0, as " in str(
+        proposed
+    )
     assert read_forces(proposed) == pytest.approx(forces, abs=5.0)
 
 

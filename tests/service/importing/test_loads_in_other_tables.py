@@ -87,7 +87,7 @@ def test_forces_beside_readings_of_a_tracker_are_turned_into_r0_with_them(tmp_pa
     turn = np.array([[0.0, -1.0, 0.0], [0.6, 0.0, -0.8], [0.8, 0.0, 0.6]])
     rows = points(AXES, (FORCES @ turn.T).round(6).astype(str).tolist(), turn)
     proposal = read(tmp_path, {"j.csv": joints(), "p.csv": rows})
-    assert "the forces turned into R0 with the positions" in str(proposal)
+    assert "from the instrument's axes into R0" in str(proposal)
     assert np.abs(forces_of(proposal) - FORCES).max() < 0.5
 
 
