@@ -258,10 +258,10 @@ _FORCE_IN_HEADER: Final = re.compile(
 """A word for a force, or `Fx`, among other words of a header."""
 _WEIGHT_OF_MASS: Final = _values_by_word(_WORDS["loads"]["masses"])
 _UNIT_OF_MASS: Final = re.compile(
-    rf"(?:[\s_/(\[（]|,\s)({_build_alternation(_WEIGHT_OF_MASS)})[)\]）]?$",
+    rf"(?:(?<!\d)[\s_]|[/(\[（])({_build_alternation(_WEIGHT_OF_MASS)})[)\]）]?$",
     re.IGNORECASE,
 )
-"""End of a header of masses, such as `weight_kg` or `Load (lb)`."""
+"""End of a header of masses, such as `weight_kg` or `Load (lb)`, but not of a load such as `6 kg`."""
 
 
 def _build_phrase_alternation(phrases: Iterable[str]) -> str:

@@ -56,6 +56,29 @@ def test_blocks_of_postures_in_a_workbook_are_read_also_without_a_target(missing
     assert any(note in each for each in answer.assumptions) is (missing is not None)
 
 
+@pytest.mark.parametrize(("load", "mass"), [("(6 kg)", 6.0), ("13.2 lb", 5.987), ("[6 kg]", 6.0)])
+def test_a_mass_in_the_header_of_a_block_is_the_load_of_its_columns_and_no_column_of_masses(
+    load, mass, tmp_path
+):
+    book = openpyxl.Workbook()
+    sheet = book.active
+    sheet.append([None, "Eixos", *6 * [None], "Sem carga", None, None, None, f"Com carga {load}"])
+    for first, last in ((2, 7), (9, 11), (13, 15)):
+        sheet.merge_cells(start_row=1, start_column=first, end_row=1, end_column=last)
+    sheet.append(["Pose", *JOINTS, None, *"XYZ", None, *"XYZ"])
+    for number, joints in enumerate(CAMPAIGN.joints):
+        blocks = [[None, *(positions[number] + 5000.0).tolist()] for positions in (UNLOADED, LOADED)]
+        sheet.append([number + 1, *joints.tolist(), *blocks[0], *blocks[1]])
+    stream = io.BytesIO()
+    book.save(stream)
+    read = propose({"a.xlsx": stream.getvalue()}, tmp_path).accept().measurement_set
+    assert len(read.observations) == len(CAMPAIGN.joints)
+    assert read.units.force == "kgf"
+    assert all(each.force == pytest.approx((0.0, 0.0, -mass), abs=1e-3) for each in read.observations)
+    deflections = [o.readings[0].loaded[2] - o.readings[0].unloaded[2] for o in read.observations]
+    assert np.allclose(deflections, (LOADED - UNLOADED)[:, 2], atol=2e-3)
+
+
 STATES = [f"{state} {axis}" for state in ("unloaded", "loaded") for axis in "xyz"]
 NEWTONS = {"force": [0, 0, -1313], "units": {"force": "N"}}
 SIZES = np.linspace(1300.0, 1326.0, len(UNLOADED))
