@@ -7,7 +7,7 @@ reading      files to readings: the way through; rows of all files put together 
 └── grid     rows of cells, of delimited text
     ├── joint_positions, joint_states   of a robot program, and of messages of ROS
     ├── point_reports, key_values   of points, and of numbers behind their names
-    ├── listed_rows   of lists in brackets
+    ├── listed_rows > number_lists   of lists in brackets
     ├── time_stamps   of lines of a log, which are no part of their words
     ├── json_rows   of objects
     ├── axis_rows   of points whose axes have a row each, joined

@@ -20,7 +20,7 @@ from jointstiff.service.importing.formats.blocks import read_blocks
 from jointstiff.service.importing.formats.certificates import read_certificate
 from jointstiff.service.importing.formats.excel import read_workbook
 from jointstiff.service.importing.formats.forms import join_forms
-from jointstiff.service.importing.formats.json_rows import read_json_rows
+from jointstiff.service.importing.formats.json_rows import build_error_of_list, read_json_rows
 from jointstiff.service.importing.formats.latex import read_latex
 from jointstiff.service.importing.formats.matrices import find_matrices
 from jointstiff.service.importing.formats.opendocument import read_spreadsheet
@@ -185,6 +185,9 @@ def _build_type_error(file: SourceFile, kind: str) -> ImportFileError:
             reason = f"Invalid JSON: {error}"
             remedy = "correct the JSON at this place; the file must be UTF-8"
             return ImportFileError(Place(file.name), reason, remedy)
+        error_of_list = build_error_of_list(file.name, document)
+        if error_of_list is not None:
+            return error_of_list
         remedy = "a campaign needs no import: use `jointstiff identify FILE`"
         if isinstance(document, dict) and "model" in document:
             kind = "a robot"

@@ -55,6 +55,21 @@ def read_json_rows(file: str, content: bytes) -> Grid | None:
     return build_grid_of_objects(file, encoding, objects, "JSON")
 
 
+def build_error_of_list(file: str, document: object) -> ImportFileError | None:
+    """Return the error that a list is not read for its name, which is one of ours; None without such a list.
+
+    The objects of our lists have joints.
+    """
+    fields = document.items() if isinstance(document, dict) else ()
+    lists = ((key, each) for key, each in fields if key in _CAMPAIGNS and _is_array_of_objects(each))
+    name = next((key for key, each in lists if not any("joints" in own for own in each)), None)
+    if name is None:
+        return None
+    reason = f"the field {quote(name)} is that of a campaign, but its objects have no `joints`"
+    remedy = f"rename the field {quote(name)}, such as to 'postures'"
+    return ImportFileError(Place(file), reason, remedy).mark_document()
+
+
 def build_grid_of_objects(file: str, encoding: str, objects: Sequence[NumberedObject], language: str) -> Grid:
     """Return the objects of a document in a language, such as JSON, as a table with a row for each.
 
@@ -107,10 +122,14 @@ def _read_array(text: str) -> list[NumberedObject]:
 def find_objects(document: object) -> list[dict[str, Any]]:
     """Return the objects of the array that a document is or has, or that its own names name; else none.
 
-    A force that the document states once is that of all objects without a force of this name.
+    A force that the document states once is that of all objects without a force of this name, and names of
+    joints that it states once name the angles of all objects without names of their own. A document that has
+    fields of our own, but no names of joints, needs no import.
     """
     if isinstance(document, dict):
-        if not _CAMPAIGNS.isdisjoint(document):
+        parts = [document, *(each for each in document.values() if isinstance(each, dict))]
+        names = next((found for part in parts if (found := _find_names(part)) is not None), None)
+        if names is None and not _CAMPAIGNS.isdisjoint(document):
             return []
         forces = {key: each for key, each in document.items() if is_force(str(key)) and _is_vector(each)}
         others = {key: each for key, each in document.items() if key not in forces}
@@ -119,6 +138,8 @@ def find_objects(document: object) -> list[dict[str, Any]]:
         if len(document) != _COORDINATES:
             document = [{**each, **(forces | each)} for each in document]
         document = [{_add_unit(str(key), unit): value for key, value in each.items()} for each in document]
+        if names is not None:
+            document = [_name_angles(each, names) if _find_names(each) is None else each for each in document]
     return document if isinstance(document, list) and _is_array_of_objects(document) else []
 
 
@@ -205,21 +226,36 @@ def _name_by_list(value: Mapping[str, Any]) -> dict[str, Any]:
 
     Angles have the names of the joints; the field of other numbers, such as velocities, has them in it.
     """
-    keys = [key for key in value if str(key).casefold() in _LISTS_OF_NAMES]
-    key = next((key for key in keys if _is_list_of_names(value[key])), None)
-    if key is None:
+    names = _find_names(value)
+    if names is None:
         return dict(value)
-    names = value[key]
+    named = _name_angles({field: each for field, each in value.items() if each is not names}, names)
+    return {
+        field: dict(zip(names, each, strict=True)) if _has_number_for_each(names, each) else each
+        for field, each in named.items()
+    }
+
+
+def _find_names(value: Mapping[str, Any]) -> list[str] | None:
+    """Return the list of names of joints that an object has; None without one."""
+    lists = [each for key, each in value.items() if str(key).casefold() in _LISTS_OF_NAMES]
+    return next(filter(_is_list_of_names, lists), None)
+
+
+def _name_angles(value: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    """Return an object with a field for each angle, which has the name of its joint."""
     named: dict[str, Any] = {}
     for field, each in value.items():
-        is_of_names = isinstance(each, list) and len(each) == len(names) and all(map(_is_number, each))
-        if is_of_names and str(field).casefold() in _ANGLES:
+        if str(field).casefold() in _ANGLES and _has_number_for_each(names, each):
             named |= dict(zip(names, each, strict=True))
-        elif is_of_names:
-            named[field] = dict(zip(names, each, strict=True))
-        elif field != key:
+        else:
             named[field] = each
     return named
+
+
+def _has_number_for_each(names: Sequence[str], value: object) -> bool:
+    """Return whether a value is a list of a number for each name."""
+    return isinstance(value, list) and len(value) == len(names) and all(map(_is_number, value))
 
 
 def _is_list_of_names(value: object) -> bool:

@@ -13,6 +13,7 @@ from jointstiff.service.importing.formats.json_rows import (
     LEAST_ROWS,
     NumberedObject,
     NumberText,
+    build_error_of_list,
     build_grid_of_objects,
     find_objects,
 )
@@ -67,6 +68,10 @@ def read_yaml_rows(file: str, content: bytes) -> Grid | None:
     if len(objects) >= LEAST_ROWS and (is_named or _are_records(objects)):
         return build_grid_of_objects(file, encoding, objects, "YAML")
     if is_named:
+        errors = (build_error_of_list(file, document) for document in read_yaml_documents(text))
+        error_of_list = next(filter(None, errors), None)
+        if error_of_list is not None:
+            raise error_of_list
         reason = f"the YAML has no list of {LEAST_ROWS} objects or more, one for each posture"
         raise ImportFileError(Place(file), reason, _SAVE_AS_TABLE).mark_document()
     return None

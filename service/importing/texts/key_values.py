@@ -1,4 +1,4 @@
-"""Texts that write each number behind its name, such as `X=123.4 Y=5.6`, read as a table."""
+"""Texts with each number, or list of numbers, behind its name, such as `X=123.4 Y=5.6`, read as a table."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.grammar import find_any_unit
+from jointstiff.service.importing.texts.number_lists import name_number, split_numbers
 
 _LEAST_RECORDS: Final = 3
 _LEAST_NUMBERS: Final = 3
@@ -26,6 +27,8 @@ _BARE_PAIR: Final = re.compile(
     r"(?<![\w.])([^\W\d]\w{0,15})[ \t]{1,8}([-+]?\d{1,9}(?:[.,]\d{1,12})?)(?![\w.])"
 )
 """A name, and a number behind blanks."""
+_LIST: Final = re.compile(r"(?:\{([^{}]{5,600})\}|\[([^][]{5,600})\]|\(([^()]{5,600})\))\s{0,3}(\S{0,20})")
+"""A list in brackets, and a word behind it."""
 _FIRST_NAME: Final = re.compile(r"^\s*(\w{1,40})\s?:")
 _LEAST_BARE: Final = 6
 """Fewest names with numbers behind blanks."""
@@ -108,10 +111,28 @@ def _read_line(number: int, line: str) -> Iterator[_Pair]:
         yield _Pair(number, "name", first, "")
     ends = [match.start() for match in matches[1:]] + [len(spaced)]
     for match, end in zip(matches, ends, strict=True):
+        listed = list(_read_list(number, match[1], spaced[match.start(2) : end].strip(" ,;|")))
+        if listed:
+            yield from listed
+            continue
         behind = spaced[match.end() : end].strip(" ,;|")
         unit = behind if find_any_unit(behind) is not None else ""
         value = match[2].rstrip(",;")
         yield _Pair(number, match[1], f"{value} {behind}" if behind and not unit else value, unit)
+
+
+def _read_list(number: int, name: str, text: str) -> Iterator[_Pair]:
+    """Yield the numbers of a list in brackets with the name of the list and their places; else nothing."""
+    found = _LIST.fullmatch(text)
+    if found is None:
+        return
+    *contents, unit = found.groups()
+    values = split_numbers(next(content for content in contents if content is not None))
+    is_understood = values is not None and (not unit or find_any_unit(unit) is not None)
+    if values is None or not is_understood:
+        return
+    for index, value in enumerate(values):
+        yield _Pair(number, name_number(name, index, len(values)), value, unit)
 
 
 def _split_records(pairs: list[_Pair], keys: list[str]) -> list[list[_Pair]]:

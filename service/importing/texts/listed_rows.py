@@ -8,21 +8,23 @@ from typing import Final, NamedTuple
 
 from jointstiff.service.importing.grammar import find_known_unit, is_force
 from jointstiff.service.importing.texts.key_values import KeyedRecords
+from jointstiff.service.importing.texts.number_lists import (
+    COORDINATES,
+    LEAST_NUMBERS,
+    NUMBER,
+    name_number,
+    split_numbers,
+)
 
 _LEAST_LINES: Final = 3
 _LEAST_PART: Final = 0.6
 """Fraction of the lines of a text that have lists."""
-_LEAST_NUMBERS: Final = 3
-"""Numbers of a list, at least."""
 _MAX_LINE: Final = 2000
-_COORDINATES: Final = 3
 _BRACKETS_OF_LISTS: Final = re.compile(r"[\[{(][^][(){}\n]{5,600}[\]})]")
 _LIST: Final = re.compile(r"\{([^][(){}]{5,600})\}|\[([^][(){}]{5,600})\]|\(([^][(){}]{5,600})\)")
 """A list in brackets without other brackets in it."""
-_NUMBER: Final = re.compile(r"[-+\u2212]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?")
 _UNIT_BEHIND: Final = re.compile(r"[ \t]{0,3}([^\W\d]{1,4}|°)(?![\w.])")
 """A word behind a list that may be its unit."""
-_NUMBERS_AND_BLANKS: Final = re.compile(r"\d\s+[-+.\d\u2212]")
 _BRACKET: Final = re.compile(r"[][{}]")
 _INDEX: Final = re.compile(r"\[\s{0,3}(\w{1,20})(?:\s{0,3}[^][\w][^][]{0,40})?\]")
 """An index of an array, as in `P[1]` or `P[1:"name"]`."""
@@ -86,7 +88,7 @@ def read_listed_rows(text: str) -> KeyedRecords | None:
 def _find_constant_force(lines: Sequence[_Line]) -> _Line | None:
     """Return the only line with nothing but a force, which then holds for all rows; None without one."""
     found = [line for line in lines if len(line.lists) == 1 and is_force(" ".join(line.words[0]))]
-    is_vector = len(found) == 1 and len(found[0].lists[0]) == _COORDINATES
+    is_vector = len(found) == 1 and len(found[0].lists[0]) == COORDINATES
     return found[0] if is_vector else None
 
 
@@ -96,7 +98,7 @@ def _read_line(number: int, line: str) -> _Line | None:
     if len(line) > _MAX_LINE:
         return None
     for found in _LIST.finditer(line):
-        numbers = _split_numbers(next(content for content in found.groups() if content is not None))
+        numbers = split_numbers(next(content for content in found.groups() if content is not None))
         if numbers is None:
             continue
         words.append(_split_words(line[end : found.start()]))
@@ -110,7 +112,7 @@ def _read_line(number: int, line: str) -> _Line | None:
     last_words = _split_words(line[end:].partition("//")[0])
     is_nested = any(_BRACKET.search(word) for own in (*words, last_words) for word in own)
     other_cells = _CELL_SEPARATORS.split(_LIST.sub(" ", line))
-    has_other_numbers = sum(_NUMBER.fullmatch(cell) is not None for cell in other_cells) >= _LEAST_NUMBERS
+    has_other_numbers = sum(NUMBER.fullmatch(cell) is not None for cell in other_cells) >= LEAST_NUMBERS
     is_understood = not is_nested and not has_other_numbers
     if not is_understood:
         return None
@@ -146,21 +148,8 @@ def _may_have_list(line: str) -> bool:
     """Return whether a line that was not understood may have a list, which must not be left out."""
     lists = (found[0] for found in _LIST.finditer(line))
     return _BRACKET.search(line) is not None or any(
-        len(re.findall(r"\d+", each)) >= _LEAST_NUMBERS for each in lists
+        len(re.findall(r"\d+", each)) >= LEAST_NUMBERS for each in lists
     )
-
-
-def _split_numbers(content: str) -> tuple[str, ...] | None:
-    """Return the numbers of a list, which semicolons, commas or blanks separate; None of other lists."""
-    if ";" in content:
-        texts = content.split(";")
-    elif "," in content and not _NUMBERS_AND_BLANKS.search(content):
-        texts = content.split(",")
-    else:
-        texts = content.split()
-    numbers = tuple(text.strip() for text in texts)
-    are_numbers = len(numbers) >= _LEAST_NUMBERS and all(_NUMBER.fullmatch(text) for text in numbers)
-    return numbers if are_numbers else None
 
 
 def _list_columns(lines: Sequence[_Line]) -> Iterator[tuple[str, tuple[str, ...]]]:
@@ -185,12 +174,5 @@ def _list_columns(lines: Sequence[_Line]) -> Iterator[tuple[str, tuple[str, ...]
         unit = lines[0].units[number]
         ending = f" [{unit}]" if unit else ""
         for column, cells in enumerate(of_lists):
-            own_header = _name_column(header, column, len(lines[0].lists[number]))
+            own_header = name_number(header, column, len(lines[0].lists[number]))
             yield f"{own_header}{ending}" if own_header else "", tuple(cells)
-
-
-def _name_column(header: str, column: int, count: int) -> str:
-    """Return the name of a column of a list: its words and the axis or number; empty without words."""
-    if not header:
-        return ""
-    return f"{header} {'xyz'[column]}" if count == _COORDINATES else f"{header} {column + 1}"

@@ -12,6 +12,7 @@ from support.strange_files import both, digits, joints, judge, places, points, s
 
 import jointstiff as js
 from jointstiff.schemas.imports import ImportOptions
+from jointstiff.service.importing.formats.json_rows import read_json_rows
 from jointstiff.service.importing.grammar import Vocabulary
 from jointstiff.service.importing.texts.joint_states import read_rows_of_joint_states
 
@@ -186,6 +187,41 @@ DOCUMENTS = {
 def test_a_list_of_postures_in_yaml_is_read_like_json(form, tmp_path):
     name, text = DOCUMENTS[form]
     assert_read({name: text}, tmp_path, UR_CAMPAIGN)
+
+
+WITHOUT_NAMES = [
+    {key: each for key, each in turn_names(record).items() if key != "joint_names"} for record in RECORDS
+]
+HEADER = {"frame_id": "base", "units": {"length": "m", "angle": "rad"}, "payload_kg": 100}
+NAMES = {"joint_names": sorted(ROS)}
+WITH_NAMES = {
+    "names beside the list": {"header": HEADER, **NAMES, "poses": WITHOUT_NAMES},
+    "names in the header": {"header": HEADER | NAMES, "poses": WITHOUT_NAMES},
+    "another name of the list": {**NAMES, "units": HEADER["units"], "observations": WITHOUT_NAMES},
+}
+
+
+@pytest.mark.parametrize("write", [write_yaml, json.dumps])
+@pytest.mark.parametrize("form", WITH_NAMES)
+def test_names_of_joints_that_a_document_states_once_are_those_of_all_its_poses(form, write, tmp_path):
+    name = "a.yaml" if write is write_yaml else "a.json"
+    assert_read({name: write(WITH_NAMES[form])}, tmp_path, UR_CAMPAIGN)
+
+
+def test_names_of_joints_that_a_document_states_once_name_no_other_numbers():
+    poses = [{"q": [*range(k, k + 6)], "wrench": [1, 2, 3, 4, 5, 6]} for k in range(3)]
+    grid = read_json_rows("a.json", json.dumps(NAMES | {"poses": poses}).encode())
+    assert list(grid.rows[0].cells) == [*sorted(ROS), *(f"wrench {n}" for n in range(1, 7))]
+
+
+@pytest.mark.parametrize("form", ["a.yaml", "a.json"])
+def test_poses_of_others_that_are_not_read_are_not_called_a_campaign(form):
+    document = {"cell": 3, "poses": WITHOUT_NAMES}
+    text = json.dumps(document) if form == "a.json" else write_yaml(document)
+    (refused,) = refusals((form, text.encode()))
+    assert "needs no import" not in refused
+    assert "has no list" not in refused
+    assert "rename the field 'poses', such as to 'postures'" in refused
 
 
 @pytest.mark.parametrize(

@@ -160,6 +160,45 @@ def test_lists_in_brackets_are_rows_of_joints(form, tmp_path):
     assert_read({"log.txt": "VAL3 log\n" + lines(LISTED[form]), **POSITIONS}, tmp_path)
 
 
+def state_log(joints, words=("VIDE", "CHARGE"), first=0):
+    """Return a log with a title for each state, and lines of joints and of a reading for each posture."""
+    states = (first, 1 - first)
+    return "controller and tracker, mm\n" + "".join(
+        f"--- {words[state]} ---\n"
+        + lines("[{n:02}] " + joints + "\n[{n:02}] LT  " + "ul"[state] + "={{{" + "ul"[state] + "}}}\n")
+        for state in states
+    )
+
+
+def write_axes(text):
+    """Return a text whose lists of positions are `x=… y=… z=…`."""
+    return re.sub(r"[ul]=\{(.*), (.*), (.*)\}", r"x=\1 y=\2 z=\3", text)
+
+
+BESIDE_READINGS = {
+    "a call with braces": "herej() = {{{q}}}",
+    "a name with brackets": "q = [{q}]",
+    "a name with a colon and parentheses": "joints: ({q})",
+    "a unit behind the list": "actual=[{q}] deg",
+}
+
+
+@pytest.mark.parametrize("form", BESIDE_READINGS)
+def test_a_list_behind_a_name_has_the_joints_of_the_reading_below(form, tmp_path):
+    assert_read({"log.txt": write_axes(state_log(BESIDE_READINGS[form]))}, tmp_path)
+
+
+def test_a_list_behind_a_name_with_the_loaded_state_first_is_not_read_with_states_exchanged(tmp_path):
+    problem = refuse({"log.txt": write_axes(state_log("herej() = {{{q}}}", first=1))}, tmp_path)
+    assert "the targets then move against `force`" in problem.detail
+
+
+def test_a_list_behind_a_name_with_too_few_numbers_is_refused(tmp_path):
+    text = write_axes(state_log("herej() = {{{q}}}"))
+    place = text.index("{") + 1
+    refuse({"log.txt": text[:place] + text[text.index(",", place) + 1 :]}, tmp_path)
+
+
 @pytest.mark.parametrize("form", COMPLETE)
 def test_a_log_of_lists_has_joints_and_positions(form, tmp_path):
     assert_read({"log.txt": lines(COMPLETE[form])}, tmp_path)

@@ -68,6 +68,10 @@ Content = str | bytes
 Files = Mapping[str, Content] | tuple[tuple[str, Content], ...]
 
 
+_, _HEADER, *_ROWS = CAMPAIGN.splitlines()
+OBJECTS = [dict(zip(_HEADER.split(";"), row.split(";"), strict=True)) for row in _ROWS]
+
+
 @dataclass(frozen=True)
 class Case:
     """A fault, and its remedy carried out."""
@@ -686,6 +690,11 @@ FILES = {
     "damaged YAML": Case("invalid YAML", {"a.yaml": "a: 1\nb: [1\nc: 2\n"}, {"a.csv": CAMPAIGN}),
     "YAML without a list": Case(
         "the YAML has no list", {"a.yaml": "a: 1\nb: 2\nc: 3\n"}, {"a.csv": CAMPAIGN}
+    ),
+    "list with the name of one of ours": Case(
+        "the field 'poses' is that of a campaign",
+        {"a.json": json.dumps({"poses": OBJECTS})},
+        {"a.json": json.dumps({"postures": OBJECTS})},
     ),
     "damaged campaign": Case("Invalid JSON", {"a.json": "{,}"}, {"a.csv": CAMPAIGN}),
     "one file twice": Case(
