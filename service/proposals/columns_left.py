@@ -27,10 +27,12 @@ from jointstiff.service.importing.grammar import (
     is_load_header,
     list_units,
     looks_like_a_force,
+    read_states,
     split_unit,
 )
 from jointstiff.service.importing.grid import ARRAYS, looks_like_a_number
 from jointstiff.service.importing.loads import find_load, find_state_of_load
+from jointstiff.service.proposals.names.labels import omit_repeat_numbers
 from jointstiff.service.proposals.names.naming import NamedReading
 from jointstiff.service.proposals.posture_loads import LOADS
 from jointstiff.service.proposals.rewriting import KEPT_KINDS
@@ -144,13 +146,16 @@ def find_named_kind(
     `state_words` are the caller's words for states.
     """
     texts = [row.cells[column].strip() for row in table.rows]
+    word_of_text = omit_repeat_numbers(texts)
+    state_of_word = read_states(set(word_of_text.values()), state_words)
     count = len(table.turn)
     are_words = is_load_header(table.headers[column]) or not any(map(looks_like_a_number, texts))
     if count < 2 or len(texts) % count or not are_words:
         return None
     names = [*table.turn] * (len(texts) // count)
     states = [name.state and name.state.removesuffix("_after") for name in names]
-    if len(set(states)) > 1 and [_read_state(text, state_words) for text in texts] == states:
+    read = [state_of_word.get(word_of_text[text]) or _read_state(text, state_words) for text in texts]
+    if len(set(states)) > 1 and [state and state.removesuffix("_after") for state in read] == states:
         return "state"
     targets = [name.target for name in names]
     return "target" if len(set(targets)) > 1 and texts == targets else None

@@ -279,8 +279,8 @@ def _shares_labels(named: _NamedTable, labels: Sequence[str]) -> bool:
 def _choose_labels(joined: Sequence[_NamedTable], labels: Sequence[str]) -> tuple[str, ...]:
     """Return the observations, in order, that all tables have, but for some that tables of readings lack.
 
-    If a table has all joints, a table in which each row has its own name may lack an observation of which
-    another table has a reading.
+    If a table has all joints, a table in which each row has its own name may lack an observation that is read
+    in another table.
 
     Raises:
         ImportFileError: most observations of a table are not in another table.

@@ -20,6 +20,8 @@ COUNTED: Final = re.compile(r"\d{1,5}")
 """A name that is a number."""
 _ENDING: Final = re.compile(r"[^\W\d_]{0,16}[\s_.-]?\d{1,5}[\s_.-]?([^\W\d_]{1,16})")
 """A number with a word behind it, such as `1u` and `P01-before`."""
+_BEFORE_NUMBER: Final = " \t_-.#"
+"""Signs between a word and its number."""
 _LEADING_ZEROS: Final = re.compile(r"(?<![\d.,])0+(?=\d)")
 
 
@@ -41,6 +43,24 @@ def omit_state(text: str, words: Mapping[str, State]) -> str:
 def omit_zeros(label: str) -> str:
     """Return a label whose numbers have no leading zeros, in lower case: `P01` gives `p1`."""
     return _LEADING_ZEROS.sub("", label.casefold())
+
+
+def omit_repeat_numbers(texts: Collection[str]) -> dict[str, str]:
+    """Return text → word, of texts such as `s/c 1`, whose numbers count the repeats of several words.
+
+    All words have the same numbers behind; else each text is its own word.
+    """
+    numbers_of_word: dict[str, set[str]] = {}
+    word_of_text = {}
+    for text in texts:
+        start = text.rstrip("0123456789")
+        word_of_text[text] = word = start.rstrip(_BEFORE_NUMBER)
+        numbers_of_word.setdefault(word, set()).add(text[len(start) :])
+    numbers = next(iter(numbers_of_word.values()), set())
+    are_words = all(len(word) > 1 and not word[-1].isdigit() for word in numbers_of_word)
+    are_counted = "" not in numbers and all(own == numbers for own in numbers_of_word.values())
+    are_repeats = len(numbers_of_word) > 1 and are_words and are_counted
+    return word_of_text if are_repeats else {text: text for text in texts}
 
 
 def find_ending(label: str) -> str:

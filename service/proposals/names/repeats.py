@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.service.importing.grammar import is_repeat_header
+from jointstiff.service.proposals.names.labels import omit_repeat_numbers
 from jointstiff.service.proposals.names.rows import find_different_words
 from jointstiff.service.proposals.tables.lengths import find_units_of_coordinates
 from jointstiff.service.proposals.tables.numbers import NumberTable
@@ -50,12 +51,15 @@ def are_repeats(table: NumberTable, groups: Sequence[Sequence[int]]) -> bool:
 def find_telling_column(table: NumberTable, groups: Sequence[Sequence[int]]) -> int | None:
     """Return the first column of few values, all different in rows with the same names; else None.
 
-    The values may be states or loads. `groups` are the rows with the same names; most have several.
+    The values may be states or loads, without the numbers of their repeats. `groups` are the rows with the
+    same names; most have several.
     """
     if 2 * sum(len(rows) > 1 for rows in groups) <= len(groups):
         return None
     for column in range(len(table.headers)):
         texts = table.list_texts(column)
+        word_of_text = omit_repeat_numbers(texts)
+        texts = [word_of_text[text] for text in texts]
         are_few = 1 < len(set(texts)) <= _MOST_LOADS and 2 * len(set(texts)) <= len(texts)
         are_told = all(len({texts[row] for row in rows}) == len(rows) for rows in groups)
         if table.may_name(column) and not is_repeat_header(table.headers[column]) and are_few and are_told:
@@ -81,10 +85,11 @@ def _may_be_load(table: NumberTable, column: int, groups: Sequence[Sequence[int]
     """Return whether the rows of a group differ by a number that may be a load.
 
     A column that counts the repeats from 0 or 1, or that has other numbers in most rows, such as times and
-    joints with noise, is none.
+    joints with noise, is none. Nor is one with a number in the first row only, as in merged cells.
     """
     meaning = table.meanings[column]
-    numbers = [np.nan_to_num(table.table.numbers[list(rows), column]) for rows in groups]
+    of_groups = [table.table.numbers[list(rows), column] for rows in groups]
+    numbers = [np.nan_to_num(own) for own in of_groups if np.isfinite(own[1:]).any()]
     differing = [own for own in numbers if np.ptp(own) > 0.0]
     is_noisy = meaning is not None and meaning.kind in _NOISY_KINDS
     if not differing or is_noisy:

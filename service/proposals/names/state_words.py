@@ -15,7 +15,9 @@ from jointstiff.service.importing.grammar import (
     read_states,
 )
 from jointstiff.service.importing.loads import find_load, find_state_of_load
+from jointstiff.service.proposals.names.labels import omit_repeat_numbers
 from jointstiff.service.proposals.tables.row_name import RowName
+from jointstiff.service.tables.labels import fold_word
 
 _FORCE_WITH_UNIT: Final = re.compile(r"(\d{1,6}(?:[.,]\d{1,3})?)\s?((?:k|da)?N|kgf|kp|lbf)")
 
@@ -23,9 +25,16 @@ _FORCE_WITH_UNIT: Final = re.compile(r"(\d{1,6}(?:[.,]\d{1,3})?)\s?((?:k|da)?N|k
 def list_state_words(texts: Sequence[str], words: Mapping[str, State]) -> dict[str, RowName]:
     """Return word → state and mass, of the words of a column of states; without words that are not known.
 
-    If one of two words is known to mean loaded or unloaded, the other word means the other state.
+    If one of two words is known to mean loaded or unloaded, the other word means the other state. Numbers
+    behind words for states count repeats, unless the caller states a word with its number.
     """
     different = list(dict.fromkeys(texts))
+    word_of_text = omit_repeat_numbers(different)
+    are_stated = not {fold_word(word) for word in words}.isdisjoint(map(fold_word, different))
+    if len(set(word_of_text.values())) < len(different) and not are_stated:
+        read_of_word = list_state_words(list(word_of_text.values()), words)
+        if read_of_word.keys() == set(word_of_text.values()):
+            return {text: read_of_word[word] for text, word in word_of_text.items()}
     known = {word: read for word in different if (read := read_state_word(word, words)) is not None}
     for word, state in read_states(different, words).items():
         known[word] = known.get(word, RowName())._replace(state=state)

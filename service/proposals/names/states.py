@@ -18,7 +18,7 @@ from jointstiff.service.importing.grammar import (
 )
 from jointstiff.service.importing.grid import are_texts
 from jointstiff.service.importing.loads import find_load
-from jointstiff.service.proposals.names.labels import MOST_CODES
+from jointstiff.service.proposals.names.labels import MOST_CODES, omit_repeat_numbers
 from jointstiff.service.proposals.names.state_words import (
     are_words_of_states,
     list_state_words,
@@ -54,10 +54,11 @@ def _has_stated_words(table: NumberTable, column: int, words: Mapping[str, State
 
     Of two words of a column of names, the caller may state one: the other one means the other state.
     """
-    texts = set(table.list_texts(column))
-    stated = [text for text in texts if find_stated_state(text, words) is not None]
-    may_state_one = len(texts) == MOST_DIFFERENT and table.may_name(column)
-    return len(texts) > 1 and (len(stated) == len(texts) or (may_state_one and bool(stated)))
+    word_of_text = omit_repeat_numbers(table.list_texts(column))
+    stated = [each for each in word_of_text.items() if any(find_stated_state(word, words) for word in each)]
+    different = set(word_of_text.values())
+    may_state_one = len(different) == MOST_DIFFERENT and table.may_name(column)
+    return len(different) > 1 and (len(stated) == len(word_of_text) or (may_state_one and bool(stated)))
 
 
 def _find_column_of_words(table: NumberTable, options: ImportOptions, columns: Sequence[int]) -> int | None:
@@ -72,7 +73,7 @@ def _find_column_of_words(table: NumberTable, options: ImportOptions, columns: S
         if meaning is not None:
             continue
         texts = table.list_texts(column)
-        words = set(texts)
+        words = set(omit_repeat_numbers(texts).values())
         if not 1 < len(words) <= MOST_CODES or not are_texts(list(words)):
             continue
         are_opposites = read_states(words, options.state_words).keys() == words

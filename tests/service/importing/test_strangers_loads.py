@@ -79,6 +79,58 @@ def test_a_mass_in_the_header_of_a_block_is_the_load_of_its_columns_and_no_colum
     assert np.allclose(deflections, (LOADED - UNLOADED)[:, 2], atol=2e-3)
 
 
+def write_numbered(without, under, header="Medición", noise=0.01):
+    """Return rows of three repeats in both states, whose words have the numbers of the repeats behind.
+
+    As with merged cells, the first row of a posture alone has its number and its joints.
+    """
+    generator = np.random.default_rng(5)
+    rows = []
+    for number, joints in enumerate(CAMPAIGN.joints):
+        first = ["", str(number + 1), *digits(joints)]
+        for word, positions in ((without, UNLOADED), (under, LOADED)):
+            for repeat in range(1, 4):
+                position = positions[number] + noise * generator.uniform(-1.0, 1.0, 3)
+                rows.append([*first, f"{word} {repeat}", *digits(position)])
+                first = [""] * len(first)
+    return {"a.csv": table(["", "Punto", *JOINTS, header, *"XYZ"], rows)}
+
+
+@pytest.mark.parametrize("header", ["Medición", "Estado"])
+@pytest.mark.parametrize(
+    ("without", "under", "stated"),
+    [
+        ("s/c", "c/c", {}),
+        ("S/C", "C/C", {"s/c": "unloaded"}),
+        ("s/ carga", "c/ carga", {}),
+        ("sin carga", "con carga", {}),
+        ("aa", "bb", {"aa": "unloaded", "bb": "loaded"}),
+        ("aa", "bb", {"bb": "loaded"}),
+    ],
+)
+def test_numbers_behind_words_for_states_count_repeats(without, under, stated, header, tmp_path):
+    files = write_numbered(without, under, header)
+    observations = (
+        propose(files, tmp_path, state_words=stated, **NEWTONS).accept().measurement_set.observations
+    )
+    assert len(observations) == len(CAMPAIGN.joints)
+    deflections = [o.readings[0].loaded[2] - o.readings[0].unloaded[2] for o in observations]
+    assert np.allclose(deflections, (LOADED - UNLOADED)[:, 2], atol=0.05)
+
+
+def test_words_that_a_number_alone_tells_apart_are_never_offered_as_two_states(tmp_path):
+    """All words are stated, but the repeats are too far from each other to be taken without a question."""
+    states = {
+        f"{word} {repeat}": state
+        for word, state in (("s/c", "unloaded"), ("c/c", "loaded"))
+        for repeat in (1, 2, 3)
+    }
+    with pytest.raises(js.CampaignError) as error:
+        propose(write_numbered("s/c", "c/c", noise=0.2), tmp_path, state_words=states, **NEWTONS)
+    assert "'1' has this row twice of unloaded; remedy: " in str(error.value)
+    assert "or use `mean_of_repeats`" in str(error.value)
+
+
 STATES = [f"{state} {axis}" for state in ("unloaded", "loaded") for axis in "xyz"]
 NEWTONS = {"force": [0, 0, -1313], "units": {"force": "N"}}
 SIZES = np.linspace(1300.0, 1326.0, len(UNLOADED))
