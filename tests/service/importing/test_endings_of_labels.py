@@ -62,7 +62,7 @@ def test_a_legend_states_the_endings_of_labels(is_loaded_first, tmp_path):
     proposed = propose(write_workbook(endings, is_loaded_first=is_loaded_first), tmp_path)
     answer = proposed.accept()
     assert judge(CAMPAIGN, answer.measurement_set.model_dump(mode="json")) == []
-    assert "row 1 of the sheet 'Sheet' of 'a.xlsx' states" in str(answer.assumptions)
+    assert "according to row 1 of the sheet 'Sheet' of 'a.xlsx'" in " ".join(answer.assumptions)
 
 
 def test_a_legend_comes_before_a_known_letter(tmp_path):
