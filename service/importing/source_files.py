@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -16,25 +17,27 @@ from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place,
 class SourceFile:
     """A file as it was sent."""
 
-    name: str  # without a folder; the name may contain target and state
+    name: str  # the name may contain target and state, also that of its folder
     content: bytes
     is_table: bool = False  # whether the import wrote it: no cell makes a program or a report of it
 
 
 def read_sources(files: Iterable[str | PathLike[str]]) -> list[SourceFile]:
-    """Read files into memory.
+    """Read files into memory, with their folders in the names of files that have the same name.
 
     Of large files only so much is read that the import refuses them as too large.
 
     Raises:
         OSError: a file cannot be read.
     """
-    sources, bytes_left = [], grid.MAX_FILE_BYTES
-    for path in map(Path, files):
+    paths, sources, bytes_left = list(map(Path, files)), list[SourceFile](), grid.MAX_FILE_BYTES
+    counts = Counter(path.name for path in paths)
+    for path in paths:
         with path.open("rb") as file:
             content = file.read(bytes_left + 1)  # one byte more than is allowed
         bytes_left = max(0, bytes_left - len(content))
-        sources.append(SourceFile(path.name, content))
+        folder = f"{path.resolve().parent.name}_" if counts[path.name] > 1 else ""
+        sources.append(SourceFile(f"{folder}{path.name}", content))
     return sources
 
 

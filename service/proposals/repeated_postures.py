@@ -32,9 +32,11 @@ def refuse_repeated_postures(
     """
     joints = next(table for table in tables if table.name == proposal.joints.table)
     states = {each.state for each in named}
-    if request.state is not None or states != {"unloaded"} or proposal.joints.groups.count > 1:
+    if request.state is not None or states != {"unloaded"}:
         return
-    numbers = joints.table.numbers[:, list(proposal.joints.columns)]
+    indices = np.arange(len(joints.rows), dtype=float)[:, np.newaxis]
+    first_rows = proposal.joints.groups.split(indices)[:, 0, 0].astype(int)  # of each posture
+    numbers = joints.table.numbers[first_rows][:, list(proposal.joints.columns)]
     postures = number_postures(numbers)
     counts = np.bincount(postures)
     rows_of_postures = np.split(np.argsort(postures, kind="stable"), np.cumsum(counts)[:-1])
@@ -47,7 +49,7 @@ def refuse_repeated_postures(
     distance = float(np.nanmedian(apart))
     if not distance > _REPEATABLE:
         return
-    first, second = (joints.rows[row] for row in repeated[0][:2])
+    first, second = (joints.rows[first_rows[row]] for row in repeated[0][:2])
     raise ImportFileError(
         joints.grid.place(second),
         f"row {second.line} has the joints of row {first.line}, as in {len(repeated)} of {count} postures, "

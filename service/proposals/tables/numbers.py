@@ -47,7 +47,7 @@ from jointstiff.service.importing.header import find_heading
 from jointstiff.service.importing.masses import is_mass_table
 from jointstiff.service.importing.merged_rows import fill_down
 from jointstiff.service.importing.posture_files import join_posture_files
-from jointstiff.service.importing.source_files import SourceFile
+from jointstiff.service.importing.source_files import SourceFile, check_files
 from jointstiff.service.importing.source_grids import read_grids
 from jointstiff.service.importing.transposed import turn_table
 from jointstiff.service.proposals.tables.row_name import RowName
@@ -345,8 +345,9 @@ def read_number_tables(
     `joints` are the names of the robot's joints, which columns may have; `read` reads a file as tables.
 
     Raises:
-        ImportFileError: a file is no table, or its numbers are ambiguous.
+        ImportFileError: a file is no table, its numbers are ambiguous, or two files have one name.
     """
+    check_files(files)
     tables, masses, without, notes = list[NumberTable](), list[SourceFile](), list[str](), list[str]()
     for file in _join_postures(files, options):
         words = Vocabulary(options, joints)

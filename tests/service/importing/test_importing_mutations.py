@@ -127,7 +127,10 @@ def _decoded(content, encoding):
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError:
-        return content.decode("latin-1")
+        try:
+            return content.decode("cp1252" if any(0x80 <= byte < 0xA0 for byte in content) else "latin-1")
+        except UnicodeDecodeError:
+            return content.decode("latin-1")
 
 
 def _gathered(header, rows, comma):

@@ -239,6 +239,35 @@ def test_postures_that_occur_twice_with_other_readings_are_no_unloaded_poses(tmp
     assert js.read(tmp_path / "a.txt", robot=ARM, encoders="motor", state="unloaded").accept()
 
 
+def test_postures_of_several_rows_that_occur_twice_are_no_unloaded_poses(tmp_path):
+    joints = [[*cells(own, 5), run] for run in (0, 1) for own in READINGS.joints for _ in range(3)]
+    points = [
+        [f"pose{number:02}_load{run}_T{target}", *cells(places[number - 1] + run * SAG)]
+        for run in (0, 1)
+        for number in range(1, 13)
+        for target, places in ((1, FIRST), (2, SECOND))
+    ]
+    header = [*(f"actual_q_{axis}" for axis in range(6)), "register_25"]
+    (tmp_path / "robot.txt").write_bytes(text_of([header, *joints]))
+    (tmp_path / "points.txt").write_bytes(text_of([["Name", "X", "Y", "Z"], *points]))
+    with pytest.raises(js.CampaignError, match="row 38 has the joints of row 2, as in 12 of 12 postures"):
+        js.read(tmp_path / "robot.txt", tmp_path / "points.txt", robot=ARM, encoders="motor")
+
+
+def test_folders_tell_files_with_one_name_apart(tmp_path):
+    for folder, shift in (("unloaded", 0.0), ("loaded", SAG)):
+        (tmp_path / folder).mkdir()
+        rows = [" ".join(cells(place + shift)) for place in FIRST]
+        (tmp_path / folder / "points.txt").write_text("\n".join(rows))
+    (tmp_path / "robot.txt").write_text("\n".join(" ".join(cells(own, 5)) for own in READINGS.joints))
+    files = ["robot.txt", "loaded/points.txt", "unloaded/points.txt"]
+    proposal = js.read(*(tmp_path / file for file in files), robot=ARM, length_unit="mm", **STATED)
+    shifts, _ = shifts_of(proposal)
+    assert np.allclose(shifts["T1"], SAG, atol=2e-3)
+    with pytest.raises(js.CampaignError, match="two files have this name"):
+        js.read(tmp_path / files[0], *2 * [tmp_path / files[1]], robot=ARM, encoders="motor")
+
+
 def test_repeats_within_noise_are_unloaded_poses(tmp_path):
     rows = [
         " ".join([*cells(joints, 5), *cells(place + shift)])
