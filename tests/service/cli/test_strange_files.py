@@ -267,8 +267,8 @@ def test_sheets_are_no_files_and_the_sheet_of_successive_columns_is_named_once()
         "a.xlsx, ohne Last columns 2–7 as J1…J6 [deg], 8–10 as M1 unloaded [mm], 11–13 as M2 unloaded [mm], "
         "a.xlsx, mit Last 8–10 as M1 loaded [mm] and 11–13 as M2 loaded [mm]",
         "rows of the tables joined by their names",
-        "left out, as not all tables have them: 'P04'",
         f"not read: a.xlsx, mit Last {', '.join(JOINTS)}",
+        "P04: target M1 was read only unloaded; skipped, P04: target M2 was read only unloaded; skipped",
     )
 
 
