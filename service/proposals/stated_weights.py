@@ -40,12 +40,12 @@ def take_stated_weight(
     moved = ForceEvidence(proposal, named, joints, request).count_moved_along(force)
     if moved is None:
         return tables, []
-    forces = np.tile(force, (len(joints.rows), 1))
+    loaded = joints.add_forces(np.tile(force, (len(joints.rows), 1)), "N")
     note = (
         f"force 0,0,-{load.newtons:.4g} N along −z of R0, as {describe_source(load)}, and the targets move "
         f"along it in {moved.along} of {moved.total} postures: if another force acts, state `force`"
     )
-    return [joints.add_forces(forces, "N") if table is joints else table for table in tables], [note]
+    return [loaded if table is joints else table for table in tables], [note]
 
 
 def _has_other_loads(

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
+from jointstiff.service.importing.grammar import collapse_blanks
 from jointstiff.service.importing.grid import (
     Grid,
     Remark,
@@ -71,7 +72,7 @@ class Document:
 
     def add_remark(self, line: int, text: str) -> None:
         """Add a text that is in no table, if it is not blank."""
-        text = _collapse_blanks(text)
+        text = collapse_blanks(text)
         if text:
             self.remarks.append(Remark(line, text))
 
@@ -88,7 +89,7 @@ class Document:
             first, end = len(texts), len(texts) + cell.columns
             if end > limits.MAX_COLUMNS:
                 raise too_large_error(self.file, line)
-            text = write_ascii_minus(_collapse_blanks(cell.text))
+            text = write_ascii_minus(collapse_blanks(cell.text))
             if len(text) > limits.MAX_CELL_LENGTH:
                 reason = f"a cell has more than {limits.MAX_CELL_LENGTH} characters: {quote(text)}"
                 raise ImportFileError(Place(self.file, line, first + 1), reason, "shorten the text")
@@ -161,11 +162,6 @@ def _name_tables(tables: Sequence[Table]) -> list[str]:
     names = list[str]()
     for number, table in enumerate(tables, 1):
         # The option with names of tables separates them by semicolons.
-        title = _collapse_blanks(table.title).replace(";", ",")[:_MOST_NAME].strip()
+        title = collapse_blanks(table.title).replace(";", ",")[:_MOST_NAME].strip()
         names.append(title if title and title not in names else f"table {number} {title}".strip())
     return names
-
-
-def _collapse_blanks(text: str) -> str:
-    """Return a text with one blank for each run of blanks and line ends, and without blanks at its ends."""
-    return " ".join(text.split())

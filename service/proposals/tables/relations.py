@@ -57,25 +57,27 @@ def join_relations(tables: Sequence[NumberTable]) -> JoinedRelations:
     One of the loads is zero. Tables stay as they are if more than one table names its loads by a key, or if
     the key is that of the postures.
     """
-    found = [
-        (readings, loads)
-        for readings in tables
-        if (loads := _find_relation(readings, [table for table in tables if _has_loads(table)])) is not None
-    ]
-    if len(found) != 1 or found[0][1].names_postures(found[0][0]):
+    with_loads = [table for table in tables if _has_loads(table)]
+    found = [(readings, _find_relation(readings, with_loads)) for readings in tables]
+    pairs = [(readings, loads) for readings, loads in found if loads is not None]
+    if len(pairs) != 1:
         return JoinedRelations(tables, [])
-    ((readings, loads),) = found
+    ((readings, loads),) = pairs
+    if loads.names_postures(readings):
+        return JoinedRelations(tables, [])
     others = [table for table in tables if table is not loads.table and table is not readings]
     joined = _add_columns(readings, loads)
     joined = replace(joined, ignored=joined.ignored | {loads.key_of_readings})
     used = [loads]
     if not readings.table.joints:
-        postures = _find_relation(readings, [table for table in others if _may_have_joints(table)])
+        with_joints = [table for table in others if _may_have_joints(table)]
+        postures = _find_relation(readings, with_joints)
         if postures is None or postures.key_of_readings == loads.key_of_readings:
             return JoinedRelations(tables, [])
         joined = _name_key(_add_columns(joined, postures), postures.key_of_readings)
         used.append(postures)
-    left = [table for table in tables if all(table is not each.table for each in used)]
+    used_tables = {id(each.table) for each in used}
+    left = [table for table in tables if id(table) not in used_tables]
     notes = [
         f"{each.table.name} joined to {readings.name} by {collapse_blanks(each.table.headers[each.key])!r}"
         for each in used
