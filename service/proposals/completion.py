@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grammar import Vocabulary
@@ -17,6 +19,7 @@ from jointstiff.service.proposals.columns_left import (
     refuse_force_beside_columns,
     refuse_single_rows,
 )
+from jointstiff.service.proposals.force_evidence import ForceEvidence
 from jointstiff.service.proposals.found_meaning import FoundMeaning
 from jointstiff.service.proposals.named_forces import name_forces, note_force, take_loads, take_stated_force
 from jointstiff.service.proposals.names.naming import NamedReading, name_readings
@@ -86,7 +89,11 @@ def complete(found_meaning: FoundMeaning, request: ImportRequest) -> ProposedImp
     except ImportFileError as error:
         found = describe(proposal, [each.words for each in named])
         raise NoProposalError(f"{found}, but {error.reason}", error.remedy, error) from error
-    proposed = replace(proposed, likely_force=describe_likely_force(left))
+    proposed = replace(
+        proposed,
+        likely_force=describe_likely_force(left),
+        moves_along_force=_moves_along_force(proposal, named, joints, request),
+    )
     fault = proposed.find_fault()
     if fault is not None and fault.option == "allow_missing" and _have_same_states(named):
         refuse_damaged_numbers(proposal, tables)
@@ -100,6 +107,16 @@ def complete(found_meaning: FoundMeaning, request: ImportRequest) -> ProposedImp
         reason = f"{proposed.sentence}, but the import of these columns is refused: {fault.reason}"
         raise NoProposalError(reason, remedy, fault)
     return proposed
+
+
+def _moves_along_force(
+    proposal: Proposal, named: Sequence[NamedReading], joints: NumberTable, request: ImportRequest
+) -> bool:
+    """Return whether the targets clearly move along the force that the request states, in most postures."""
+    if request.force is None:
+        return False
+    evidence = ForceEvidence(proposal, named, joints, request)
+    return evidence.count_moved_along(np.array(request.force)) is not None
 
 
 def _have_same_states(named: Sequence[NamedReading]) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.grammar import Vocabulary
@@ -17,11 +17,14 @@ from jointstiff.service.proposals.named_forces import order_by_forces
 from jointstiff.service.proposals.names.joining import label_by_joints
 from jointstiff.service.proposals.names.naming import name_readings
 from jointstiff.service.proposals.no_proposal import NoProposalError, UnreadError
+from jointstiff.service.proposals.repeated_postures import bring_visits_together
 from jointstiff.service.proposals.tables.lengths import convert_columns
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.service.proposals.unread import describe_turned_table
 from jointstiff.solver.meaning.proposal import Proposal, propose
 from jointstiff.solver.mechanics.robot import KnownRobot
+
+_NOTE: Final = "rows with the same joints are one posture"
 
 
 class FoundMeaning(NamedTuple):
@@ -36,7 +39,8 @@ def tell_postures_by_joints(
 ) -> JoinedTables | None:
     """Return the numbers with the rows of a posture in turn, if the joints that were found tell the postures.
 
-    None if the rows are in turn, or if the joints do not tell the postures. `names` are those of the joints.
+    Names tell the states of the rows, or else the order of the visits to a posture. None if the rows are in
+    turn, or if the joints do not tell the postures. `names` are those of the joints.
 
     Raises:
         NoProposalError: rows of a posture do not fit each other.
@@ -46,10 +50,11 @@ def tell_postures_by_joints(
     if joints.groups.count == len(table.turn):
         return None
     labelled = label_by_joints(numbers.separate, joints, request)
-    if labelled is None:
-        return None
-    joined = join_numbers(numbers.files, labelled, request, names)
-    return joined._replace(notes=[*joined.notes, "rows with the same joints are one posture"])
+    if labelled is not None:
+        joined = join_numbers(numbers.files, labelled, request, names)
+        return joined._replace(notes=[*joined.notes, _NOTE])
+    together = bring_visits_together(found_meaning.proposal, numbers.tables, request)
+    return None if together is None else numbers._replace(tables=together, notes=[*numbers.notes, _NOTE])
 
 
 def find_in_one_unit(

@@ -36,6 +36,7 @@ class ProposedImport:
     originals: tuple[SourceFile, ...] = ()  # files as they were sent
     statement: str = ""  # the proposal in words, if it has no positions that the robot could fit
     likely_force: str = ""  # end of a sentence on columns that may be the load
+    moves_along_force: bool = False  # whether the targets clearly move along the force that the caller states
 
     @property
     def files(self) -> list[SourceFile]:

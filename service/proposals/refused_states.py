@@ -130,21 +130,27 @@ def refuse_unknown_words(
     if words:
         found = describe(proposal, [each.words for each in named])
         reason = f"{found} by their order, but the words {' and '.join(map(quote, words))} are not known"
-        raise _build_words_error(reason, words, ("unloaded", "loaded"))
+        other = "state `force`, along which the targets move under load, or"
+        raise _build_words_error(reason, words, ("unloaded", "loaded"), other)
 
 
 def _build_words_error(
-    reason: str, words: Sequence[str], states: Sequence[State] = ("loaded", "unloaded")
+    reason: str, words: Sequence[str], states: Sequence[State], other_remedy: str = ""
 ) -> NoProposalError:
     """Return the error that words of headers, files or cells may be the states of positions.
 
-    `states` are the likely states of the words.
+    Args:
+        reason: why the states are in doubt.
+        words: words that tell the positions of a target apart.
+        states: likely states of the words.
+        other_remedy: what a person may state in place of the words, and `or`.
     """
     listed = " and ".join(map(quote, words))
     kind_of_words = "words for states" if len(words) > 1 else "a word for a state"
     pairs = list(zip(words, states, strict=False))
     in_order = tuple(word for word, _ in sorted(pairs, key=lambda pair: pair[1] != "unloaded"))
     examples = [f"{quote(word)} as `{state}`" for word, state in pairs]
-    remedy = f"state what these words mean by `state_words`, such as {' and '.join(examples)}"
+    verb = f"{other_remedy} what" if other_remedy else "state what"
+    remedy = f"{verb} these words mean by `state_words`, such as {' and '.join(examples)}"
     fault = ImportFileError(NOWHERE, f"{listed} may be {kind_of_words}", remedy, "state_words", in_order)
     return NoProposalError(reason, remedy, fault)

@@ -1,8 +1,9 @@
-"""Postures that occur twice with different readings: some of them may be under load."""
+"""Postures that an arm takes several times: the readings of some visits may be under load."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -11,8 +12,10 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.proposals.names.naming import NamedReading
 from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.solver.arrays import IndexArray
 from jointstiff.solver.meaning.hypotheses import number_postures
-from jointstiff.solver.meaning.proposal import Proposal
+from jointstiff.solver.meaning.proposal import Proposal, TargetReading
+from jointstiff.solver.meaning.table import RowGroups
 
 _LEAST_REPEATED: Final = 3
 """Postures that occur twice, at least: an arm returns to one posture to check the instrument."""
@@ -20,6 +23,78 @@ _LEAST_PART: Final = 0.5
 """Least part of the postures that occur twice."""
 _REPEATABLE: Final = 5e-5
 """Distance [m] of two readings of a posture up to which they are repeats: noise, and the arm's return."""
+
+
+def bring_visits_together(
+    proposal: Proposal, tables: Sequence[NumberTable], request: ImportRequest
+) -> tuple[NumberTable, ...] | None:
+    """Return the tables with the rows of all visits to a posture in turn, in the order of the rows.
+
+    None unless each visit was read as a posture, the joints repeat each posture equally often, and the
+    readings of a posture differ by more than noise. A request may state one state of all rows.
+    """
+    joints = _find_joints(proposal, tables)
+    postures = _number_postures(proposal, joints)
+    counts = np.bincount(postures)
+    visits = int(counts[0])
+    if visits < 2 or len(counts) < _LEAST_REPEATED or (counts != visits).any() or request.state is not None:
+        return None
+    if not _measure_distance(proposal.readings[0], postures) > _REPEATABLE:
+        return None
+    order = np.argsort(postures, kind="stable")
+    if np.array_equal(order, np.arange(len(order))):
+        return None  # the solver has seen rows in turn
+    groups_of_table = {each.points.table: each.points.groups for each in proposal.readings}
+    groups_of_table[joints.name] = proposal.joints.groups
+    are_read = all(table.name in groups_of_table for table in tables)
+    return (
+        tuple(_reorder(each, _list_rows(groups_of_table[each.name], order), visits) for each in tables)
+        if are_read
+        else None
+    )
+
+
+def _measure_distance(reading: TargetReading, postures: IndexArray) -> float:
+    """Return the median distance [m] of the positions of repeated postures; NaN without such postures."""
+    repeated = [rows for rows in _split_rows(postures) if len(rows) > 1]
+    apart = [float(np.linalg.norm(np.ptp(reading.positions[rows], axis=0))) for rows in repeated]
+    return float(np.nanmedian(apart)) if apart else float("nan")
+
+
+def _split_rows(postures: IndexArray) -> list[IndexArray]:
+    """Return the rows of each posture, in the order of the rows."""
+    ends = np.cumsum(np.bincount(postures))[:-1]
+    return np.split(np.argsort(postures, kind="stable"), ends)
+
+
+def _number_postures(proposal: Proposal, joints: NumberTable) -> IndexArray:
+    """Return the number of the posture (N,) of each group of rows of a table of joints."""
+    first_rows = _list_first_rows(proposal, joints)
+    return number_postures(joints.table.numbers[first_rows][:, list(proposal.joints.columns)])
+
+
+def _list_first_rows(proposal: Proposal, joints: NumberTable) -> IndexArray:
+    """Return the first row (N,) of each group of rows of a table of joints."""
+    indices = np.arange(len(joints.rows), dtype=np.float64)[:, np.newaxis]
+    return proposal.joints.groups.split(indices)[:, 0, 0].astype(np.intp)
+
+
+def _find_joints(proposal: Proposal, tables: Sequence[NumberTable]) -> NumberTable:
+    """Return the table of the joints of a proposal."""
+    return next(table for table in tables if table.name == proposal.joints.table)
+
+
+def _list_rows(groups: RowGroups, order: IndexArray) -> IndexArray:
+    """Return the rows of a table whose groups of rows come in another order."""
+    rows = np.arange(groups.count * len(order), dtype=np.float64)[:, np.newaxis]
+    return groups.split(rows)[order].reshape(-1).astype(np.intp)
+
+
+def _reorder(table: NumberTable, rows: IndexArray, visits: int) -> NumberTable:
+    """Return a table with its rows in another order, in which a posture has the rows of several visits."""
+    solver_table = replace(table.table, numbers=table.table.numbers[rows])
+    reordered = tuple(table.rows[row] for row in rows)
+    return replace(table, rows=reordered, table=solver_table, turn=visits * table.turn, labels=())
 
 
 def refuse_repeated_postures(
@@ -30,23 +105,18 @@ def refuse_repeated_postures(
     Raises:
         ImportFileError: there are such postures, and the request states no state.
     """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
+    joints = _find_joints(proposal, tables)
     states = {each.state for each in named}
     if request.state is not None or states != {"unloaded"}:
         return
-    indices = np.arange(len(joints.rows), dtype=float)[:, np.newaxis]
-    first_rows = proposal.joints.groups.split(indices)[:, 0, 0].astype(int)  # of each posture
-    numbers = joints.table.numbers[first_rows][:, list(proposal.joints.columns)]
-    postures = number_postures(numbers)
-    counts = np.bincount(postures)
-    rows_of_postures = np.split(np.argsort(postures, kind="stable"), np.cumsum(counts)[:-1])
+    first_rows = _list_first_rows(proposal, joints)
+    postures = _number_postures(proposal, joints)
+    rows_of_postures = _split_rows(postures)
     repeated = [rows for rows in rows_of_postures if len(rows) > 1]
-    count = len(counts)
+    count = len(rows_of_postures)
     if len(repeated) < max(_LEAST_REPEATED, _LEAST_PART * count):
         return
-    positions = named[0].reading.positions
-    apart = [float(np.linalg.norm(np.ptp(positions[rows], axis=0))) for rows in repeated]
-    distance = float(np.nanmedian(apart))
+    distance = _measure_distance(named[0].reading, postures)
     if not distance > _REPEATABLE:
         return
     first, second = (joints.rows[first_rows[row]] for row in repeated[0][:2])

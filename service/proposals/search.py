@@ -8,7 +8,7 @@ from functools import partial
 
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.meaning import TableMeaning
-from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.importing.errors import ImportFileError, quote
 from jointstiff.service.importing.grammar import find_state_in_name
 from jointstiff.service.importing.legends import find_legend
 from jointstiff.service.importing.source_files import SourceFile
@@ -44,11 +44,36 @@ def propose_import(
     """
     known = list(robots)
     found = _propose_or_decline(files, request, known, template)
+    if template is None and isinstance(found, NoProposal):
+        found = _propose_by_force(files, request, known, found) or found
     legend = find_legend(files, _list_open_words(found)) if template is None else None
     if legend is None:
         return found
     stated = request.model_copy(update={"state_words": {**request.state_words, **legend.states}})
     return _propose_or_decline(files, stated, known, template).add_note(legend.note)
+
+
+def _propose_by_force(
+    files: Sequence[SourceFile], request: ImportRequest, robots: Sequence[KnownRobot], found: NoProposal
+) -> ProposedImport | None:
+    """Return the proposal in which the force that the caller states shows what two words for states mean.
+
+    The first word is that without load. None if the targets do not clearly move along the force: then the
+    order of the words or the sign of the force is wrong. `found` asks what the words mean.
+    """
+    fault = found.fault
+    if fault is None or fault.option != "state_words" or len(fault.words) != 2 or request.force is None:
+        return None
+    unloaded, loaded = fault.words
+    words = {unloaded: "unloaded", loaded: "loaded"}
+    stated = request.model_copy(update={"state_words": {**request.state_words, **words}})
+    proposed = _propose_or_decline(files, stated, robots, None)
+    if isinstance(proposed, NoProposal) or not proposed.moves_along_force:
+        return None
+    shown = (
+        f"{quote(unloaded)} is unloaded and {quote(loaded)} is loaded, as the targets then move along `force`"
+    )
+    return proposed.add_note(shown)
 
 
 def _list_open_words(found: ProposedImport | NoProposal) -> Sequence[str]:

@@ -679,7 +679,8 @@ def _refuse_unknown_states(named: _NamedTable, options: ImportOptions) -> None:
     raise ImportFileError(
         Place(named.table.grid.file),
         f"{listed} may be words for states",
-        f"state both words by `state_words`, such as {unloaded} as `unloaded` and {loaded} as `loaded`",
+        "state `force`, along which the targets move under load, or both words by `state_words`, such as "
+        f"{unloaded} as `unloaded` and {loaded} as `loaded`",
         "state_words",
         likely,
     )

@@ -27,7 +27,8 @@ def add_targets(table: NumberTable, names: list[RowName]) -> list[RowName]:
 
     The column has few texts or numbers, which most postures have; the points that numbers name keep their
     distances. Rows that lie together are repeats of a reading, and keep their names, as do those of several
-    such columns. Rows with positions in two states are in no state.
+    such columns. Rows with positions in two states are in no state. Other columns may tell repeats or loads
+    of these points, if the points are farther from each other than any load moves one.
     """
     rows_of_name: dict[RowName, list[int]] = {}
     for row, name in enumerate(names):
@@ -36,8 +37,10 @@ def add_targets(table: NumberTable, names: list[RowName]) -> list[RowName]:
     have_labels = all(name.label is not None and name.target is None for name in names)
     have_states = all(name.state is not None for name in names) or _has_columns_of_states(table)
     least = LEAST_BETWEEN_TARGETS if have_states else _LARGEST_DEFLECTION
-    if not have_labels or table.has_repeats or not are_far_apart(table, groups, least):
+    if not have_labels or table.has_repeats:
         return names
+    if not are_far_apart(table, groups, least):
+        return _add_distant_targets(table, names, groups)
     labels = [name.label or "" for name in names]
     columns = [
         column
@@ -47,8 +50,32 @@ def add_targets(table: NumberTable, names: list[RowName]) -> list[RowName]:
     ]
     if len(columns) != 1:
         return names
-    texts = table.list_texts(columns[0])
-    return [name._replace(target=text) for name, text in zip(names, texts, strict=True)]
+    return _add_texts(names, table.list_texts(columns[0]))
+
+
+def _add_texts(names: Sequence[RowName], targets: Sequence[str]) -> list[RowName]:
+    """Return names with the target of each row."""
+    return [name._replace(target=target) for name, target in zip(names, targets, strict=True)]
+
+
+def _add_distant_targets(
+    table: NumberTable, names: list[RowName], groups: Sequence[Sequence[int]]
+) -> list[RowName]:
+    """Return names with the targets in the one column whose points keep distances that no load makes.
+
+    Most rows with the same names are several readings of these points.
+    """
+    labels = [name.label or "" for name in names]
+    are_several = 2 * sum(len(group) > 1 for group in groups) > len(groups)
+    columns = [
+        column
+        for column in range(len(table.headers))
+        if table.may_name(column)
+        and are_targets(table, labels, table.list_texts(column), _LARGEST_DEFLECTION)
+    ]
+    if not are_several or len(columns) != 1:
+        return names
+    return _add_texts(names, table.list_texts(columns[0]))
 
 
 def _has_columns_of_states(table: NumberTable) -> bool:
@@ -100,7 +127,9 @@ def _distinguishes(table: NumberTable, column: int, groups: Sequence[Sequence[in
     return 2 * complete_count > len(groups) and all(len(set(each)) == len(each) for each in own)
 
 
-def are_targets(table: NumberTable, postures: Sequence[str], points: Sequence[str]) -> bool:
+def are_targets(
+    table: NumberTable, postures: Sequence[str], points: Sequence[str], least: float = 0.0
+) -> bool:
     """Return whether points are targets on one flange: most keep their distances, and move with the postures.
 
     Points that repeats or loads tell apart do not move so far. A point of a posture is the mean of its rows.
@@ -109,6 +138,7 @@ def are_targets(table: NumberTable, postures: Sequence[str], points: Sequence[st
         table: numbers of a file.
         postures: name of the posture of each row.
         points: name of the point of each row.
+        least: least distance [m] of two targets.
     """
     sizes_of_units = find_units_of_coordinates(table)
     labels, targets = list(dict.fromkeys(postures)), list(dict.fromkeys(points))
@@ -132,8 +162,12 @@ def are_targets(table: NumberTable, postures: Sequence[str], points: Sequence[st
     if 2 * np.isfinite(distances).sum() <= distances.size or not np.isfinite(moved).any():
         return False
     distances = distances[:, np.isfinite(distances).any(axis=0)]
-    changes = np.abs(distances - np.nanmedian(distances, axis=0))
-    return bool(np.nanmedian(changes) <= _MOST_CHANGE and np.nanmedian(moved) > _LARGEST_DEFLECTION)
+    usual = np.nanmedian(distances, axis=0)
+    changes = np.abs(distances - usual)
+    are_apart = bool((usual >= least).all())
+    return are_apart and bool(
+        np.nanmedian(changes) <= _MOST_CHANGE and np.nanmedian(moved) > _LARGEST_DEFLECTION
+    )
 
 
 def find_target_column(table: NumberTable, others: tuple[int | None, int | None]) -> int | None:

@@ -401,16 +401,24 @@ def test_names_that_say_everything_leave_the_frame_to_the_robot(monkeypatch, for
     assert [each["force"] for each in document["observations"]] == [[0.0, 0.0, -981.0]] * 14
 
 
+def write_unknown_words(campaign):
+    rows = in_turn(campaign, ("weg", "dran"), both(campaign))
+    return {"a.csv": table(["Pose", *JOINTS, "Gewichtsstein", *"XYZ"], rows)}
+
+
 def test_two_words_that_nobody_knows_are_one_question(monkeypatch):
     campaign = simulate(ARMS[1], seed=13, postures=14)
-    files = {
-        "a.csv": table(
-            ["Pose", *JOINTS, "Gewichtsstein", *"XYZ"], in_turn(campaign, ("weg", "dran"), both(campaign))
-        )
-    }
-    assert_said(refused(line(files, ARMS[1])), "may be words for states", "`--state-word`")
-    shown = answer(monkeypatch, line(files, ARMS[1]), ["", "", "", "", ""])
+    command = line(write_unknown_words(campaign), ARMS[1], "")
+    assert_said(refused(command), "may be words for states", "`--force`", "`--state-word`")
+    shown = answer(monkeypatch, command, ["", "", "0,0,-981 N", *[""] * 5])
     assert_said(shown, "'weg' and 'dran' may be words for states", "(weg, dran) [weg]:", "Take it? [Y/n]")
+    assert judge(campaign, read_set()) == []
+
+
+def test_a_stated_force_answers_what_two_words_mean():
+    campaign = simulate(ARMS[1], seed=13, postures=14)
+    shown = typed(line(write_unknown_words(campaign), ARMS[1]))
+    assert_said(shown, "'weg' is unloaded and 'dran' is loaded", "move along `--force`")
     assert judge(campaign, read_set()) == []
 
 

@@ -1,5 +1,6 @@
 """Tables with a row for each posture, state and target, or for each joint: targets are found, not repeats."""
 
+import numpy as np
 import pytest
 from support.strange_files import JOINTS, digits, judge, names, simulate, table
 
@@ -52,19 +53,80 @@ def test_texts_of_readings_at_one_place_are_no_targets(tmp_path):
     assert "'Faro' and 'Leica', which may be words for states" in str(refused.value.problem)
 
 
-def test_texts_of_one_target_that_moves_by_millimetres_are_no_targets(tmp_path):
-    """Two unknown words may be states: a heavy load moves a target by 5 mm in each posture."""
-    positions = CAMPAIGN.unloaded[:, 0], CAMPAIGN.unloaded[:, 0] - [0.0, 0.0, 5e-3]
+def write_phases(folder, phases=("vazio", "pesado"), shift=(0.0, 0.0, -5e-3)):
+    """Write a table with a row for each of two phases of each posture, between which a target moves [m]."""
+    positions = CAMPAIGN.unloaded[:, 0], CAMPAIGN.unloaded[:, 0] + shift
     rows = [
         [label, word, *digits(1e3 * positions[number][posture]), *digits(CAMPAIGN.joints[posture])]
         for posture, label in enumerate(names(CAMPAIGN))
-        for number, word in enumerate(("vazio", "pesado"))
+        for number, word in enumerate(phases)
     ]
-    path = tmp_path / "longo.csv"
+    path = folder / "longo.csv"
     path.write_text(table(["Postura", "Fase", *"XYZ", *JOINTS], rows), encoding="utf-8")
+    return path
+
+
+def test_texts_of_one_target_that_moves_by_millimetres_are_no_targets(tmp_path):
+    """Two unknown words may be states: a heavy load moves a target by 5 mm in each posture."""
     with pytest.raises(js.CampaignError) as refused:
-        js.read(path, robot=ARM, **STATED)
-    assert "'vazio' and 'pesado' may be words for states" in str(refused.value.problem)
+        js.read(write_phases(tmp_path), robot=ARM, **{**STATED, "force": None})
+    problem = str(refused.value.problem)
+    assert "'vazio' and 'pesado' may be words for states" in problem
+    assert "state `force`, along which the targets move under load" in problem
+
+
+def test_a_stated_force_shows_which_of_two_unknown_words_is_under_load(tmp_path):
+    proposed = js.read(write_phases(tmp_path), robot=ARM, **STATED)
+    assert "'vazio' is unloaded and 'pesado' is loaded, as the targets then move along `force`" in str(
+        proposed
+    )
+    observations = proposed.accept().measurement_set.model_dump(mode="json")["observations"]
+    shifts = [
+        np.subtract(own["loaded"], own["unloaded"]) for each in observations for own in each["readings"]
+    ]
+    assert np.allclose(shifts, [0.0, 0.0, -5.0], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("phases", "shift"),
+    [(("vazio", "pesado"), (0.0, 0.0, 5e-3)), (("Faro", "Leica"), (2e-5, 2e-5, 2e-5))],
+    ids=["against the force", "two instruments"],
+)
+def test_a_force_against_which_targets_move_shows_no_states(phases, shift, tmp_path):
+    """The words may have another order, the force another sign: a person must say which."""
+    with pytest.raises(js.CampaignError, match="may be words for states"):
+        js.read(write_phases(tmp_path, phases, shift), robot=ARM, **STATED)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_points_far_apart_are_targets_beside_repeats_and_loads(count, tmp_path):
+    """Only the distances say that `a` and `b` are points, and no states."""
+    rows = [
+        [posture + 1, repeat + 1, 9 * state, "abc"[target], *digits(1e3 * place), *digits(joints)]
+        for posture, joints in enumerate(CAMPAIGN.joints)
+        for state in range(2)
+        for repeat in range(2)
+        for target in range(count)
+        for place in [places_of(target)[state][posture]]
+    ]
+    path = tmp_path / "lang.tsv"
+    header = ["houding", "herhaling", "last_kg", "doel", "x_mm", "y_mm", "z_mm", *JOINTS]
+    path.write_text(table(header, rows, "\t"), encoding="utf-8")
+    stated = {key: value for key, value in STATED.items() if key not in ("force", "units")}
+    answer = js.read(path, robot=ARM, **stated).accept()
+    assert answer.targets == list("abc"[:count])
+    document = answer.measurement_set.model_dump(mode="json")
+    assert document["units"]["force"] == "kgf"
+    assert [each["force"] for each in document["observations"]] == [[0.0, 0.0, -9.0]] * len(CAMPAIGN.joints)
+    shifts = [
+        np.subtract(own["loaded"], own["unloaded"])
+        for each in document["observations"]
+        for own in each["readings"]
+    ]
+    true = [
+        1e3 * np.subtract(*places_of(k)[::-1])[p] for p in range(len(CAMPAIGN.joints)) for k in range(count)
+    ]
+    assert np.allclose(shifts, true, atol=5e-3)
 
 
 def test_rows_in_different_places_are_not_called_repeats(tmp_path):

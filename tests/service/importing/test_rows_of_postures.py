@@ -239,19 +239,47 @@ def test_postures_that_occur_twice_with_other_readings_are_no_unloaded_poses(tmp
     assert js.read(tmp_path / "a.txt", robot=ARM, encoders="motor", state="unloaded").accept()
 
 
-def test_postures_of_several_rows_that_occur_twice_are_no_unloaded_poses(tmp_path):
+def write_visits(folder, shift=SAG):
+    """Write a recording of three rows a posture, taken twice, and points of two targets of each visit."""
     joints = [[*cells(own, 5), run] for run in (0, 1) for own in READINGS.joints for _ in range(3)]
     points = [
-        [f"pose{number:02}_load{run}_T{target}", *cells(places[number - 1] + run * SAG)]
+        [f"pose{number:02}_load{run}_T{target}", *cells(places[number - 1] + run * shift)]
         for run in (0, 1)
         for number in range(1, 13)
         for target, places in ((1, FIRST), (2, SECOND))
     ]
     header = [*(f"actual_q_{axis}" for axis in range(6)), "register_25"]
-    (tmp_path / "robot.txt").write_bytes(text_of([header, *joints]))
-    (tmp_path / "points.txt").write_bytes(text_of([["Name", "X", "Y", "Z"], *points]))
-    with pytest.raises(js.CampaignError, match="row 38 has the joints of row 2, as in 12 of 12 postures"):
-        js.read(tmp_path / "robot.txt", tmp_path / "points.txt", robot=ARM, encoders="motor")
+    paths = folder / "robot.txt", folder / "points.txt"
+    paths[0].write_bytes(text_of([header, *joints]))
+    paths[1].write_bytes(text_of([["Name", "X", "Y", "Z"], *points]))
+    return paths
+
+
+def test_two_visits_to_each_posture_are_its_two_states(tmp_path):
+    proposal = js.read(*write_visits(tmp_path), robot=ARM, length_unit="mm", **STATED)
+    assert "rows with the same joints are one posture" in str(proposal)
+    shifts, observations = shifts_of(proposal)
+    assert len(observations) == len(FIRST)
+    assert all(np.allclose(own, SAG, atol=2e-3) for own in shifts.values())
+    assert len(shifts) == 2
+
+
+def test_visits_whose_targets_move_against_the_force_are_refused(tmp_path):
+    with pytest.raises(js.CampaignError, match="the targets then move against `force`"):
+        js.read(*write_visits(tmp_path, -SAG), robot=ARM, length_unit="mm", **STATED)
+
+
+def test_visits_without_a_force_are_no_campaign(tmp_path):
+    unknown = {key: value for key, value in STATED.items() if key not in ("force", "units")}
+    answer = js.read(*write_visits(tmp_path), robot=ARM, length_unit="mm", **unknown).accept()
+    assert answer.measurement_set is None
+    assert "force" in answer.missing_fields
+
+
+def test_visits_that_differ_by_noise_are_no_states(tmp_path):
+    proposal = js.read(*write_visits(tmp_path, 1e-3 * SAG), robot=ARM, length_unit="mm", encoders="motor")
+    answer = proposal.accept()
+    assert answer.states == ["unloaded"]
 
 
 def test_folders_tell_files_with_one_name_apart(tmp_path):
