@@ -38,7 +38,7 @@ from jointstiff.service.proposals.refused_states import (
 )
 from jointstiff.service.proposals.repeated_postures import refuse_repeated_postures
 from jointstiff.service.proposals.rewriting import list_masses, note_mean_of_joints, write_readings
-from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
 from jointstiff.service.proposals.template_meaning import build_meaning
 from jointstiff.service.proposals.uncertainties import add_uncertainties
 from jointstiff.solver.meaning.proposal import Proposal
@@ -68,7 +68,7 @@ def complete(found_meaning: FoundMeaning, request: ImportRequest) -> ProposedImp
     words = Vocabulary(request, proposal.robots[0].robot.joint_names)
     named = add_uncertainties(named, tables, words, proposal.unit)
     left = list_columns_left(proposal, tables, named)
-    joints = next(table for table in tables if table.name == proposal.joints.table)
+    joints = find_table(tables, proposal.joints.table)
     notes = [*numbers.notes, *load_notes, *force_notes, *note_force(joints), *_note_uncertainties(named)]
     confirming = [each for each in left if confirms_joints(each.table, proposal, joints)]
     unread = [each for each in left if each not in confirming]

@@ -10,7 +10,7 @@ import numpy as np
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.proposals.names.naming import NamedReading
-from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
 from jointstiff.solver.meaning.hypotheses import number_postures
 from jointstiff.solver.meaning.proposal import Proposal
 
@@ -30,7 +30,7 @@ def refuse_repeated_postures(
     Raises:
         ImportFileError: there are such postures, and the request states no state.
     """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
+    joints = find_table(tables, proposal.joints.table)
     states = {each.state for each in named}
     if request.state is not None or states != {"unloaded"}:
         return

@@ -13,8 +13,8 @@ from typing import Final
 from unicodedata import normalize
 
 from jointstiff.service.importing.errors import ImportFileError, Place
-from jointstiff.service.importing.formats.documents import LEAST_NUMBERS, Cell, Document, Table
-from jointstiff.service.importing.grid import Grid, count_numbers
+from jointstiff.service.importing.formats.documents import Cell, Document, Table
+from jointstiff.service.importing.grid import LEAST_NUMBERS, Grid, count_numbers
 from jointstiff.service.importing.texts.encoding import decode
 
 _MARKS: Final = tuple("\\%{}&$~^_\n")

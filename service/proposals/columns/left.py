@@ -21,7 +21,7 @@ from jointstiff.service.importing.grammar import (
     list_units,
     read_states,
 )
-from jointstiff.service.importing.grid import looks_like_a_number
+from jointstiff.service.importing.grid import COORDINATES, looks_like_a_number
 from jointstiff.service.importing.loads import find_load, find_state_of_load
 from jointstiff.service.proposals.names.labels import omit_repeat_numbers
 from jointstiff.service.proposals.names.naming import NamedReading
@@ -34,8 +34,6 @@ _NAMES: Final = frozenset(("name", "collection", "group", "target", "state", "ti
 """Kinds of columns that tell of rows, or of nothing that a campaign has."""
 _MOST_NAMED: Final = 8
 """Most columns that a sentence names."""
-_COORDINATES: Final = 3
-"""Coordinates of a position."""
 
 
 @dataclass(frozen=True)
@@ -177,7 +175,7 @@ def list_unexplained_numbers(left: ColumnsLeft) -> list[int]:
         for column in left.columns
         if is_moving[column] and column not in table.table.others and not _is_other(table.meanings[column])
     ]
-    return numbers if len(numbers) >= _COORDINATES else []
+    return numbers if len(numbers) >= COORDINATES else []
 
 
 def _is_other(meaning: Meaning | None) -> bool:

@@ -8,16 +8,14 @@ from typing import Final
 import numpy as np
 
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.grid import ARRAYS
+from jointstiff.service.importing.grid import ARRAYS, COORDINATES
 from jointstiff.service.proposals.columns.left import ColumnsLeft, list_unexplained_numbers
 from jointstiff.service.proposals.names.naming import NamedReading
 from jointstiff.service.proposals.tables.kinds import LOADS
-from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.table import find_moving_columns
 
-_COORDINATES: Final = 3
-"""Coordinates of a position."""
 _SAME_JOINT: Final = np.radians(0.01)
 """Largest difference of a joint [rad] between two logs of the same postures."""
 
@@ -34,7 +32,7 @@ def refuse_columns_left(
         ImportFileError: nothing of a file is read; or all positions are in one state, and three columns of
             numbers are left.
     """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
+    joints = find_table(tables, proposal.joints.table)
     postures = len(joints.rows) // proposal.joints.groups.count
     for each in left:
         is_other = confirms_joints(each.table, proposal, joints) or _is_square_matrix(each.table, postures)
@@ -60,7 +58,7 @@ def _is_square_matrix(table: NumberTable, postures: int) -> bool:
     count, width = table.table.numbers.shape
     has_positions = any(each is not None and each.kind in ("position", "joint") for each in table.meanings)
     is_array = table.grid.preview.format in ARRAYS.values()
-    is_square = count > _COORDINATES and width % count == 0 and bool(np.isfinite(table.table.numbers).all())
+    is_square = count > COORDINATES and width % count == 0 and bool(np.isfinite(table.table.numbers).all())
     return is_array and is_square and not has_positions and count % postures > 0
 
 
@@ -109,7 +107,7 @@ def refuse_single_rows(proposal: Proposal, tables: Sequence[NumberTable]) -> Non
     Raises:
         ImportFileError: a table has such rows.
     """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
+    joints = find_table(tables, proposal.joints.table)
     single = {each.points.table for each in proposal.readings if each.points.groups.count == 1}
     of_states = [
         table for table in tables if table.name in single and len({row.state for row in table.turn}) > 1

@@ -13,7 +13,7 @@ from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import Kind
 from jointstiff.service.importing.loads import find_newtons
 from jointstiff.service.proposals.tables.load_columns import find_states_of_loads
-from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
 from jointstiff.service.proposals.tables.row_name import RowName
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.meaning.proposal import Proposal
@@ -45,7 +45,7 @@ def gather_loads(proposal: Proposal, tables: Sequence[NumberTable], request: Imp
     Raises:
         ImportFileError: a posture has two different loads.
     """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
+    joints = find_table(tables, proposal.joints.table)
     with_loads, gathered, notes = joints, list[NumberTable](), list[str]()
     for table in tables:
         rows = None if table is joints else _list_rows(proposal, table, joints, request)

@@ -17,13 +17,12 @@ from jointstiff.service.importing.grammar import (
     looks_like_a_force,
     split_unit,
 )
+from jointstiff.service.importing.grid import COORDINATES
 from jointstiff.service.proposals.columns.left import ColumnsLeft
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.table import find_moving_columns
 
-_COORDINATES: Final = 3
-"""Coordinates of a position."""
 _UNIT_VECTOR: Final = 0.01
 """Largest difference of the size of a unit vector from 1."""
 _SAME_SIZE: Final = 0.01
@@ -70,13 +69,13 @@ def find_bare_vector(left: ColumnsLeft) -> tuple[int, int, int] | None:
     A direction has the size 1, and is no force. Rows without load may have no numbers.
     """
     table = left.table
-    if len(left.columns) != _COORDINATES or any(table.headers[column] for column in left.columns):
+    if len(left.columns) != COORDINATES or any(table.headers[column] for column in left.columns):
         return None
     first, second, third = left.columns
     numbers = _list_filled(table, left.columns)
     sizes = np.linalg.norm(numbers, axis=1)
     is_force = len(sizes) > 0 and bool(np.isfinite(sizes).all()) and sizes.mean() > _LEAST_FORCE
-    is_vector = third - first == _COORDINATES - 1 and any(find_moving_columns(numbers))
+    is_vector = third - first == COORDINATES - 1 and any(find_moving_columns(numbers))
     return (first, second, third) if is_force and is_vector else None
 
 
@@ -124,7 +123,7 @@ def find_sizes_along_vectors(left: ColumnsLeft) -> SizesAlongVectors | None:
     found = [
         SizesAlongVectors(table, sizes[0], (first, first + 1, first + 2))
         for first in sorted(others)
-        if {first + 1, first + 2} <= others and _are_units(numbers[is_force, first : first + _COORDINATES])
+        if {first + 1, first + 2} <= others and _are_units(numbers[is_force, first : first + COORDINATES])
     ]
     has_force = bool((numbers[:, sizes[0]] >= 0.0).all() and is_force.any())
     return found[0] if len(found) == 1 and has_force else None
@@ -197,7 +196,7 @@ def describe_likely_force(left: Sequence[ColumnsLeft]) -> str:
             if unit is not None and sizes.size:
                 sentences.append(_describe_sizes(each.table.headers[column], sizes, unit))
     for each in left:
-        if len(each.columns) == _COORDINATES and not any(each.table.headers[c] for c in each.columns):
+        if len(each.columns) == COORDINATES and not any(each.table.headers[c] for c in each.columns):
             first, _, third = each.columns
             sentences.append(
                 f"columns {first + 1}–{third + 1} of {quote(each.table.name)} are not read and may be "

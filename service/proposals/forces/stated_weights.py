@@ -13,7 +13,7 @@ from jointstiff.service.proposals.columns.left import list_columns_left
 from jointstiff.service.proposals.forces.evidence import ForceEvidence
 from jointstiff.service.proposals.forces.likely import describe_likely_force, may_be_force
 from jointstiff.service.proposals.names.naming import NamedReading
-from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
 from jointstiff.solver.meaning.proposal import Proposal
 
 
@@ -35,7 +35,7 @@ def take_stated_weight(
     if len(loads) != 1 or not loads[0].is_certain:
         return tables, []
     (load,) = loads
-    joints = next(table for table in tables if table.name == proposal.joints.table)
+    joints = find_table(tables, proposal.joints.table)
     force = np.array([0.0, 0.0, -load.newtons])
     moved = ForceEvidence(proposal, named, joints, request).count_moved_along(force)
     if moved is None:

@@ -33,6 +33,7 @@ from jointstiff.service.importing.grammar import (
     lacks_number,
 )
 from jointstiff.service.importing.grid import (
+    LEAST_NUMBERS,
     Grid,
     Row,
     are_texts,
@@ -55,8 +56,6 @@ from jointstiff.service.proposals.tables.row_name import RowName
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.table import RowGroups, Table
 
-_LEAST_NUMBERS: Final = 3
-"""Numbers of a row of data, at least."""
 _MOST_LISTED: Final = 4
 """Rows that a note lists."""
 _IMPOSSIBLE_ANGLE: Final = re.compile(r"[-+]?[1-9]\d{1,2},\d{3}")
@@ -318,6 +317,11 @@ class NumberTable:
         return self.find_column(kind) is not None
 
 
+def find_table(tables: Sequence[NumberTable], name: str) -> NumberTable:
+    """Return the table that has a name."""
+    return next(table for table in tables if table.name == name)
+
+
 @dataclass(frozen=True)
 class NumberFiles:
     """Tables of numbers of files, and the files that have none."""
@@ -480,8 +484,8 @@ def _is_data(row: Row) -> bool:
     first_filled = next((cell for cell in row.cells if cell), "")
     count = count_numbers(row)
     if count and any(_DIRECTION.fullmatch(cell.strip()) for cell in row.cells):
-        count += _LEAST_NUMBERS  # a direction is a unit vector of three numbers
-    return count >= _LEAST_NUMBERS and not is_statistic(first_filled)
+        count += LEAST_NUMBERS  # a direction is a unit vector of three numbers
+    return count >= LEAST_NUMBERS and not is_statistic(first_filled)
 
 
 def _fit_rows(grid: Grid, data: Sequence[int]) -> tuple[Row, ...]:
@@ -564,11 +568,11 @@ def _find_start(grid: Grid, words: Vocabulary, options: ImportOptions) -> int:
 
 def _names_columns(row: Row, words: Vocabulary) -> bool:
     """Return whether a row of texts names three or more joints or coordinates."""
-    if count_numbers(row) > 0 or sum(map(bool, row.cells)) < _LEAST_NUMBERS:
+    if count_numbers(row) > 0 or sum(map(bool, row.cells)) < LEAST_NUMBERS:
         return False
     meanings = [words.find(cell) for cell in row.cells if cell]
     named = {(each.quantity, each.axis) for each in meanings if each is not None and each.axis is not None}
-    return len(named) >= _LEAST_NUMBERS
+    return len(named) >= LEAST_NUMBERS
 
 
 def _find_headers(
@@ -608,7 +612,7 @@ def _complete_headers(headers: tuple[str, ...], grid: Grid, first: int) -> tuple
     """
     upper = grid.rows[first - 1].cells if first > 0 else ()
     filled = {column: text for column, text in enumerate(upper) if text}
-    if len(upper) != len(headers) or len(filled) < _LEAST_NUMBERS:
+    if len(upper) != len(headers) or len(filled) < LEAST_NUMBERS:
         return headers
     for row in grid.rows[first:]:
         is_header = len(row.cells) == len(headers) and all(row.cells[c] == filled[c] for c in filled)
