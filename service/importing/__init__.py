@@ -3,7 +3,7 @@
 reading      files to readings: the way through; rows of all files put together by label
 ├── rows     which observation, target and state a row speaks of, and its numbers
 ├── layout   a table that is understood: its header, titles and remarks, the rows of data
-│   └── header > grammar   where the header is, and what its columns mean, by their words
+│   └── header > grammar > phrases > words   where the header is, and what its columns mean, by their words
 └── grid     rows of cells, of delimited text
     ├── joint_positions, joint_states   of a robot program, and of messages of ROS
     ├── point_reports, key_values   of points, and of numbers behind their names

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from jointstiff.schemas.imports import ImportOptions
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.grammar import contains_state_word, find_state, join_state_phrases
+from jointstiff.service.importing.grammar import contains_state_word, find_state
 from jointstiff.service.importing.grid import (
     ARRAYS,
     LEAST_NUMBERS,
@@ -23,6 +23,7 @@ from jointstiff.service.importing.grid import (
     no_rows_error,
 )
 from jointstiff.service.importing.loads import find_load
+from jointstiff.service.importing.phrases import join_state_phrases
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.importing.source_grids import read_grids
 from jointstiff.service.tables.labels import fold_word, is_label

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 from jointstiff.schemas.imports import State
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.grammar import find_state, join_states, split_words
+from jointstiff.service.importing.grammar import find_state, join_states
 from jointstiff.service.importing.grid import LEAST_NUMBERS, Grid, count_numbers
 from jointstiff.service.importing.loads import find_load, find_state_of_load, remove_load
+from jointstiff.service.importing.phrases import split_words
 
 
 def split_sheets(sheets: str | None) -> list[str | None]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, TypeGuard
 
 from pydantic_core import from_json
 
@@ -125,21 +125,26 @@ def find_objects(document: object) -> list[dict[str, Any]]:
     joints that it states once name the angles of all objects without names of their own. A document that has
     fields of our own, but no names of joints, needs no import.
     """
-    if isinstance(document, dict):
-        parts = [document, *(each for each in document.values() if isinstance(each, dict))]
-        names = next((found for part in parts if (found := _find_names(part)) is not None), None)
-        if names is None and not _CAMPAIGNS.isdisjoint(document):
-            return []
-        forces = {key: each for key, each in document.items() if is_force(str(key)) and _is_vector(each)}
-        others = {key: each for key, each in document.items() if key not in forces}
-        unit = _find_stated_unit(document)
-        document = _find_array(others) or _turn_columns(others) or _list_named(others)
-        if len(document) != COORDINATES:
-            document = [{**each, **(forces | each)} for each in document]
-        document = [{_add_unit(str(key), unit): value for key, value in each.items()} for each in document]
-        if names is not None:
-            document = [_name_angles(each, names) if _find_names(each) is None else each for each in document]
-    return document if isinstance(document, list) and _is_array_of_objects(document) else []
+    objects = _list_objects(document) if isinstance(document, dict) else document
+    return objects if _is_array_of_objects(objects) else []
+
+
+def _list_objects(document: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the objects of a document with the forces, the unit and the names that it states once."""
+    parts = [document, *(each for each in document.values() if isinstance(each, dict))]
+    names = next((found for part in parts if (found := _find_names(part)) is not None), None)
+    if names is None and not _CAMPAIGNS.isdisjoint(document):
+        return []
+    forces = {key: each for key, each in document.items() if is_force(str(key)) and _is_vector(each)}
+    others = {key: each for key, each in document.items() if key not in forces}
+    objects = _find_array(others) or _turn_columns(others) or _list_named(others)
+    has_force_of_each = len(objects) == COORDINATES  # three numbers may be the forces of three objects
+    loaded = objects if has_force_of_each else [{**each, **(forces | each)} for each in objects]
+    unit = _find_stated_unit(document)
+    complete = [{_add_unit(str(key), unit): value for key, value in each.items()} for each in loaded]
+    if names is None:
+        return complete
+    return [_name_angles(each, names) if _find_names(each) is None else each for each in complete]
 
 
 def _find_stated_unit(document: Mapping[str, Any]) -> str:
@@ -198,7 +203,7 @@ def _turn_columns(document: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [dict(zip(arrays, elements, strict=True)) for elements in zip(*arrays.values(), strict=True)]
 
 
-def _is_array_of_objects(value: object) -> bool:
+def _is_array_of_objects(value: object) -> TypeGuard[list[dict[str, Any]]]:
     """Return whether a value is an array of objects."""
     return isinstance(value, list) and bool(value) and all(isinstance(each, dict) for each in value)
 

@@ -14,9 +14,9 @@ from jointstiff.service.importing.grammar import (
     is_likely_unloaded,
     is_negation,
     split_unit_suffix,
-    split_words,
 )
 from jointstiff.service.importing.loads import find_load, find_state_of_load, remove_load
+from jointstiff.service.importing.phrases import split_words
 from jointstiff.service.importing.titles import find_states_of_titles
 from jointstiff.service.proposals.names.contrasts import (
     NO_CONTRAST,
