@@ -19,10 +19,9 @@ reading      files to readings: the way through; rows of all files put together 
     ├── certificates, val3 > elements   of certificates and of data of VAL3, in XML
     └── arrays > libraries   of MATLAB, HDF5 and Parquet, in a process of its own (child)
 
-For the robot's proposal, `posture_files` joins files of one posture, `numbers` reads tables of numbers,
-`joining` puts their rows in one order by `row_names`, `lengths`, `polar` and `deflections` convert numbers,
-`differences` finds displacements that positions state, too, `naming` names positions, `uncertainties` finds
-theirs, `legends` finds what the files state of their words, and `rewriting` writes the table to import.
+Where names explain too little, the robot proposes what the columns mean (`proposals`); `posture_files` joins
+files of one posture for it, `differences` finds displacements that positions state, too, and `legends` finds
+what the files state of their words.
 
 `expansion` expands files of xacro, in such a process, too.
 `limits` has the greatest sizes of tables, for all of these.
