@@ -3,7 +3,7 @@
 reading      files to readings: the way through; rows of all files put together by label
 ├── rows     which observation, target and state a row speaks of, and its numbers
 ├── layout   a table that is understood: its header, titles and remarks, the rows of data
-│   └── header > grammar   where the header is, and what its columns mean, by their words
+│   └── header > grammar > phrases > words   where the header is, and what its columns mean, by their words
 └── grid     rows of cells, of delimited text
     ├── joint_positions, joint_states   of a robot program, and of messages of ROS
     ├── point_reports, key_values   of points, and of numbers behind their names
@@ -19,10 +19,9 @@ reading      files to readings: the way through; rows of all files put together 
     ├── certificates, val3 > elements   of certificates and of data of VAL3, in XML
     └── arrays > libraries   of MATLAB, HDF5 and Parquet, in a process of its own (child)
 
-For the robot's proposal, `posture_files` joins files of one posture, `numbers` reads tables of numbers,
-`joining` puts their rows in one order by `row_names`, `lengths`, `polar` and `deflections` convert numbers,
-`differences` finds displacements that positions state, too, `naming` names positions, `uncertainties` finds
-theirs, `legends` finds what the files state of their words, and `rewriting` writes the table to import.
+Where names explain too little, the robot proposes what the columns mean (`proposals`); `posture_files` joins
+files of one posture for it, `differences` finds displacements that positions state, too, and `legends` finds
+what the files state of their words.
 
 `expansion` expands files of xacro, in such a process, too.
 `limits` has the greatest sizes of tables, for all of these.

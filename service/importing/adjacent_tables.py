@@ -7,10 +7,8 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
-from jointstiff.service.importing.grid import Grid, Row, count_numbers, looks_like_a_number
+from jointstiff.service.importing.grid import LEAST_NUMBERS, Grid, Row, count_numbers, looks_like_a_number
 
-_LEAST_NUMBERS: Final = 3
-"""Numbers of a row of data, at least: the coordinates of a target."""
 _LEAST_ROWS: Final = 3
 _LEAST_COMMON: Final = 0.5
 """Least fraction of the labels of a table that the first table has, too."""
@@ -22,7 +20,7 @@ def split_adjacent(grid: Grid) -> list[Grid]:
     The header of the first column, above labels, occurs again above the same labels. Each table has the name
     of the sheet and of the title above its header.
     """
-    start = next((number for number, row in enumerate(grid.rows) if count_numbers(row) >= _LEAST_NUMBERS), 0)
+    start = next((number for number, row in enumerate(grid.rows) if count_numbers(row) >= LEAST_NUMBERS), 0)
     rows = grid.rows[start:]
     if start == 0 or len(rows) < _LEAST_ROWS:
         return [grid]
@@ -35,7 +33,7 @@ def split_adjacent(grid: Grid) -> list[Grid]:
     ranges = [range(first, end) for first, end in pairwise((*starts, width))]
     titles = above[-2].cells if len(above) > 1 else ("",) * width
     tables = [_cut_rows(header, titles, resized, columns) for columns in ranges]
-    if any(max(map(count_numbers, table)) < _LEAST_NUMBERS for table in tables):
+    if any(max(map(count_numbers, table)) < LEAST_NUMBERS for table in tables):
         return [grid]
     return [
         _name_table(grid, number, _find_title(header, titles, columns), table)

@@ -7,18 +7,21 @@ from __future__ import annotations
 
 import glob
 import re
-import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from importlib.resources import files
-from itertools import product
 from types import MappingProxyType
-from typing import Final, Literal, NamedTuple, TypeVar
+from typing import Final, Literal, NamedTuple
 
 from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote, show_object
+from jointstiff.service.importing.phrases import (
+    STATE_OF,
+    join_phrases_of_header,
+    split_words,
+)
+from jointstiff.service.importing.words import NO_LETTERS, WORDS, build_alternation, values_by_word
 from jointstiff.service.tables.labels import LABEL_HEADERS, fold_word
 
 Kind = Literal[
@@ -28,68 +31,36 @@ Kind = Literal[
 ]  # fmt: skip
 """Content of the cells of a column, such as a joint angle, a force or the name of a target."""
 Dimension = Literal["length", "angle", "force", "moment"]
-_Value = TypeVar("_Value")
-
-
-def _values_by_word(groups: Mapping[_Value, Iterable[str]]) -> Mapping[str, _Value]:
-    """Return a mapping from word to value, from the words that mean each value."""
-    return MappingProxyType({word: value for value, group in groups.items() for word in group})
 
 
 # ---- words and units
 
-_WORDS: Final = tomllib.loads(files(__package__).joinpath("words.toml").read_text("utf-8"))
-_WORD_LISTS: Final[Mapping[str, Sequence[str]]] = _WORDS["beside"]
-_TEXT_KIND_OF: Final[Mapping[str, Kind]] = _values_by_word({"name": LABEL_HEADERS, **_WORDS["keys"]})
-_FORMS_OF_PHRASES: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        "before": "{sign} {load}",
-        "behind": "{load} {sign}",
-        "joined_before": "{sign}{load}",
-        "joined_behind": "{load}{sign}",
-    }
-)
-"""Place of the words that say whether a load hangs → a phrase of such a word and a word for the load."""
-
-
-def _build_phrases() -> dict[str, State]:
-    """Return phrase → state, of each word for a load with each word of its language that it hangs or not."""
-    return {
-        fold_word(form.format(sign=sign, load=load)): state
-        for group in _WORDS["phrases"]
-        for place, form in _FORMS_OF_PHRASES.items()
-        for state, signs in group.get(place, {}).items()
-        for sign, load in product(signs, group["load"])
-    }
-
-
-_STATE_OF: Final[Mapping[str, State]] = MappingProxyType(
-    {**_build_phrases(), **_values_by_word(_WORDS["states"])}
-)
-_OPPOSITES: Final[Mapping[str, Sequence[str]]] = _WORDS["opposites"]
-_VECTOR_OF: Final[Mapping[str, Kind]] = _values_by_word(_WORDS["vectors"])
-WORDS_OF_ENCODINGS: Final[Mapping[str, Sequence[str]]] = _WORDS["encodings"]
+_WORD_LISTS: Final[Mapping[str, Sequence[str]]] = WORDS["beside"]
+_TEXT_KIND_OF: Final[Mapping[str, Kind]] = values_by_word({"name": LABEL_HEADERS, **WORDS["keys"]})
+_OPPOSITES: Final[Mapping[str, Sequence[str]]] = WORDS["opposites"]
+_VECTOR_OF: Final[Mapping[str, Kind]] = values_by_word(WORDS["vectors"])
+WORDS_OF_ENCODINGS: Final[Mapping[str, Sequence[str]]] = WORDS["encodings"]
 """Encoding of one language → words of headers in lower case, which show that a text is in this encoding."""
-MASSES: Final[Mapping[str, str]] = _values_by_word(_WORDS["masses"])
+MASSES: Final[Mapping[str, str]] = values_by_word(WORDS["masses"])
 """Columns of a table of masses by their headers."""
-STEPS: Final[Mapping[str, str]] = _values_by_word(_WORDS["steps"])
+STEPS: Final[Mapping[str, str]] = values_by_word(WORDS["steps"])
 """Columns of a table of a weight step by their headers, without those of joint positions."""
 MARKS: Final[Mapping[str, bool]] = MappingProxyType(
-    {word: mark == "true" for word, mark in _values_by_word(_WORDS["marks"]).items()}
+    {word: mark == "true" for word, mark in values_by_word(WORDS["marks"]).items()}
 )
 """Words in the column `deleted`: True if the word marks its row as deleted."""
-_MISSING_MARKS: Final = frozenset(("", *_WORDS["missing"]["marks"]))
+_MISSING_MARKS: Final = frozenset(("", *WORDS["missing"]["marks"]))
 OPPOSITE_STATE: Final[Mapping[State | None, State]] = MappingProxyType(
     {"loaded": "unloaded", "unloaded": "loaded"}
 )
 STATE_OF_DIGIT: Final[Mapping[str, State]] = MappingProxyType({"0": "unloaded", "1": "loaded"})
 """States where nothing else can be meant; elsewhere a digit is part of a name."""
-_LOAD_HEADERS: Final = frozenset(_WORDS["answers"]["load"])
-_REPEAT_HEADERS: Final = frozenset(_WORDS["answers"]["repeat"])
+_LOAD_HEADERS: Final = frozenset(WORDS["answers"]["load"])
+_REPEAT_HEADERS: Final = frozenset(WORDS["answers"]["repeat"])
 _STATE_OF_ANSWER: Final[Mapping[str, State]] = MappingProxyType(
     {
-        **dict.fromkeys(_WORDS["answers"]["no"], "unloaded"),
-        **dict.fromkeys(_WORDS["answers"]["yes"], "loaded"),
+        **dict.fromkeys(WORDS["answers"]["no"], "unloaded"),
+        **dict.fromkeys(WORDS["answers"]["yes"], "loaded"),
     }
 )
 """States of the words below a header such as `load`."""
@@ -101,7 +72,6 @@ _CERTAIN_STATES: Final = frozenset(_WORD_LISTS["certain"])
 _PLANNED: Final = frozenset(_WORD_LISTS["planned"])
 _NEGATIONS: Final = frozenset(_WORD_LISTS["negations"])
 _AFTER: Final = frozenset(_WORD_LISTS["after"])
-_NO_LETTERS: Final = re.compile(r"[\W_]+")
 _KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
     {**dict.fromkeys(_WORD_LISTS["expanded"], "uncertainty"), _ADDED: "addition", _ALONG: "along"}
 )
@@ -112,7 +82,7 @@ _PRODUCT_SIGN: Final = re.compile(r"(?<=\w)[ ·*-](?=\w)")
 _UNIT_OF_SPELLING: Final[Mapping[str, tuple[Dimension, str]]] = MappingProxyType(
     {
         spelling: (dimension, unit)
-        for dimension, units in _WORDS["units"].items()
+        for dimension, units in WORDS["units"].items()
         for unit, spellings in units.items()
         for spelling in spellings
     }
@@ -125,17 +95,17 @@ _UNIT_IN_LOWER_CASE: Final[Mapping[tuple[Dimension, str], str]] = MappingProxyTy
     }
 )
 """Dimension and spelling of a unit in the names of a database, which have no upper case → unit."""
-_DIMENSION_OF_FOREIGN: Final[Mapping[str, Dimension | Literal["none"]]] = _values_by_word(_WORDS["foreign"])
+_DIMENSION_OF_FOREIGN: Final[Mapping[str, Dimension | Literal["none"]]] = values_by_word(WORDS["foreign"])
 UNIT_OF_LOAD: Final[Mapping[str, str]] = MappingProxyType(
     {
         spelling: unit
-        for units in (_WORDS["units"]["force"], _WORDS["loads"]["masses"])
+        for units in (WORDS["units"]["force"], WORDS["loads"]["masses"])
         for unit, spellings in units.items()
         for spelling in spellings
     }
 )
 """Spelling of a unit of force or of mass → unit of the force or of the weight."""
-WORDS_OF_LOADS: Final[Mapping[str, Sequence[str]]] = _WORDS["loads"]["words"]
+WORDS_OF_LOADS: Final[Mapping[str, Sequence[str]]] = WORDS["loads"]["words"]
 """What a word says of a load beside it, such as `aside` → beginnings of words."""
 
 
@@ -214,40 +184,34 @@ def collapse_blanks(text: str) -> str:
     return " ".join(text.split())
 
 
-def _build_alternation(texts: Iterable[str]) -> str:
-    """Return a regular expression that matches any of the texts; a blank also matches `_` and `-`."""
-    longest = sorted(texts, key=len, reverse=True)
-    return "|".join(re.escape(text).replace("\\ ", r"[\s_-]+") for text in longest)
-
-
 _JOINT: Final = re.compile(
-    rf"(?:(?:{_build_alternation(_WORD_LISTS['coordinates'])})[\s_-]+)?"
-    rf"(?:{_build_alternation(_WORD_LISTS['joints'])})[\s_-]?(?:([0-9]{{1,2}})|\[([0-9]{{1,2}})\])"
-    rf"(?:[\s_-]+(?:{_build_alternation(_WORD_LISTS['angles'])}))?",
+    rf"(?:(?:{build_alternation(_WORD_LISTS['coordinates'])})[\s_-]+)?"
+    rf"(?:{build_alternation(_WORD_LISTS['joints'])})[\s_-]?(?:([0-9]{{1,2}})|\[([0-9]{{1,2}})\])"
+    rf"(?:[\s_-]+(?:{build_alternation(_WORD_LISTS['angles'])}))?",
     re.IGNORECASE,
 )
 """A joint such as `J1`, `q[0]`, `actual_q_0` or `joint 1 angle`; one of two groups has its number."""
 _VECTOR: Final = re.compile(
-    rf"({_build_alternation(_VECTOR_OF)})[\s_-]*([xyz])(?:[\s_-]+(?:R0|base|basis))?", re.IGNORECASE
+    rf"({build_alternation(_VECTOR_OF)})[\s_-]*([xyz])(?:[\s_-]+(?:R0|base|basis))?", re.IGNORECASE
 )
 """A part of a vector such as `Fx`, in axes of R0 if the header names a frame."""
 _FORCES: Final = [word for word, kind in _VECTOR_OF.items() if kind == "force"]
-_WORDS_OF_FORCE: Final = _build_alternation(word for word in _FORCES if len(word) > 1 or not word.isascii())
+_WORDS_OF_FORCE: Final = build_alternation(word for word in _FORCES if len(word) > 1 or not word.isascii())
 _NAMED_FORCE: Final = re.compile(
     rf"(?:{_WORDS_OF_FORCE})(?:[\s_.-]*f[\s_-]*|\.)([xyz])(?:[\s_-]+(?:R0|base|basis))?", re.IGNORECASE
 )
 """A part of a force after its word, such as `Kraft Fx`, or of a key such as `force.x`."""
 _AXIS_OF_FORCE: Final = re.compile(rf"([xyz])[\s_-]+({_WORDS_OF_FORCE})", re.IGNORECASE)
-_WITH_FORCE: Final = _build_alternation(_WORD_LISTS["forces"])
+_WITH_FORCE: Final = build_alternation(_WORD_LISTS["forces"])
 _LOAD: Final = (
-    rf"(?:(?:{_WITH_FORCE})[\s_.-]+){{0,2}}(?:{_build_alternation((*_FORCES, *_WORDS['answers']['load']))})"
+    rf"(?:(?:{_WITH_FORCE})[\s_.-]+){{0,2}}(?:{build_alternation((*_FORCES, *WORDS['answers']['load']))})"
     rf"(?:[\s_.-]+(?:{_WITH_FORCE})){{0,2}}"
 )
 _AXIS_OF_LOAD: Final = re.compile(rf"{_LOAD}[\s_.-]*([xyz])(?:[\s_-]+(?:R0|base|basis))?", re.IGNORECASE)
 """A part of a load such as `load x` or `applied force in x`, which is a force only in a unit of force."""
 _SIZE_OF_LOAD: Final = re.compile(_LOAD, re.IGNORECASE)
 _NUMBERED_FORCE: Final = re.compile(
-    rf"({_build_alternation(_FORCES)})[\s_-]?(?:([0-9])|\[([0-9])\])", re.IGNORECASE
+    rf"({build_alternation(_FORCES)})[\s_-]?(?:([0-9])|\[([0-9])\])", re.IGNORECASE
 )
 """A force such as `F_1` or `Kraft[0]`, which is a part of a vector only if there are three of them."""
 _NUMBERED_WRENCH: Final = re.compile(r"wrench[\s_-]?(?:([0-9])|\[([0-9])\])", re.IGNORECASE)
@@ -256,37 +220,14 @@ _FORCE_IN_HEADER: Final = re.compile(
     rf"(?<![^\W\d_])(?:(?:{_WORDS_OF_FORCE})(?![^\W\d_])|f[\s_.-]?[xyz]\b)", re.IGNORECASE
 )
 """A word for a force, or `Fx`, among other words of a header."""
-_WEIGHT_OF_MASS: Final = _values_by_word(_WORDS["loads"]["masses"])
+_WEIGHT_OF_MASS: Final = values_by_word(WORDS["loads"]["masses"])
 _UNIT_OF_MASS: Final = re.compile(
-    rf"(?:(?<!\d)[\s_]|[/(\[（])({_build_alternation(_WEIGHT_OF_MASS)})[)\]）]?$",
+    rf"(?:(?<!\d)[\s_]|[/(\[（])({build_alternation(_WEIGHT_OF_MASS)})[)\]）]?$",
     re.IGNORECASE,
 )
 """End of a header of masses, such as `weight_kg` or `Load (lb)`, but not of a load such as `6 kg`."""
 
 
-def _build_phrase_alternation(phrases: Iterable[str]) -> str:
-    """Return a regular expression that matches any of the phrases: each first word, then those behind it."""
-    rests_of_word: dict[str, list[str]] = {}
-    for phrase in phrases:
-        first, _, rest = phrase.partition(" ")
-        rests_of_word.setdefault(first, []).append(rest)
-    found = (
-        rf"{re.escape(first)}[\s_-]+(?:{_build_alternation(rests)})" for first, rests in rests_of_word.items()
-    )
-    return "|".join(found)
-
-
-_PHRASES: Final = [word for word in _STATE_OF if " " in word]
-_FIRST_WORDS: Final = frozenset(_NO_LETTERS.split(phrase)[0] for phrase in _PHRASES)
-"""First words of phrases: a text without them needs no search for hundreds of phrases."""
-_STATE_PHRASE: Final = re.compile(
-    rf"(?<![^\s_])(?:{_build_phrase_alternation(_PHRASES)})\.?(?![^\s_])", re.IGNORECASE
-)
-_PHRASES_IN_NAMES: Final = [phrase for phrase in _PHRASES if not phrase[-1].isdigit()]
-_PHRASE_IN_NAME: Final = re.compile(
-    rf"(?<![^\W_])(?:{_build_phrase_alternation(_PHRASES_IN_NAMES)})(?![^\W_])", re.IGNORECASE
-)
-"""A phrase in a name; those with a digit are left out, as the digit may be a target."""
 _UNIT: Final = re.compile(r"(.*?)\s*_?(?:\[((?!\d+\])[^][]*)\]|\(([^()]*)\)|[/,]\s*([^][/,]+))")
 _WIDE_SIGNS: Final = str.maketrans("（）［］【】／，", "()[][]/,")
 """Signs of East Asian texts → those of ASCII."""
@@ -334,7 +275,7 @@ class Meaning:
     @property
     def dimension(self) -> Dimension | None:
         """Dimension of the column's numbers, length for a joint in a unit of length; None for texts."""
-        is_prismatic = self.kind == "joint" and self.unit in _WORDS["units"]["length"]
+        is_prismatic = self.kind == "joint" and self.unit in WORDS["units"]["length"]
         return "length" if is_prismatic else DIMENSIONS.get(self.kind)
 
     def __str__(self) -> str:
@@ -370,7 +311,7 @@ def find_state(word: str, extra: Mapping[str, State]) -> State | None:
     for key, state in extra.items():
         if fold_word(key) == text:
             return state
-    return _STATE_OF.get(text) or _STATE_OF.get(text.rstrip("."))
+    return STATE_OF.get(text) or STATE_OF.get(text.rstrip("."))
 
 
 def read_states(words: Iterable[str], extra: Mapping[str, State]) -> dict[str, State]:
@@ -422,8 +363,8 @@ def is_load_header(header: str) -> bool:
 
 def names_load_or_state(header: str) -> bool:
     """Return whether a header has a word for a load or a state, such as `load_id`."""
-    words = {fold_word(word) for word in _NO_LETTERS.split(header) if word}
-    return not words.isdisjoint((*_LOAD_HEADERS, *_WORD_LISTS["hung"], *_WORDS["keys"]["state"]))
+    words = {fold_word(word) for word in NO_LETTERS.split(header) if word}
+    return not words.isdisjoint((*_LOAD_HEADERS, *_WORD_LISTS["hung"], *WORDS["keys"]["state"]))
 
 
 def is_force(name: str) -> bool:
@@ -459,7 +400,7 @@ def find_force_at_end(header: str) -> str | None:
 def looks_like_a_force(header: str) -> bool:
     """Return whether a header has a word for a force or a wrench, or a unit of force."""
     base, unit = split_unit(header)
-    words = {fold_word(word) for word in _NO_LETTERS.split(base)}
+    words = {fold_word(word) for word in NO_LETTERS.split(base)}
     return _is_unit_of("force", unit) or bool(_FORCE_IN_HEADER.search(base)) or "wrench" in words
 
 
@@ -480,7 +421,7 @@ def find_unknown_unit(header: str) -> tuple[Dimension, str] | None:
 
 def list_units(dimension: Dimension) -> list[str]:
     """Return the units of a dimension that the import accepts."""
-    return list(_WORDS["units"][dimension])
+    return list(WORDS["units"][dimension])
 
 
 def is_hung(header: str) -> bool:
@@ -491,7 +432,7 @@ def is_hung(header: str) -> bool:
 
 def is_mass(name: str) -> bool:
     """Return whether all words of a name are those of a load that hangs, and one is such without a unit."""
-    words = {fold_word(word) for word in _NO_LETTERS.split(name) if word}
+    words = {fold_word(word) for word in NO_LETTERS.split(name) if word}
     return not words.isdisjoint(_WORD_LISTS["hung"]) and words.issubset(
         (*_WORD_LISTS["hung"], *_WORD_LISTS["hung in kg"])
     )
@@ -510,7 +451,7 @@ def find_unit_of_weight(header: str) -> str | None:
 
 def is_no_load_header(header: str) -> bool:
     """Return whether a header says that the cells of its column tell whether no load hangs."""
-    return fold_word(split_unit(header)[0]) in _WORDS["answers"]["no load"]
+    return fold_word(split_unit(header)[0]) in WORDS["answers"]["no load"]
 
 
 def find_answer(word: str) -> State | None:
@@ -533,31 +474,9 @@ def is_repeat_header(header: str) -> bool:
     return fold_word(header) in _REPEAT_HEADERS
 
 
-def _join_phrases(phrase: re.Pattern[str], text: str) -> str:
-    """Return a text in which a state takes the place of its phrase as one word, such as of `no load`."""
-    if _FIRST_WORDS.isdisjoint(_NO_LETTERS.split(text.casefold())):
-        return text
-    return phrase.sub(
-        lambda match: _STATE_OF[" ".join(re.split(r"[\s_-]+", fold_word(match[0]).rstrip(".")))].replace(
-            "_", ""
-        ),
-        text,
-    )
-
-
-def join_state_phrases(name: str) -> str:
-    """Return a name in which a state takes the place of its phrase as one word, such as of `no load`."""
-    return _join_phrases(_PHRASE_IN_NAME, name)
-
-
 def contains_state_word(name: str, extra: Mapping[str, State]) -> bool:
     """Return whether a name contains a word for a state; `extra` are the caller's words."""
     return any(find_state(word, extra) for word in split_words(name))
-
-
-def split_words(name: str) -> list[str]:
-    """Return the words of a name; a state takes the place of its phrase as one word."""
-    return _NO_LETTERS.split(join_state_phrases(name))
 
 
 def find_state_in_name(name: str, extra: Mapping[str, State]) -> State | None:
@@ -856,7 +775,7 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
     Raises:
         ImportFileError: the header is not understood.
     """
-    words = _classify_words(_join_phrases(_STATE_PHRASE, base), state_words)
+    words = _classify_words(join_phrases_of_header(base), state_words)
     if "deflection" in words.states:
         words.states.discard("loaded")  # a displacement is one under load
     is_gauge = words.names_gauge
@@ -1048,7 +967,7 @@ class Vocabulary:
         """Know the names of a maker for the joints, such as S L U R B T, if a table has all of them."""
         names = [_split_any_unit(header)[0] for header in headers]
         name_of_joint = {_name_joint_of_maker(name): fold_word(name) for name in names}
-        for joints in _WORDS["makers"].values():
+        for joints in WORDS["makers"].values():
             if name_of_joint.keys() >= set(joints):
                 self._joints.update({name_of_joint[joint]: number for number, joint in enumerate(joints)})
         self._add_joints_in_paths(names)
@@ -1059,7 +978,7 @@ class Vocabulary:
         Paths of one form differ in the joint only. Of several forms that of measured angles counts; none if
         this is not clear.
         """
-        orders = [*_WORDS["makers"].values(), *_NUMBERED_JOINTS]
+        orders = [*WORDS["makers"].values(), *_NUMBERED_JOINTS]
         orders.append([_name_joint_in_path(name) for name in self._names])
         found = []
         for form, path_of_joint in _group_paths(names).items():

@@ -300,8 +300,10 @@ _CELLS: Final = {
 """Delimiter → a cell: its text in quotation marks, or its text without marks around it; and the delimiter."""
 _INCHES: Final = re.compile(r'(?<=[\d¼½¾])"')
 """The sign of inches behind a number."""
-_LEAST_NUMBERS_OF_DATA: Final = 3
-"""Numbers of a row of data, at least."""
+COORDINATES: Final = 3
+"""Coordinates of a position."""
+LEAST_NUMBERS: Final = COORDINATES
+"""Numbers of a row of data, at least: a position."""
 _NUMBERS_IN_A_CELL: Final = re.compile(r"\d\s+[-+.\d]")
 _COMMA_NOT_IN_A_NUMBER: Final = re.compile(r"(?<!\d),|,(?!\d)")
 _LINES_SHOWING_DELIMITER: Final = 10
@@ -608,7 +610,7 @@ def split_line(
     cells = _split_quoted(text, character) if '"' in text else _split_plain(text, character)
     row = Row(number, tuple(write_ascii_minus(cell.text) for cell in cells))
     if '"' in text:
-        is_title = count_numbers(row) < _LEAST_NUMBERS_OF_DATA
+        is_title = count_numbers(row) < LEAST_NUMBERS
         for column, cell in enumerate(cells, start=1):
             if not are_marks_literal or not (is_title or cell.has_pairs):
                 _refuse_marks(cell, place._replace(column=column))

@@ -25,6 +25,7 @@ from jointstiff.service.importing.grammar import (
     name_unit,
 )
 from jointstiff.service.importing.grid import (
+    LEAST_NUMBERS,
     Grid,
     Remark,
     Row,
@@ -38,8 +39,6 @@ _MAX_TITLE_ROWS: Final = 20
 """Rows above a header."""
 _MAX_HEADER_ROWS: Final = 3
 """Rows of a header: groups, axes, units."""
-_MIN_NUMBERS: Final = 3
-"""Numbers in a row of data: no table has fewer."""
 _NO_UNIT: Final = frozenset("-–/")
 """Cell texts in a row of units that mean that the column has no unit."""
 _HEADERLESS: Final = MappingProxyType(
@@ -97,7 +96,7 @@ def find_heading(grid: Grid, words: Vocabulary, options: ImportOptions) -> Headi
     """
     if options.header is not None and not _has_known_header(grid, words):
         return Heading(grid.file, tuple(options.header))
-    if count_numbers(grid.rows[0]) < _MIN_NUMBERS:
+    if count_numbers(grid.rows[0]) < LEAST_NUMBERS:
         return _find_header_in_rows(grid, words)
     width = len(grid.rows[0].cells)  # without empty columns at the end
     while width > 1 and not any(any(row.cells[width - 1 :]) for row in grid.rows):
@@ -109,7 +108,7 @@ def find_heading(grid: Grid, words: Vocabulary, options: ImportOptions) -> Headi
 
 def _has_known_header(grid: Grid, words: Vocabulary) -> bool:
     """Return whether a table begins with a header of its own that is known as a whole."""
-    if count_numbers(grid.rows[0]) >= _MIN_NUMBERS:
+    if count_numbers(grid.rows[0]) >= LEAST_NUMBERS:
         return False
     with suppress(ImportFileError):
         texts = [text for text in _find_header_in_rows(grid, words).texts if text]
@@ -170,7 +169,7 @@ def _looks_like_header(comment: Remark, width: int, *, is_last: bool, cell_count
     if len(set(axes)) > 1 and (axes != "xyz" or any(map(grammar.is_key, words_after_axes))):
         return True
     words = re.findall(r"[^\W\d_]+", comment.text)
-    has_fitting_words = _MIN_NUMBERS <= len(words) <= width and not any(map(str.isdigit, comment.text))
+    has_fitting_words = LEAST_NUMBERS <= len(words) <= width and not any(map(str.isdigit, comment.text))
     return is_last and axes != "xyz" and (has_fitting_words or cell_count == width)
 
 
@@ -283,7 +282,7 @@ def _yield_possible_headers(grid: Grid, words: Vocabulary) -> Iterator[_Possible
     rows = grid.rows[: _MAX_TITLE_ROWS + _MAX_HEADER_ROWS + 1]
     usual_step = max(1, grid.rows[-1].line - grid.rows[-2].line) if len(grid.rows) > 1 else 1
     for start in range(min(_MAX_TITLE_ROWS + 1, len(rows))):
-        if start and count_numbers(rows[start - 1]) >= _MIN_NUMBERS:
+        if start and count_numbers(rows[start - 1]) >= LEAST_NUMBERS:
             return
         for count in range(min(_MAX_HEADER_ROWS, len(rows) - start), 0, -1):
             own = rows[start : start + count]

@@ -12,9 +12,10 @@ from typing import Final, NamedTuple
 
 from jointstiff.schemas.imports import ImportOptions
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.grammar import contains_state_word, find_state, join_state_phrases
+from jointstiff.service.importing.grammar import contains_state_word, find_state
 from jointstiff.service.importing.grid import (
     ARRAYS,
+    LEAST_NUMBERS,
     Row,
     count_numbers,
     file_type,
@@ -22,13 +23,12 @@ from jointstiff.service.importing.grid import (
     no_rows_error,
 )
 from jointstiff.service.importing.loads import find_load
+from jointstiff.service.importing.phrases import join_state_phrases
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.importing.source_grids import read_grids
 from jointstiff.service.tables.labels import fold_word, is_label
 
 _LEAST_POSTURES: Final = 3
-_LEAST_NUMBERS: Final = 3
-"""Numbers of a row of data, at least."""
 _LEAST_MEASURED, _MOST_MEASURED = 0.7, 1.4
 """Postures with files, as fractions of the rows of the other table, which has the joints."""
 _MOST_STATES: Final = 16
@@ -138,7 +138,7 @@ def _read(file: SourceFile, options: ImportOptions) -> _Content:
         ImportFileError: the file is no table, or has no rows of numbers.
     """
     grid = read_grids(file, options, every_length=True)[0]
-    data = [number for number, row in enumerate(grid.rows) if count_numbers(row) >= _LEAST_NUMBERS]
+    data = [number for number, row in enumerate(grid.rows) if count_numbers(row) >= LEAST_NUMBERS]
     if not data:
         raise no_rows_error(file.name)
     rows = tuple(grid.rows[number] for number in data)
@@ -154,7 +154,7 @@ def _count_rows(file: SourceFile, options: ImportOptions) -> Iterator[int]:
         ImportFileError: the file is no table.
     """
     for grid in read_grids(file, options, every_length=True):
-        yield sum(count_numbers(row) >= _LEAST_NUMBERS for row in grid.rows)
+        yield sum(count_numbers(row) >= LEAST_NUMBERS for row in grid.rows)
 
 
 def _write(

@@ -27,7 +27,6 @@ from jointstiff.service.importing.grammar import (
     find_state,
     find_state_in_name,
     find_unit_of_readings,
-    join_state_phrases,
     lacks_number,
 )
 from jointstiff.service.importing.grid import (
@@ -38,6 +37,7 @@ from jointstiff.service.importing.grid import (
     remove_thousands_separators,
 )
 from jointstiff.service.importing.layout import Layout
+from jointstiff.service.importing.phrases import join_state_phrases
 from jointstiff.service.tables.labels import fold_word
 
 _FIELD: Final = re.compile(r"\{([^{}]*)\}")

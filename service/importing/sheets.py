@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from jointstiff.schemas.imports import State
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.grammar import find_state, join_states, split_words
-from jointstiff.service.importing.grid import Grid, count_numbers
+from jointstiff.service.importing.grammar import find_state, join_states
+from jointstiff.service.importing.grid import LEAST_NUMBERS, Grid, count_numbers
 from jointstiff.service.importing.loads import find_load, find_state_of_load, remove_load
-
-_LEAST_NUMBERS: Final = 3
-"""Numbers of a row of data, at least."""
+from jointstiff.service.importing.phrases import split_words
 
 
 def split_sheets(sheets: str | None) -> list[str | None]:
@@ -89,7 +87,7 @@ def _name(sheet: Grid) -> str:
 
 def _has_data(sheet: Grid) -> bool:
     """Return whether a sheet has a row of data: an information has single numbers."""
-    return any(count_numbers(row) >= _LEAST_NUMBERS for row in sheet.rows)
+    return any(count_numbers(row) >= LEAST_NUMBERS for row in sheet.rows)
 
 
 class _NamedState(NamedTuple):

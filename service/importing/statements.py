@@ -14,13 +14,20 @@ from jointstiff.service.importing.formats.arrays import read_arrays
 from jointstiff.service.importing.formats.elements import list_leaves, read_elements
 from jointstiff.service.importing.formats.yaml_rows import is_named_yaml, read_yaml_documents
 from jointstiff.service.importing.grammar import UNIT_OF_LOAD, is_force, is_hung
-from jointstiff.service.importing.grid import ARRAYS, JSON, WITH_SHEETS, XML, ArrayFormat, file_type
+from jointstiff.service.importing.grid import (
+    ARRAYS,
+    COORDINATES,
+    JSON,
+    WITH_SHEETS,
+    XML,
+    ArrayFormat,
+    file_type,
+)
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.importing.source_grids import read_sheets
 from jointstiff.service.importing.texts.encoding import decode
 
 _MOST_DEPTH: Final = 12
-_COORDINATES: Final = 3
 _UNIT_KEYS: Final = ("unit", "units")
 """Fields of an object with the unit of its numbers, or with units by their quantities."""
 
@@ -130,7 +137,7 @@ def _list_fields(value: object, path: str, units: Mapping[str, str], depth: int)
             yield from _list_fields(each, f"{path}.{key}" if path else str(key), units, depth + 1)
     elif not isinstance(value, list):
         yield f"{path}: {value} {_find_unit(path, units)}".rstrip()
-    elif len(value) == _COORDINATES and not any(isinstance(each, (dict, list)) for each in value):
+    elif len(value) == COORDINATES and not any(isinstance(each, (dict, list)) for each in value):
         yield f"{path}: [{', '.join(map(str, value))}] {_find_unit(path, units)}".rstrip()
     else:
         for each in value:

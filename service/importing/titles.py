@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from jointstiff.schemas.imports import State
-from jointstiff.service.importing.grammar import find_state, find_state_in_name, split_words
+from jointstiff.service.importing.grammar import find_state, find_state_in_name
+from jointstiff.service.importing.phrases import split_words
 
 
 def find_states_of_titles(titles: Sequence[str], words: Mapping[str, State]) -> dict[str, State]:

@@ -10,18 +10,18 @@ import numpy as np
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grammar import Vocabulary
-from jointstiff.service.proposals.columns_left import (
+from jointstiff.service.proposals.columns.left import list_columns_left, name_columns_left
+from jointstiff.service.proposals.columns.refusals import (
     confirms_joints,
-    describe_likely_force,
-    list_columns_left,
-    name_columns_left,
     refuse_columns_left,
-    refuse_force_beside_columns,
     refuse_single_rows,
 )
-from jointstiff.service.proposals.force_evidence import ForceEvidence
+from jointstiff.service.proposals.forces.evidence import ForceEvidence
+from jointstiff.service.proposals.forces.likely import describe_likely_force, refuse_force_beside_columns
+from jointstiff.service.proposals.forces.naming import name_forces, note_force, take_loads, take_stated_force
+from jointstiff.service.proposals.forces.stated_weights import take_stated_weight
+from jointstiff.service.proposals.forces.weights import describe_weights, has_masses
 from jointstiff.service.proposals.found_meaning import FoundMeaning
-from jointstiff.service.proposals.named_forces import name_forces, note_force, take_loads, take_stated_force
 from jointstiff.service.proposals.names.naming import NamedReading, name_readings
 from jointstiff.service.proposals.no_proposal import NoProposalError
 from jointstiff.service.proposals.nominal_positions import refuse_measured_nominals
@@ -41,11 +41,9 @@ from jointstiff.service.proposals.refused_states import (
 )
 from jointstiff.service.proposals.repeated_postures import refuse_repeated_postures
 from jointstiff.service.proposals.rewriting import list_masses, note_mean_of_joints, write_readings
-from jointstiff.service.proposals.stated_weights import take_stated_weight
-from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
 from jointstiff.service.proposals.template_meaning import build_meaning
 from jointstiff.service.proposals.uncertainties import add_uncertainties
-from jointstiff.service.proposals.weights import describe_weights, has_masses
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.words import describe
 
@@ -73,7 +71,7 @@ def complete(found_meaning: FoundMeaning, request: ImportRequest) -> ProposedImp
     words = Vocabulary(request, proposal.robots[0].robot.joint_names)
     named = add_uncertainties(named, tables, words, proposal.unit)
     left = list_columns_left(proposal, tables, named)
-    joints = next(table for table in tables if table.name == proposal.joints.table)
+    joints = find_table(tables, proposal.joints.table)
     notes = [*numbers.notes, *load_notes, *force_notes, *note_force(joints), *_note_uncertainties(named)]
     confirming = [each for each in left if confirms_joints(each.table, proposal, joints)]
     unread = [each for each in left if each not in confirming]

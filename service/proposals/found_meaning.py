@@ -7,19 +7,19 @@ from typing import Final, NamedTuple
 
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.grammar import Vocabulary
-from jointstiff.service.proposals.columns_left import (
+from jointstiff.service.proposals.columns.left import (
     leave_positions,
     list_columns_left,
     list_unexplained_numbers,
 )
+from jointstiff.service.proposals.forces.naming import order_by_forces
 from jointstiff.service.proposals.joined_tables import JoinedTables, join_numbers
-from jointstiff.service.proposals.named_forces import order_by_forces
 from jointstiff.service.proposals.names.joining import label_by_joints
 from jointstiff.service.proposals.names.naming import name_readings
 from jointstiff.service.proposals.no_proposal import NoProposalError, UnreadError
 from jointstiff.service.proposals.repeated_postures import bring_visits_together
 from jointstiff.service.proposals.tables.lengths import convert_columns
-from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
 from jointstiff.service.proposals.unread import describe_turned_table
 from jointstiff.solver.meaning.proposal import Proposal, propose
 from jointstiff.solver.mechanics.robot import KnownRobot
@@ -46,7 +46,7 @@ def tell_postures_by_joints(
         NoProposalError: rows of a posture do not fit each other.
     """
     numbers, joints = found_meaning.numbers, found_meaning.proposal.joints
-    table = next(table for table in numbers.tables if table.name == joints.table)
+    table = find_table(numbers.tables, joints.table)
     if joints.groups.count == len(table.turn):
         return None
     labelled = label_by_joints(numbers.separate, joints, request)

@@ -10,7 +10,7 @@ import numpy as np
 from jointstiff.schemas.imports import ImportRequest, State
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
 from jointstiff.service.importing.grammar import OPPOSITE_STATE, is_likely_unloaded
-from jointstiff.service.proposals.named_forces import read_forces
+from jointstiff.service.proposals.forces.naming import read_forces
 from jointstiff.service.proposals.names.naming import (
     NamedReading,
     find_unknown_words,
@@ -18,7 +18,7 @@ from jointstiff.service.proposals.names.naming import (
     list_state_words,
 )
 from jointstiff.service.proposals.no_proposal import NoProposalError
-from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.words import describe
 
@@ -73,7 +73,7 @@ def refuse_states_against_force(
     Raises:
         NoProposalError: the first positions may be those under load, or the force has the wrong sign.
     """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
+    joints = find_table(tables, proposal.joints.table)
     if request.force is None or read_forces(joints) is not None:
         return
     by_order = [each for each in named if each.target in {own.target for own in named if own.is_by_order}]
@@ -124,7 +124,7 @@ def refuse_unknown_words(
     Raises:
         NoProposalError: words may state other states than the order.
     """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
+    joints = find_table(tables, proposal.joints.table)
     is_shown_by_force = request.force is not None or read_forces(joints) is not None
     words = () if is_shown_by_force else find_unknown_words(named)
     if words:

@@ -11,7 +11,7 @@ import numpy as np
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.proposals.names.naming import NamedReading
-from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
 from jointstiff.solver.arrays import IndexArray
 from jointstiff.solver.meaning.hypotheses import number_postures
 from jointstiff.solver.meaning.proposal import Proposal, TargetReading
@@ -33,7 +33,7 @@ def bring_visits_together(
     None unless each visit was read as a posture, the joints repeat each posture equally often, and the
     readings of a posture differ by more than noise. A request may state one state of all rows.
     """
-    joints = _find_joints(proposal, tables)
+    joints = find_table(tables, proposal.joints.table)
     postures = _number_postures(proposal, joints)
     counts = np.bincount(postures)
     visits = int(counts[0])
@@ -79,11 +79,6 @@ def _list_first_rows(proposal: Proposal, joints: NumberTable) -> IndexArray:
     return proposal.joints.groups.split(indices)[:, 0, 0].astype(np.intp)
 
 
-def _find_joints(proposal: Proposal, tables: Sequence[NumberTable]) -> NumberTable:
-    """Return the table of the joints of a proposal."""
-    return next(table for table in tables if table.name == proposal.joints.table)
-
-
 def _list_rows(groups: RowGroups, order: IndexArray) -> IndexArray:
     """Return the rows of a table whose groups of rows come in another order."""
     rows = np.arange(groups.count * len(order), dtype=np.float64)[:, np.newaxis]
@@ -105,7 +100,7 @@ def refuse_repeated_postures(
     Raises:
         ImportFileError: there are such postures, and the request states no state.
     """
-    joints = _find_joints(proposal, tables)
+    joints = find_table(tables, proposal.joints.table)
     states = {each.state for each in named}
     if request.state is not None or states != {"unloaded"}:
         return

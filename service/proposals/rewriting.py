@@ -17,15 +17,12 @@ from jointstiff.service.importing.grid import remove_thousands_separators
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.proposals.names.naming import NamedReading, Uncertainty
 from jointstiff.service.proposals.tables.deflections import Deflection
-from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.kinds import KEPT_KINDS
+from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.table import METRES, AngleUnit
 
-KEPT_KINDS: Final[frozenset[Kind]] = frozenset(
-    ("force", "moment", "load point", "mass", "validation", "time")
-)
-"""Kinds of columns of the table of joints that are kept."""
 _DIGITS: Final = 9
 _WITH_COMMA: Final = re.compile(r"[-+]?[0-9]*,[0-9]*(?:[eE][-+]?[0-9]+)?")
 """Number with a decimal comma."""
@@ -104,16 +101,11 @@ def list_masses(named: Sequence[NamedReading]) -> list[float | None]:
     return list(dict.fromkeys(each.mass for each in named if each.state == "loaded"))
 
 
-def has_column_of(table: NumberTable, kind: str) -> bool:
-    """Return whether a header of a table names a kind of column, such as `force`."""
-    return any(meaning is not None and meaning.kind == kind for meaning in table.meanings)
-
-
 def _list_cases(
     proposal: Proposal, named: Sequence[NamedReading], tables: Sequence[NumberTable]
 ) -> Iterator[_LoadCase]:
     """Yield the readings of each load, with those without load; one case without any load."""
-    joints = next(table for table in tables if table.name == proposal.joints.table)
+    joints = find_table(tables, proposal.joints.table)
     usual_row = joints.find_loaded_row(proposal.joints.groups)
     loads = list(dict.fromkeys(each.load for each in named if each.state == "loaded")) or [""]
     for load in loads:
@@ -130,15 +122,14 @@ def _write_case(
     proposal: Proposal, case: _LoadCase, tables: Sequence[NumberTable], *, with_masses: bool
 ) -> list[list[str]]:
     """Return the columns of the readings under one load."""
-    by_name = {table.name: table for table in tables}
-    joints = by_name[proposal.joints.table]
+    joints = find_table(tables, proposal.joints.table)
     head, *labels = _write_labels(proposal, joints)
     columns = [[head, *(f"{label}{case.suffix}" for label in labels)], *_write_joints(proposal, joints)]
     if with_masses and case.mass is not None:
         columns.append(["mass [kg]", *(f"{case.mass:g}" for _ in labels)])
     columns += _keep_columns(proposal, joints, case.row, with_masses=with_masses)
     for each in case.readings:
-        table = by_name[each.reading.points.table]
+        table = find_table(tables, each.reading.points.table)
         columns += _write_positions(proposal, each, table)
         if each.uncertainty is not None:
             columns += _write_uncertainty(proposal, each, each.uncertainty, table)

@@ -11,7 +11,7 @@ import numpy as np
 from jointstiff.service.importing.grammar import Meaning, Vocabulary
 from jointstiff.service.proposals.names.naming import NamedReading, Uncertainty
 from jointstiff.service.proposals.tables.deflections import MICROMETRE, SIZES, split_micrometres
-from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
 from jointstiff.solver.meaning.table import LengthUnit
 
 _LEAST, _MOST = 1e-6, 2e-3
@@ -41,10 +41,9 @@ def add_uncertainties(
         unit: unit of the positions.
     """
     columns_of_table = {table.name: list(_list_columns(table, words)) for table in tables}
-    table_of_name = {table.name: table for table in tables}
     completed = []
     for each in named:
-        table = table_of_name[each.reading.points.table]
+        table = find_table(tables, each.reading.points.table)
         own = [other for other in named if other.reading.points.table == table.name]
         columns = _choose_columns(each, own, columns_of_table[table.name])
         uncertainty = _build_uncertainty(table, columns, unit)

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import quote
+from jointstiff.service.importing.grid import COORDINATES
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.proposals.tables.numbers import NumberTable, read_number_tables
 from jointstiff.solver.meaning.proposal import Proposal
@@ -15,7 +16,6 @@ from jointstiff.solver.meaning.table import find_moving_columns
 
 _MOST_CHOICES: Final = 16
 """Choices of sheets that are tried: those of five sheets without two of them."""
-_COORDINATES: Final = 3
 _LEAST_PART: Final = 0.5
 """Least number of rows of a sheet that may have readings, as a part of the postures."""
 
@@ -72,4 +72,4 @@ def _has_numbers_of(table: NumberTable, postures: int) -> bool:
     """Return whether a table may have readings or loads for at least half the postures."""
     has_loads = any(each is not None and each.kind in ("force", "mass") for each in table.meanings)
     moving_count = sum(find_moving_columns(table.table.numbers))
-    return len(table.rows) >= _LEAST_PART * postures and (has_loads or moving_count >= _COORDINATES)
+    return len(table.rows) >= _LEAST_PART * postures and (has_loads or moving_count >= COORDINATES)

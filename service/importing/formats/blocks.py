@@ -13,6 +13,8 @@ from jointstiff.schemas.imports import Delimiter, FilePreview
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import lacks_number
 from jointstiff.service.importing.grid import (
+    COORDINATES,
+    LEAST_NUMBERS,
     Grid,
     NumberedLine,
     Row,
@@ -27,8 +29,6 @@ from jointstiff.service.importing.texts.encoding import decode
 from jointstiff.service.importing.texts.joint_positions import name_angles
 from jointstiff.service.importing.texts.time_stamps import split_time_stamp
 
-_LEAST_NUMBERS: Final = 3
-"""Numbers of a row of data, at least."""
 _LEAST_BLOCKS: Final = 3
 """Postures, at least, each with a block."""
 _LEAST_ROWS: Final = 3
@@ -43,7 +43,6 @@ _MISSING: Final = "NaN"
 """Mark of a number of a row that is missing."""
 _SIGNS_OF_VALUES: Final = "=:"
 """Signs that may be between a name and its number."""
-_COORDINATES: Final = 3
 _SIGN: Final = re.compile(r"(?<![\w.])([^\W\d]\w{0,15})[=:](?=[ \t]{0,3}[-+]?\d)")
 """A name with its sign before a number."""
 _UNIT_BEHIND: Final = re.compile(
@@ -185,7 +184,7 @@ def _read_log(file: str, encoding: str, lines: Sequence[NumberedLine]) -> list[G
     except ImportFileError:
         return []
     with_data = [block for block in blocks if block.rows]
-    if not with_data or any(_COORDINATES not in block.shape for block in with_data):
+    if not with_data or any(COORDINATES not in block.shape for block in with_data):
         return []
     return _join_postures(
         FilePreview(file=file, format="text", encoding=encoding), _order_rows(file, with_data)
@@ -242,7 +241,7 @@ def _write_plainly(line: str) -> str:
     """
     if is_comment(line):
         return line
-    if len(_NUMBER.findall(line)) < _LEAST_NUMBERS:
+    if len(_NUMBER.findall(line)) < LEAST_NUMBERS:
         return line.strip(_ADORNMENT)
     return _SIGN.sub(r"\1 ", _UNIT_BEHIND.sub(r"\1[\3] \2", _SEPARATOR.sub(" ", line)))
 
@@ -251,7 +250,7 @@ def _have_decimal_commas(lines: Sequence[NumberedLine]) -> bool:
     """Return whether blanks separate the numbers of lines, three at least, and each comma is in a number."""
     cells_of_lines = [line.split() for _, line in lines]
     with_comma = [cell for cells in cells_of_lines for cell in cells if "," in cell]
-    have_numbers = all(sum(map(looks_like_a_number, cells)) >= _LEAST_NUMBERS for cells in cells_of_lines)
+    have_numbers = all(sum(map(looks_like_a_number, cells)) >= LEAST_NUMBERS for cells in cells_of_lines)
     return have_numbers and bool(with_comma) and all(map(_DECIMAL_COMMA.fullmatch, with_comma))
 
 
@@ -261,7 +260,7 @@ def _choose_lines_of_numbers(lines: Sequence[NumberedLine]) -> list[NumberedLine
         (number, line)
         for number, line in lines
         if sum(map(str.isdigit, line)) > sum(map(str.isalpha, line))
-        and len(_NUMBER.findall(line)) >= _LEAST_NUMBERS
+        and len(_NUMBER.findall(line)) >= LEAST_NUMBERS
     ]
 
 
@@ -343,7 +342,7 @@ def _read_block(file: str, lines: Sequence[NumberedLine], delimiter: Delimiter) 
             titles.append(Row(number, (strip_comment_mark(line.strip()),)))
             continue
         row = split_line(file, number, _write_blanks(line), delimiter, are_marks_literal=True)
-        if count_numbers(row) >= _LEAST_NUMBERS:
+        if count_numbers(row) >= LEAST_NUMBERS:
             rows.append((row, above))
             above = None
             continue
@@ -364,7 +363,7 @@ def _name_values_above(lines: Sequence[NumberedLine]) -> Row | None:
     for _, line in lines:
         is_remark = is_comment(line)
         named = _name_values(strip_comment_mark(line.strip()) if is_remark else line)
-        if not is_remark and len(named) >= _LEAST_NUMBERS:
+        if not is_remark and len(named) >= LEAST_NUMBERS:
             break
         if any(name in values for name, _ in named):
             return None
@@ -398,7 +397,7 @@ def _count_names(words: str, count: int) -> list[str]:
 
 def _write_blanks(line: str) -> str:
     """Return a line with blanks for the signs between names and numbers: `J1=24.3` gives `J1 24.3`."""
-    return _SIGN.sub(r"\1 ", line) if len(_SIGN.findall(line)) >= _LEAST_NUMBERS else line
+    return _SIGN.sub(r"\1 ", line) if len(_SIGN.findall(line)) >= LEAST_NUMBERS else line
 
 
 def _add_lone_titles(blocks: Sequence[_Block]) -> list[_Block]:
@@ -422,7 +421,7 @@ def _add_values(blocks: Sequence[_Block]) -> list[_Block]:
     if len(values) < len(blocks) or len({len(own) for own in values}) != 1:
         return []
     varying = sum(len(set(column)) > 1 for column in zip(*values, strict=True))
-    if varying < _LEAST_NUMBERS:
+    if varying < LEAST_NUMBERS:
         return []
     return [
         _Block(block.titles, ((block.values, None), *block.rows))
@@ -546,7 +545,7 @@ def _name_columns(rows: Sequence[tuple[Row, Row | None]]) -> list[str]:
     words = words.rstrip(":")
     if is_headed and above is not None:
         return [f"{words} {above.cells[column]}".strip() for column in columns]
-    if len(columns) == _COORDINATES and words:
+    if len(columns) == COORDINATES and words:
         return [f"{words} {axis}" for axis in "xyz"]
     return [f"{words} {number}".strip() if words else "" for number in range(1, len(columns) + 1)]
 

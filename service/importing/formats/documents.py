@@ -11,6 +11,7 @@ from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import collapse_blanks
 from jointstiff.service.importing.grid import (
+    LEAST_NUMBERS,
     Grid,
     Remark,
     Row,
@@ -29,8 +30,6 @@ _MAX_TABLE_CELLS: Final = 500_000
 _MAX_TABLES: Final = 1_000
 _MOST_NAME: Final = 40
 """Characters of the name of a table."""
-LEAST_NUMBERS: Final = 3
-"""Numbers of a row of data, at least."""
 
 
 class Cell(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, TypeGuard
 
 from pydantic_core import from_json
 
@@ -12,12 +12,11 @@ from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import find_known_unit, is_force, is_joint
-from jointstiff.service.importing.grid import Grid, Row, too_large_error
+from jointstiff.service.importing.grid import COORDINATES, Grid, Row, too_large_error
 from jointstiff.service.importing.texts.encoding import decode
 
 LEAST_ROWS: Final = 3
 """Objects of a table."""
-_COORDINATES: Final = 3
 _MOST_DEPTH: Final = 6
 _WRENCH: Final = "wrench"
 """Field of a force and its moment, six numbers."""
@@ -126,21 +125,26 @@ def find_objects(document: object) -> list[dict[str, Any]]:
     joints that it states once name the angles of all objects without names of their own. A document that has
     fields of our own, but no names of joints, needs no import.
     """
-    if isinstance(document, dict):
-        parts = [document, *(each for each in document.values() if isinstance(each, dict))]
-        names = next((found for part in parts if (found := _find_names(part)) is not None), None)
-        if names is None and not _CAMPAIGNS.isdisjoint(document):
-            return []
-        forces = {key: each for key, each in document.items() if is_force(str(key)) and _is_vector(each)}
-        others = {key: each for key, each in document.items() if key not in forces}
-        unit = _find_stated_unit(document)
-        document = _find_array(others) or _turn_columns(others) or _list_named(others)
-        if len(document) != _COORDINATES:
-            document = [{**each, **(forces | each)} for each in document]
-        document = [{_add_unit(str(key), unit): value for key, value in each.items()} for each in document]
-        if names is not None:
-            document = [_name_angles(each, names) if _find_names(each) is None else each for each in document]
-    return document if isinstance(document, list) and _is_array_of_objects(document) else []
+    objects = _list_objects(document) if isinstance(document, dict) else document
+    return objects if _is_array_of_objects(objects) else []
+
+
+def _list_objects(document: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the objects of a document with the forces, the unit and the names that it states once."""
+    parts = [document, *(each for each in document.values() if isinstance(each, dict))]
+    names = next((found for part in parts if (found := _find_names(part)) is not None), None)
+    if names is None and not _CAMPAIGNS.isdisjoint(document):
+        return []
+    forces = {key: each for key, each in document.items() if is_force(str(key)) and _is_vector(each)}
+    others = {key: each for key, each in document.items() if key not in forces}
+    objects = _find_array(others) or _turn_columns(others) or _list_named(others)
+    has_force_of_each = len(objects) == COORDINATES  # three numbers may be the forces of three objects
+    loaded = objects if has_force_of_each else [{**each, **(forces | each)} for each in objects]
+    unit = _find_stated_unit(document)
+    complete = [{_add_unit(str(key), unit): value for key, value in each.items()} for each in loaded]
+    if names is None:
+        return complete
+    return [_name_angles(each, names) if _find_names(each) is None else each for each in complete]
 
 
 def _find_stated_unit(document: Mapping[str, Any]) -> str:
@@ -159,7 +163,7 @@ def _add_unit(key: str, unit: str) -> str:
 
 def _is_vector(value: object) -> bool:
     """Return whether a value is a list of three numbers."""
-    return isinstance(value, list) and len(value) == _COORDINATES and all(map(_is_number, value))
+    return isinstance(value, list) and len(value) == COORDINATES and all(map(_is_number, value))
 
 
 def _find_array(document: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -199,7 +203,7 @@ def _turn_columns(document: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [dict(zip(arrays, elements, strict=True)) for elements in zip(*arrays.values(), strict=True)]
 
 
-def _is_array_of_objects(value: object) -> bool:
+def _is_array_of_objects(value: object) -> TypeGuard[list[dict[str, Any]]]:
     """Return whether a value is an array of objects."""
     return isinstance(value, list) and bool(value) and all(isinstance(each, dict) for each in value)
 
@@ -260,7 +264,7 @@ def _has_number_for_each(names: Sequence[str], value: object) -> bool:
 
 def _is_list_of_names(value: object) -> bool:
     """Return whether a value is a list of different texts."""
-    if not isinstance(value, list) or len(value) <= _COORDINATES:
+    if not isinstance(value, list) or len(value) <= COORDINATES:
         return False
     are_texts = all(isinstance(each, str) and not _is_number(each) for each in value)
     return are_texts and len(set(value)) == len(value)
@@ -286,11 +290,11 @@ def _name_elements(values: Sequence[Any], name: str) -> list[str]:
         if all(found) and len(set(found)) == len(found):
             return found
     are_numbers = all(map(_is_number, values))
-    if are_numbers and len(values) == _COORDINATES and not is_joint(base):
+    if are_numbers and len(values) == COORDINATES and not is_joint(base):
         return [f"{base} {axis}{ending}" for axis in "xyz"]
-    if base.casefold() == _WRENCH and are_numbers and len(values) == 2 * _COORDINATES:
+    if base.casefold() == _WRENCH and are_numbers and len(values) == 2 * COORDINATES:
         # The unit is that of the force, not that of the moment.
-        return [f"{base} {n}{ending if n <= _COORDINATES else ''}" for n in range(1, len(values) + 1)]
+        return [f"{base} {n}{ending if n <= COORDINATES else ''}" for n in range(1, len(values) + 1)]
     word = base if is_joint(base) or not base.casefold().startswith("joint") else "joint"
     return [f"{word} {number}{ending}" for number in range(1, len(values) + 1)]
 

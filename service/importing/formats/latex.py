@@ -2,6 +2,9 @@
 
 Commands for fonts are left out, `{,}` is a comma, and `multicolumn` makes a merged cell. Any other command
 stays in the text of its cell, which is then no number.
+
+The reader goes through the text once, without recursion. pylatexenc (2.11) needs quadratic time for blanks,
+and a recursion for each brace.
 """
 
 from __future__ import annotations
@@ -13,8 +16,8 @@ from typing import Final
 from unicodedata import normalize
 
 from jointstiff.service.importing.errors import ImportFileError, Place
-from jointstiff.service.importing.formats.documents import LEAST_NUMBERS, Cell, Document, Table
-from jointstiff.service.importing.grid import Grid, count_numbers
+from jointstiff.service.importing.formats.documents import Cell, Document, Table
+from jointstiff.service.importing.grid import LEAST_NUMBERS, Grid, count_numbers
 from jointstiff.service.importing.texts.encoding import decode
 
 _MARKS: Final = tuple("\\%{}&$~^_\n")

@@ -13,10 +13,10 @@ from jointstiff.service.importing.grammar import (
     find_any_unit,
     find_state,
     is_negation,
-    join_state_phrases,
     read_states,
     split_unit,
 )
+from jointstiff.service.importing.phrases import join_state_phrases
 from jointstiff.service.proposals.names.labels import find_ending
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.service.tables.labels import fold_word

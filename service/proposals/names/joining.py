@@ -30,7 +30,7 @@ from jointstiff.service.proposals.names.repeats import (
 from jointstiff.service.proposals.names.rows import find_different_words, find_unknown_states, name_rows
 from jointstiff.service.proposals.names.targets import LEAST_BETWEEN_TARGETS, are_far_apart
 from jointstiff.service.proposals.tables.lengths import find_units_of_coordinates
-from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
 from jointstiff.service.proposals.tables.row_name import RowName
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.meaning.hypotheses import find_joint_noise, number_postures
@@ -138,7 +138,7 @@ def label_by_joints(
     are_alike = all([name.state for name in names] == states for names in names_of_table)
     if not are_alike or any(name.label is not None for names in names_of_table for name in names):
         return None
-    table = next(table for table in tables if table.name == joints.table)
+    table = find_table(tables, joints.table)
     postures = number_postures(table.table.numbers[:, list(joints.columns)])
     states_of_posture: dict[int, set[str | None]] = {}
     for posture, state in zip(postures.tolist(), states, strict=True):

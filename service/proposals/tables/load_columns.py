@@ -9,6 +9,7 @@ import numpy as np
 
 from jointstiff.schemas.imports import State
 from jointstiff.service.importing.grammar import is_hung, looks_like_a_force
+from jointstiff.service.importing.grid import COORDINATES
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.arrays import FloatArray
 
@@ -20,7 +21,6 @@ _LEAST_ROWS: Final = 3
 """Rows in each state, at least."""
 _PART: Final = re.compile(r"[\s_.-]{0,3}(?:[xyz]|\[?[0-6]\]?)$", re.IGNORECASE)
 """End of a header that names a part of a vector, such as `force_0`."""
-_COORDINATES: Final = 3
 
 
 def find_states_of_loads(sizes: FloatArray) -> list[State] | None:
@@ -49,7 +49,7 @@ def list_states_of_columns(table: NumberTable) -> list[State] | None:
             parts.setdefault(_PART.sub("", header), []).append(column)
     found = set[tuple[State, ...]]()
     for columns in parts.values():
-        vector = columns[:_COORDINATES] if len(columns) >= _COORDINATES else columns[:1]
+        vector = columns[:COORDINATES] if len(columns) >= COORDINATES else columns[:1]
         states = find_states_of_loads(np.linalg.norm(table.table.numbers[:, vector], axis=1))
         found.update([] if states is None else [tuple(states)])
     return list(found.pop()) if len(found) == 1 else None

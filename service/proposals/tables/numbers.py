@@ -23,6 +23,7 @@ from jointstiff.service.importing.grammar import (
     Meaning,
     Quantity,
     Vocabulary,
+    collapse_blanks,
     find_force_at_end,
     find_opposites,
     find_unit_of_size,
@@ -32,6 +33,7 @@ from jointstiff.service.importing.grammar import (
     lacks_number,
 )
 from jointstiff.service.importing.grid import (
+    LEAST_NUMBERS,
     Grid,
     Row,
     are_texts,
@@ -54,8 +56,6 @@ from jointstiff.service.proposals.tables.row_name import RowName
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.table import RowGroups, Table
 
-_LEAST_NUMBERS: Final = 3
-"""Numbers of a row of data, at least."""
 _MOST_LISTED: Final = 4
 """Rows that a note lists."""
 _IMPOSSIBLE_ANGLE: Final = re.compile(r"[-+]?[1-9]\d{1,2},\d{3}")
@@ -115,6 +115,10 @@ class NumberTable:
     def has_repeats(self) -> bool:
         """Return whether a header says that a column counts the repeated readings of a point."""
         return any(map(is_repeat_header, self.headers))
+
+    def name_column(self, column: int) -> str:
+        """Return the header of a column, or its number without a header."""
+        return collapse_blanks(self.headers[column]) or f"column {column + 1}"
 
     def list_texts(self, column: int) -> list[str]:
         """Return the cells of a column."""
@@ -177,8 +181,7 @@ class NumberTable:
     @property
     def force_is_along_one_axis(self) -> bool:
         """Force along one axis only, by the headers: then it has no other part."""
-        has_mass = any(meaning is not None and meaning.kind == "mass" for meaning in self.meanings)
-        return len(self.find_force_columns()) == 1 and not has_mass
+        return len(self.find_force_columns()) == 1 and not self.has_column_of("mass")
 
     def find_size_of_force(self) -> int | None:
         """Return the column of the size of a force, such as `Kraft [kN]`; None unless it is the only one.
@@ -308,6 +311,15 @@ class NumberTable:
         """Return the first column of a kind, such as `name`; None without one."""
         columns = (c for c, meaning in enumerate(self.meanings) if meaning and meaning.kind == kind)
         return next(columns, None)
+
+    def has_column_of(self, kind: Kind) -> bool:
+        """Return whether a header names a column of a kind, such as `force`."""
+        return self.find_column(kind) is not None
+
+
+def find_table(tables: Sequence[NumberTable], name: str) -> NumberTable:
+    """Return the table that has a name."""
+    return next(table for table in tables if table.name == name)
 
 
 @dataclass(frozen=True)
@@ -472,8 +484,8 @@ def _is_data(row: Row) -> bool:
     first_filled = next((cell for cell in row.cells if cell), "")
     count = count_numbers(row)
     if count and any(_DIRECTION.fullmatch(cell.strip()) for cell in row.cells):
-        count += _LEAST_NUMBERS  # a direction is a unit vector of three numbers
-    return count >= _LEAST_NUMBERS and not is_statistic(first_filled)
+        count += LEAST_NUMBERS  # a direction is a unit vector of three numbers
+    return count >= LEAST_NUMBERS and not is_statistic(first_filled)
 
 
 def _fit_rows(grid: Grid, data: Sequence[int]) -> tuple[Row, ...]:
@@ -556,11 +568,11 @@ def _find_start(grid: Grid, words: Vocabulary, options: ImportOptions) -> int:
 
 def _names_columns(row: Row, words: Vocabulary) -> bool:
     """Return whether a row of texts names three or more joints or coordinates."""
-    if count_numbers(row) > 0 or sum(map(bool, row.cells)) < _LEAST_NUMBERS:
+    if count_numbers(row) > 0 or sum(map(bool, row.cells)) < LEAST_NUMBERS:
         return False
     meanings = [words.find(cell) for cell in row.cells if cell]
     named = {(each.quantity, each.axis) for each in meanings if each is not None and each.axis is not None}
-    return len(named) >= _LEAST_NUMBERS
+    return len(named) >= LEAST_NUMBERS
 
 
 def _find_headers(
@@ -600,7 +612,7 @@ def _complete_headers(headers: tuple[str, ...], grid: Grid, first: int) -> tuple
     """
     upper = grid.rows[first - 1].cells if first > 0 else ()
     filled = {column: text for column, text in enumerate(upper) if text}
-    if len(upper) != len(headers) or len(filled) < _LEAST_NUMBERS:
+    if len(upper) != len(headers) or len(filled) < LEAST_NUMBERS:
         return headers
     for row in grid.rows[first:]:
         is_header = len(row.cells) == len(headers) and all(row.cells[c] == filled[c] for c in filled)

@@ -21,7 +21,16 @@ from jointstiff.service.importing import grid, limits
 from jointstiff.service.importing.errors import ImportFileError, quote
 from jointstiff.service.importing.formats.elements import list_leaves, read_elements
 from jointstiff.service.importing.grammar import find_any_unit, is_statistic, split_unit
-from jointstiff.service.importing.grid import CellKind, Grid, Remark, Row, file_type, looks_like_a_number
+from jointstiff.service.importing.grid import (
+    COORDINATES,
+    LEAST_NUMBERS,
+    CellKind,
+    Grid,
+    Remark,
+    Row,
+    file_type,
+    looks_like_a_number,
+)
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.importing.source_grids import read_grids, read_sheets
 from jointstiff.service.importing.texts.encoding import decode
@@ -29,11 +38,8 @@ from jointstiff.service.importing.texts.time_stamps import split_time_stamp
 
 LEAST_POSTURES: Final = 8
 """Rows of a stencil, at least: fewer postures may fit by chance."""
-_LEAST_NUMBERS: Final = 3
-"""Numbers of a row of a table, at least."""
 _LEAST_PART: Final = 0.7
 """Least part of the records that have a number."""
-_COORDINATES: Final = 3
 _MOST_HEADER_ROWS: Final = 3
 _MOST_DEPTH: Final = 12
 _MOST_CHARACTERS: Final = 2000
@@ -166,9 +172,9 @@ def _list_leaves(file: SourceFile) -> Iterator[_Line]:
     except ValueError:
         return
     leaves = list(_walk(document, (), 0))
-    common = _count_common_keys([path for path, values in leaves if len(values) == _COORDINATES])
+    common = _count_common_keys([path for path, values in leaves if len(values) == COORDINATES])
     for number, (path, values) in enumerate(leaves, 1):
-        path = path[common:] if len(values) == _COORDINATES else path
+        path = path[common:] if len(values) == COORDINATES else path
         cells = [_Cell(word[: limits.MAX_CELL_LENGTH], column) for column, word in enumerate(path)]
         for column, value in enumerate(values, len(cells)):
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -260,7 +266,7 @@ class _Stencils:
 
     def build_grids(self, *, are_turned: bool) -> list[Grid]:
         """Return the tables of runs and records; none next to a damaged row of a run."""
-        least = _COORDINATES * 2 if are_turned else LEAST_POSTURES
+        least = COORDINATES * 2 if are_turned else LEAST_POSTURES
         runs = [run for run in self._list_runs() if len(run) >= least]
         recurring = Counter(self._find_shape(self._lines[run.start]) for run in runs)
         runs = [run for run in runs if recurring[self._find_shape(self._lines[run.start])] < LEAST_POSTURES]
@@ -282,7 +288,7 @@ class _Stencils:
         neighbours = [self._lines[k] for k in (run.start - 1, run.stop) if 0 <= k < len(self._lines)]
         return any(
             line.section == self._lines[run.start].section
-            and len(line.numbers) >= max(_LEAST_NUMBERS, usual // 2 + 1)
+            and len(line.numbers) >= max(LEAST_NUMBERS, usual // 2 + 1)
             and not is_statistic(line.cells[0].text)
             for line in neighbours
         )
@@ -297,7 +303,7 @@ class _Stencils:
         start = 0
         for number in range(1, len(self._lines) + 1):
             if number == len(self._lines) or not self._continues(self._lines[start], self._lines[number]):
-                if len(self._lines[start].numbers) >= _LEAST_NUMBERS:
+                if len(self._lines[start].numbers) >= LEAST_NUMBERS:
                     yield range(start, number)
                 start = number
 
@@ -401,7 +407,7 @@ class _Stencils:
         are_complete = len(kept) == len(placed) and all(place in each for each in values for place in places)
         if not are_complete and not self._allow_missing:
             return None
-        is_possible = len(kept) >= LEAST_POSTURES and len(moving) >= 2 * _COORDINATES
+        is_possible = len(kept) >= LEAST_POSTURES and len(moving) >= 2 * COORDINATES
         if not is_possible or len(places) >= limits.MAX_COLUMNS:
             return None
         places = self._order(places, values)
@@ -477,7 +483,7 @@ class _Stencils:
         down, across = list[_Place](), list[_Place]()
         for row in by_row.values():
             for group in _split_at_gaps(row, first):
-                (across if len(group) >= _COORDINATES else down).extend(group)
+                (across if len(group) >= COORDINATES else down).extend(group)
         down.sort(key=lambda place: first[place].cell.column)
         return [*down, *across]
 
@@ -494,7 +500,7 @@ class _Stencils:
             words = title
         elif all(line.list_words_before(each) for each in values):
             words = [*title[:-1], *(title[-1:] if cell == values[0] else own)]
-        elif len(values) == _COORDINATES:
+        elif len(values) == COORDINATES:
             words = [*title, "xyz"[values.index(cell)]]
         else:
             words = [*title, str(values.index(cell) + 1)]

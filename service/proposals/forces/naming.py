@@ -12,25 +12,24 @@ import numpy as np
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError, quote
 from jointstiff.service.importing.grammar import find_force_at_end
-from jointstiff.service.proposals.columns_left import (
+from jointstiff.service.importing.grid import COORDINATES
+from jointstiff.service.proposals.columns.left import list_columns_left
+from jointstiff.service.proposals.forces.evidence import ForceEvidence
+from jointstiff.service.proposals.forces.gathered import GatheredLoads, gather_loads, join_forces
+from jointstiff.service.proposals.forces.likely import (
     find_bare_vector,
     find_constant_force,
     find_sizes_along_vectors,
-    list_columns_left,
 )
-from jointstiff.service.proposals.force_evidence import ForceEvidence
-from jointstiff.service.proposals.force_sizes import StatedForce, compare_stated_force, take_sizes_as_weights
+from jointstiff.service.proposals.forces.sizes import StatedForce, compare_stated_force, take_sizes_as_weights
 from jointstiff.service.proposals.names.naming import NamedReading
 from jointstiff.service.proposals.no_proposal import NoProposalError, UnfinishedError
-from jointstiff.service.proposals.posture_loads import GatheredLoads, gather_loads, join_forces
-from jointstiff.service.proposals.rewriting import has_column_of
-from jointstiff.service.proposals.tables.numbers import NumberTable
+from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.states import order_states
 from jointstiff.solver.meaning.words import describe
 
-_AXES: Final = 3
 _LEAST_ALONG: Final = 0.75
 """Least fraction of the postures in which targets move along a force whose columns have no headers."""
 _MOST_ASIDE: Final = np.radians(30.0)
@@ -48,7 +47,7 @@ def order_by_forces(proposal: Proposal, tables: Sequence[NumberTable], request: 
         NoProposalError: a posture has two different loads.
     """
     tables = take_loads(proposal, tables, request).tables
-    joints = next(table for table in tables if table.name == proposal.joints.table)
+    joints = find_table(tables, proposal.joints.table)
     stated = read_forces(joints)
     if stated is None:
         return proposal
@@ -77,9 +76,9 @@ def name_forces(
     Raises:
         NoProposalError: there are several forces, whose direction the targets do not show.
     """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
+    joints = find_table(tables, proposal.joints.table)
     evidence = ForceEvidence(proposal, named, joints, request)
-    if len(joints.find_force_columns()) == _AXES:
+    if len(joints.find_force_columns()) == COORDINATES:
         return _turn_forces(proposal, tables, evidence)
     found, notes = _name_constant_force(proposal, tables, request)
     if not notes:
@@ -105,7 +104,7 @@ def _turn_forces(
 
     A note says which axes were taken, wherever the deflections do not show those of R0.
     """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
+    joints = find_table(tables, proposal.joints.table)
     columns = list(joints.find_columns_of("force").values())
     source = next((table for table in tables if _has_copied_force(table)), joints)
     axes = evidence.judge_axes(joints.table.numbers[:, columns], source.name)
@@ -133,7 +132,7 @@ def _name_bare_forces(
     Raises:
         NoProposalError: the request states another force.
     """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
+    joints = find_table(tables, proposal.joints.table)
     left = next(each for each in list_columns_left(proposal, tables) if each.table is joints)
     columns = find_bare_vector(left)
     if columns is None:
@@ -166,8 +165,8 @@ def _name_forces_along_vectors(
     Raises:
         NoProposalError: a posture has two different forces.
     """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
-    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
+    joints = find_table(tables, proposal.joints.table)
+    has_load = joints.has_column_of("force") or joints.has_column_of("mass")
     if has_load or request.force is not None:
         return tables, []
     for each in list_columns_left(proposal, tables, named):
@@ -234,8 +233,8 @@ def _name_constant_force(
 
     The columns have no headers, so that the targets have to move along the force.
     """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
-    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
+    joints = find_table(tables, proposal.joints.table)
+    has_load = joints.has_column_of("force") or joints.has_column_of("mass")
     left = next(each for each in list_columns_left(proposal, tables) if each.table is joints)
     columns = None if has_load or request.force is not None else find_constant_force(left)
     if columns is None:
@@ -276,7 +275,7 @@ def _name_force_of_size(
     Raises:
         NoProposalError: there are several forces, whose direction the targets do not show.
     """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
+    joints = find_table(tables, proposal.joints.table)
     if request.force is not None:
         return tables, []
     found, notes = _name_force_along_directions(proposal, named, tables, request)
@@ -308,8 +307,8 @@ def _name_force_along_directions(
         NoProposalError: the targets do not move along the directions in R0, a size is negative, or a posture
             has two different forces.
     """
-    joints = next(table for table in tables if table.name == proposal.joints.table)
-    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
+    joints = find_table(tables, proposal.joints.table)
+    has_load = joints.has_column_of("force") or joints.has_column_of("mass")
     others = [] if has_load else [table for table in tables if table is not joints]
     for table in (joints, *others):
         directions, size = table.find_directions(), table.find_size_of_force()
