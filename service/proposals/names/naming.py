@@ -32,6 +32,7 @@ from jointstiff.solver.meaning.proposal import Proposal, TargetReading
 _STATES: Final[tuple[State, ...]] = ("unloaded", "loaded", "unloaded_after")
 """States of a target in the order of its positions, if no name says more."""
 _NUMBER: Final = re.compile(r"\d{1,9}")
+_AXES: Final = frozenset("xyz")
 
 
 @dataclass(frozen=True)
@@ -169,19 +170,15 @@ def _add_targets_of_headers(
 ) -> list[RowName]:
     """Return names with the targets that headers of any form name, such as `Kugel 1 ohne Last [mm] X`.
 
-    A name are the words that all headers of a target share, but for those of states and units, and those
-    that all targets share; each target has its own. Only readings without any named target get one.
+    A name are the words that all headers of a target share, but for those of states, units and axes; each
+    target has its own. Only readings without any named target get one.
     """
     words_of_target: dict[int, list[list[str]]] = {}
     for reading in readings:
         table = table_of_name[reading.points.table]
         headers = [split_header(table.headers[column]) for column in reading.points.columns]
         words_of_target.setdefault(reading.target, []).extend(headers)
-    shared = {target: _list_shared_words(words) for target, words in words_of_target.items()}
-    of_all = set(next(iter(shared.values()))).intersection(*shared.values())
-    name_of_target = {
-        target: " ".join(word for word in words if word not in of_all) for target, words in shared.items()
-    }
+    name_of_target = {target: _join_shared_words(words) for target, words in words_of_target.items()}
     texts = list(name_of_target.values())
     are_names = len(texts) > 1 and len(set(texts)) == len(texts) and all(map(_has_letters, texts))
     if not are_names or any(name.target is not None for name in names):
@@ -192,10 +189,16 @@ def _add_targets_of_headers(
     ]
 
 
-def _list_shared_words(headers: Sequence[Sequence[str]]) -> list[str]:
-    """Return the words that all headers share, without those of states and units."""
+def _join_shared_words(headers: Sequence[Sequence[str]]) -> str:
+    """Return the words that all headers share, without those of states, units and axes."""
     shared = [word for word in headers[0] if all(word in other for other in headers)]
-    return [word for word in shared if find_state(word, {}) is None and find_any_unit(word) is None]
+    return " ".join(word for word in shared if _may_name_target(word))
+
+
+def _may_name_target(word: str) -> bool:
+    """Return whether a word of a header is no state, unit or axis."""
+    is_axis = word.casefold() in _AXES
+    return not is_axis and find_state(word, {}) is None and find_any_unit(word) is None
 
 
 def _has_letters(text: str) -> bool:

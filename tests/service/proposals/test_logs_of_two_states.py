@@ -270,11 +270,19 @@ def test_a_field_of_a_log_says_the_state_of_the_points_of_each_stop(write_angles
     assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (24, 1)), abs=2e-3)
 
 
-@pytest.mark.parametrize("name", ["ball", "M{target}", "{stop:03}"])
-def test_points_without_the_number_of_their_stop_are_a_question(name, tmp_path):
-    files = write_stops(tmp_path, (0, 1), name, write_krl)
+NAMES_WITHOUT_STOPS = pytest.mark.parametrize("name", ["ball", "M{target}", "{stop:03}"])
+
+
+@NAMES_WITHOUT_STOPS
+def test_points_in_the_order_of_their_stops_need_no_numbers(name, tmp_path):
+    proposal = js.read(*write_stops(tmp_path, (0, 1), name, write_krl), robot=ARM, **STATED)
+    assert shifts_of(proposal) == pytest.approx(np.tile(SAG, (24, 1)), abs=2e-3)
+
+
+@NAMES_WITHOUT_STOPS
+def test_points_without_numbers_of_stops_under_load_first_are_a_question(name, tmp_path):
     with pytest.raises(js.CampaignError):
-        js.read(*files, robot=ARM, **STATED)
+        js.read(*write_stops(tmp_path, (1, 0), name, write_krl), robot=ARM, **STATED)
 
 
 def test_a_flag_of_a_state_is_no_mass(tmp_path):

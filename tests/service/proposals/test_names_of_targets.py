@@ -110,3 +110,18 @@ def test_each_angle_of_a_line_has_the_name_before_it(sign, tmp_path):
     headers = [column.header for column in answer.files[0].columns][:6]
     assert all(header.endswith(f"A{k + 1}") for k, header in enumerate(headers))
     assert judge(CAMPAIGN, answer.measurement_set.model_dump(mode="json")) == []
+
+
+def test_letters_of_axes_above_a_block_are_no_part_of_the_names_of_its_targets(tmp_path):
+    """A form has a block for each posture, with `Punto;X;Y;Z` above the rows of its targets."""
+    lines = ["Ensayo de rigidez;;;"]
+    for posture, joints in enumerate(CAMPAIGN.joints):
+        angles = ";".join(f"J{axis}={value}" for axis, value in enumerate(digits(joints), 1))
+        lines += ["", f"Postura {posture + 1};;;", f"Ejes;{angles}", "Punto;X;Y;Z"]
+        for state, words in enumerate(("sin carga", "con carga")):
+            for name, places in zip("AB", TARGETS, strict=False):
+                lines.append(";".join([f"{name} {words}", *digits(places[state][posture])]))
+    proposed = propose("\n".join(lines), tmp_path)
+    targets = {each.target for each in proposed.accept().measurement_set.observations[0].readings}
+    assert targets == {"Punto A", "Punto B"}
+    judge_targets(proposed, targets)
