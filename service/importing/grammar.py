@@ -125,7 +125,11 @@ _UNIT_IN_LOWER_CASE: Final[Mapping[tuple[Dimension, str], str]] = MappingProxyTy
     }
 )
 """Dimension and spelling of a unit in the names of a database, which have no upper case → unit."""
-_DIMENSION_OF_FOREIGN: Final[Mapping[str, Dimension | Literal["none"]]] = _values_by_word(_WORDS["foreign"])
+MICROMETRES: Final = tuple(_WORD_LISTS["micrometres"])
+"""Spellings of the unit in which only displacements and uncertainties are taken."""
+_DIMENSION_OF_FOREIGN: Final[Mapping[str, Dimension | Literal["none"]]] = MappingProxyType(
+    {**_values_by_word(_WORDS["foreign"]), **dict.fromkeys(MICROMETRES, "length")}
+)
 UNIT_OF_LOAD: Final[Mapping[str, str]] = MappingProxyType(
     {
         spelling: unit
