@@ -8,17 +8,17 @@ from dataclasses import replace
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grammar import Vocabulary
-from jointstiff.service.proposals.columns_left import (
+from jointstiff.service.proposals.columns.left import list_columns_left, name_columns_left
+from jointstiff.service.proposals.columns.refusals import (
     confirms_joints,
-    describe_likely_force,
-    list_columns_left,
-    name_columns_left,
     refuse_columns_left,
-    refuse_force_beside_columns,
     refuse_single_rows,
 )
+from jointstiff.service.proposals.forces.likely import describe_likely_force, refuse_force_beside_columns
+from jointstiff.service.proposals.forces.naming import name_forces, note_force, take_loads, take_stated_force
+from jointstiff.service.proposals.forces.stated_weights import take_stated_weight
+from jointstiff.service.proposals.forces.weights import describe_weights, has_masses
 from jointstiff.service.proposals.found_meaning import FoundMeaning
-from jointstiff.service.proposals.named_forces import name_forces, note_force, take_loads, take_stated_force
 from jointstiff.service.proposals.names.naming import NamedReading, name_readings
 from jointstiff.service.proposals.no_proposal import NoProposalError
 from jointstiff.service.proposals.nominal_positions import refuse_measured_nominals
@@ -38,11 +38,9 @@ from jointstiff.service.proposals.refused_states import (
 )
 from jointstiff.service.proposals.repeated_postures import refuse_repeated_postures
 from jointstiff.service.proposals.rewriting import list_masses, note_mean_of_joints, write_readings
-from jointstiff.service.proposals.stated_weights import take_stated_weight
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.service.proposals.template_meaning import build_meaning
 from jointstiff.service.proposals.uncertainties import add_uncertainties
-from jointstiff.service.proposals.weights import describe_weights, has_masses
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.words import describe
 

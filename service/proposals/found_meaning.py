@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.grammar import Vocabulary
-from jointstiff.service.proposals.columns_left import (
+from jointstiff.service.proposals.columns.left import (
     leave_positions,
     list_columns_left,
     list_unexplained_numbers,
 )
+from jointstiff.service.proposals.forces.naming import order_by_forces
 from jointstiff.service.proposals.joined_tables import JoinedTables, join_numbers
-from jointstiff.service.proposals.named_forces import order_by_forces
 from jointstiff.service.proposals.names.joining import label_by_joints
 from jointstiff.service.proposals.names.naming import name_readings
 from jointstiff.service.proposals.no_proposal import NoProposalError, UnreadError

@@ -10,7 +10,7 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError
 from jointstiff.service.importing.grammar import Vocabulary
 from jointstiff.service.importing.source_files import SourceFile
-from jointstiff.service.proposals.columns_left import refuse_unknown_headers
+from jointstiff.service.proposals.columns.stated import refuse_unknown_headers
 from jointstiff.service.proposals.names.joining import join_tables
 from jointstiff.service.proposals.no_proposal import NoProposalError, UnreadError
 from jointstiff.service.proposals.tables.deflections import add_deflections

@@ -11,14 +11,14 @@ import numpy as np
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grammar import Vocabulary
-from jointstiff.service.proposals.columns_left import (
+from jointstiff.service.proposals.columns.left import (
     ColumnsLeft,
     list_other_columns,
     list_unexplained_numbers,
     name_columns_left,
 )
+from jointstiff.service.proposals.forces.naming import note_force, read_forces
 from jointstiff.service.proposals.joined_tables import JoinedTables, describe_fault
-from jointstiff.service.proposals.named_forces import note_force, read_forces
 from jointstiff.service.proposals.no_proposal import NoProposalError
 from jointstiff.service.proposals.options import clear_headers, clear_names
 from jointstiff.service.proposals.proposed_import import ProposedImport

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from jointstiff.schemas.imports import MAX_PREVIEW_ROWS, ColumnMeaning, FilePreview, State
-from jointstiff.service.proposals.columns_left import describe_uses, find_named_kind
+from jointstiff.service.proposals.columns.left import find_named_kind
+from jointstiff.service.proposals.columns.stated import describe_uses
 from jointstiff.service.proposals.names.naming import NamedReading
-from jointstiff.service.proposals.rewriting import KEPT_KINDS
+from jointstiff.service.proposals.tables.kinds import KEPT_KINDS
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.meaning.proposal import Proposal
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jointstiff.service.importing.errors import quote
-from jointstiff.service.proposals.columns_left import find_contradiction
+from jointstiff.service.proposals.columns.stated import find_contradiction
 from jointstiff.service.proposals.names.naming import NamedReading, are_distinct
 from jointstiff.service.proposals.no_proposal import NoProposalError
 from jointstiff.service.proposals.tables.numbers import NumberTable

@@ -10,7 +10,7 @@ import numpy as np
 from jointstiff.schemas.imports import ImportRequest, State
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
 from jointstiff.service.importing.grammar import OPPOSITE_STATE, is_likely_unloaded
-from jointstiff.service.proposals.named_forces import read_forces
+from jointstiff.service.proposals.forces.naming import read_forces
 from jointstiff.service.proposals.names.naming import (
     NamedReading,
     find_unknown_words,

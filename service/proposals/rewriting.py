@@ -17,15 +17,12 @@ from jointstiff.service.importing.grid import remove_thousands_separators
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.proposals.names.naming import NamedReading, Uncertainty
 from jointstiff.service.proposals.tables.deflections import Deflection
+from jointstiff.service.proposals.tables.kinds import KEPT_KINDS
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.table import METRES, AngleUnit
 
-KEPT_KINDS: Final[frozenset[Kind]] = frozenset(
-    ("force", "moment", "load point", "mass", "validation", "time")
-)
-"""Kinds of columns of the table of joints that are kept."""
 _DIGITS: Final = 9
 _WITH_COMMA: Final = re.compile(r"[-+]?[0-9]*,[0-9]*(?:[eE][-+]?[0-9]+)?")
 """Number with a decimal comma."""
@@ -102,11 +99,6 @@ def _name_table(table: NumberTable) -> str:
 def list_masses(named: Sequence[NamedReading]) -> list[float | None]:
     """Return the different loads [kg] of the readings under load; None for a load that no name states."""
     return list(dict.fromkeys(each.mass for each in named if each.state == "loaded"))
-
-
-def has_column_of(table: NumberTable, kind: str) -> bool:
-    """Return whether a header of a table names a kind of column, such as `force`."""
-    return any(meaning is not None and meaning.kind == kind for meaning in table.meanings)
 
 
 def _list_cases(

@@ -10,8 +10,8 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.meaning import TableMeaning
 from jointstiff.service.importing.grammar import Vocabulary
 from jointstiff.service.proposals.completion import build_import
+from jointstiff.service.proposals.forces.naming import name_forces, take_loads
 from jointstiff.service.proposals.found_meaning import find_proposal
-from jointstiff.service.proposals.named_forces import name_forces, take_loads
 from jointstiff.service.proposals.names.naming import NamedReading, name_readings
 from jointstiff.service.proposals.no_proposal import NoProposalError
 from jointstiff.service.proposals.proposed_import import ProposedImport

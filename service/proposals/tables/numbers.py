@@ -23,6 +23,7 @@ from jointstiff.service.importing.grammar import (
     Meaning,
     Quantity,
     Vocabulary,
+    collapse_blanks,
     find_force_at_end,
     find_opposites,
     find_unit_of_size,
@@ -116,6 +117,10 @@ class NumberTable:
         """Return whether a header says that a column counts the repeated readings of a point."""
         return any(map(is_repeat_header, self.headers))
 
+    def name_column(self, column: int) -> str:
+        """Return the header of a column, or its number without a header."""
+        return collapse_blanks(self.headers[column]) or f"column {column + 1}"
+
     def list_texts(self, column: int) -> list[str]:
         """Return the cells of a column."""
         return [row.cells[column] for row in self.rows]
@@ -177,8 +182,7 @@ class NumberTable:
     @property
     def force_is_along_one_axis(self) -> bool:
         """Force along one axis only, by the headers: then it has no other part."""
-        has_mass = any(meaning is not None and meaning.kind == "mass" for meaning in self.meanings)
-        return len(self.find_force_columns()) == 1 and not has_mass
+        return len(self.find_force_columns()) == 1 and not self.has_column_of("mass")
 
     def find_size_of_force(self) -> int | None:
         """Return the column of the size of a force, such as `Kraft [kN]`; None unless it is the only one.
@@ -308,6 +312,10 @@ class NumberTable:
         """Return the first column of a kind, such as `name`; None without one."""
         columns = (c for c, meaning in enumerate(self.meanings) if meaning and meaning.kind == kind)
         return next(columns, None)
+
+    def has_column_of(self, kind: Kind) -> bool:
+        """Return whether a header names a column of a kind, such as `force`."""
+        return self.find_column(kind) is not None
 
 
 @dataclass(frozen=True)

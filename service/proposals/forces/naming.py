@@ -12,18 +12,17 @@ import numpy as np
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError, quote
 from jointstiff.service.importing.grammar import find_force_at_end
-from jointstiff.service.proposals.columns_left import (
+from jointstiff.service.proposals.columns.left import list_columns_left
+from jointstiff.service.proposals.forces.evidence import ForceEvidence
+from jointstiff.service.proposals.forces.gathered import GatheredLoads, gather_loads, join_forces
+from jointstiff.service.proposals.forces.likely import (
     find_bare_vector,
     find_constant_force,
     find_sizes_along_vectors,
-    list_columns_left,
 )
-from jointstiff.service.proposals.force_evidence import ForceEvidence
-from jointstiff.service.proposals.force_sizes import StatedForce, compare_stated_force, take_sizes_as_weights
+from jointstiff.service.proposals.forces.sizes import StatedForce, compare_stated_force, take_sizes_as_weights
 from jointstiff.service.proposals.names.naming import NamedReading
 from jointstiff.service.proposals.no_proposal import NoProposalError, UnfinishedError
-from jointstiff.service.proposals.posture_loads import GatheredLoads, gather_loads, join_forces
-from jointstiff.service.proposals.rewriting import has_column_of
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
@@ -167,7 +166,7 @@ def _name_forces_along_vectors(
         NoProposalError: a posture has two different forces.
     """
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
+    has_load = joints.has_column_of("force") or joints.has_column_of("mass")
     if has_load or request.force is not None:
         return tables, []
     for each in list_columns_left(proposal, tables, named):
@@ -235,7 +234,7 @@ def _name_constant_force(
     The columns have no headers, so that the targets have to move along the force.
     """
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
+    has_load = joints.has_column_of("force") or joints.has_column_of("mass")
     left = next(each for each in list_columns_left(proposal, tables) if each.table is joints)
     columns = None if has_load or request.force is not None else find_constant_force(left)
     if columns is None:
@@ -309,7 +308,7 @@ def _name_force_along_directions(
             has two different forces.
     """
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    has_load = has_column_of(joints, "force") or has_column_of(joints, "mass")
+    has_load = joints.has_column_of("force") or joints.has_column_of("mass")
     others = [] if has_load else [table for table in tables if table is not joints]
     for table in (joints, *others):
         directions, size = table.find_directions(), table.find_size_of_force()

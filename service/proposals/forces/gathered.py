@@ -12,7 +12,6 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import Kind
 from jointstiff.service.importing.loads import find_newtons
-from jointstiff.service.proposals.rewriting import has_column_of
 from jointstiff.service.proposals.tables.load_columns import find_states_of_loads
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.service.proposals.tables.row_name import RowName
@@ -26,8 +25,6 @@ _WORDS_OF_KIND: Final[dict[Kind, str]] = {
     "mass": "weights along −z of R0",
 }
 """Kinds of columns that are the load of a posture, in words."""
-LOADS: Final = frozenset(_WORDS_OF_KIND)
-"""Kinds of columns that are the load of a posture."""
 _SAME_LOAD: Final = 1e-6
 """Largest difference of two loads that are the same, as a part of the largest."""
 
@@ -65,7 +62,7 @@ def gather_loads(proposal: Proposal, tables: Sequence[NumberTable], request: Imp
             copied.update(columns)
             if kind != "load point" and not np.nan_to_num(loads).any():
                 continue  # a table of readings without load
-            if has_column_of(with_loads, kind):
+            if with_loads.has_column_of(kind):
                 _refuse_other_loads(proposal, with_loads, table, kind, loads)
             else:
                 with_loads = _add_loads(proposal, with_loads, table, columns, loads)

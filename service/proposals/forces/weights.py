@@ -13,7 +13,7 @@ from jointstiff.service.importing.errors import NOWHERE, ImportFileError
 from jointstiff.service.importing.grammar import is_in_kg
 from jointstiff.service.importing.loads import find_newtons
 from jointstiff.service.proposals.names.naming import NamedReading
-from jointstiff.service.proposals.rewriting import has_column_of, list_masses
+from jointstiff.service.proposals.rewriting import list_masses
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.meaning.proposal import Proposal
 
@@ -39,7 +39,7 @@ def has_masses(
     """
     masses = list_masses(named)
     joints = next(table for table in tables if table.name == proposal.joints.table)
-    has_force = request.force is not None or has_column_of(joints, "force")
+    has_force = request.force is not None or joints.has_column_of("force")
     if request.force is not None and (len(masses) > 1 or _differs_from_mass(masses, joints, request)):
         listed = " and ".join("another load" if mass is None else f"{mass:g} kg" for mass in masses)
         reason = f"there are readings under {listed}, and `force` states one force for all"

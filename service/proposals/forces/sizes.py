@@ -12,10 +12,10 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import find_unit_of_force, find_unit_of_size
 from jointstiff.service.importing.loads import find_newtons
-from jointstiff.service.proposals.columns_left import ColumnsLeft, find_sizes_along_vectors, may_be_force
-from jointstiff.service.proposals.force_evidence import ForceEvidence
+from jointstiff.service.proposals.columns.left import ColumnsLeft
+from jointstiff.service.proposals.forces.evidence import ForceEvidence
+from jointstiff.service.proposals.forces.likely import find_sizes_along_vectors, may_be_force
 from jointstiff.service.proposals.names.naming import NamedReading
-from jointstiff.service.proposals.rewriting import has_column_of
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal
@@ -147,7 +147,7 @@ def _find_sizes(
     """
     columns = [(each.table, each_column) for each in left for each_column in each.columns]
     columns = [(table, column) for table, column in columns if may_be_force(table, column)]
-    has_other = any(has_column_of(table, kind) for table in tables for kind in ("force", "mass"))
+    has_other = any(table.has_column_of(kind) for table in tables for kind in ("force", "mass"))
     if len(columns) != 1 or has_other:
         return None
     ((table, column),) = columns

@@ -9,10 +9,10 @@ import numpy as np
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.importing.stated_loads import describe_source, find_stated_loads
-from jointstiff.service.proposals.columns_left import describe_likely_force, list_columns_left, may_be_force
-from jointstiff.service.proposals.force_evidence import ForceEvidence
+from jointstiff.service.proposals.columns.left import list_columns_left
+from jointstiff.service.proposals.forces.evidence import ForceEvidence
+from jointstiff.service.proposals.forces.likely import describe_likely_force, may_be_force
 from jointstiff.service.proposals.names.naming import NamedReading
-from jointstiff.service.proposals.rewriting import has_column_of
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.meaning.proposal import Proposal
 
@@ -55,5 +55,5 @@ def _has_other_loads(
     loaded = {(each.mass, each.force) for each in named if each.state == "loaded"}
     left = list_columns_left(proposal, tables, named)
     may_be_forces = any(may_be_force(each.table, column) for each in left for column in each.columns)
-    has_columns = any(has_column_of(table, kind) for table in tables for kind in ("force", "moment", "mass"))
+    has_columns = any(table.has_column_of(kind) for table in tables for kind in ("force", "moment", "mass"))
     return loaded != {(None, "")} or has_columns or may_be_forces or bool(describe_likely_force(left))

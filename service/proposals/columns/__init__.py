@@ -1,0 +1,1 @@
+"""Columns of files: those that a proposal does not read, and those that the caller states."""

@@ -1,0 +1,1 @@
+"""Forces of the postures: their columns, units and axes, and the weights that hang."""
