@@ -24,7 +24,7 @@ from jointstiff.service.tables.labels import LABEL_HEADERS, fold_word
 Kind = Literal[
     "name", "collection", "group", "target", "state", "deleted", "time", "validation", "joint", "force",
     "mass", "moment", "load point", "position", "addition", "along", "uncertainty", "point uncertainty",
-    "ignored", "unknown",
+    "polar", "ignored", "unknown",
 ]  # fmt: skip
 """Content of the cells of a column, such as a joint angle, a force or the name of a target."""
 Dimension = Literal["length", "angle", "force", "moment"]
@@ -68,6 +68,8 @@ _STATE_OF: Final[Mapping[str, State]] = MappingProxyType(
 )
 _OPPOSITES: Final[Mapping[str, Sequence[str]]] = _WORDS["opposites"]
 _VECTOR_OF: Final[Mapping[str, Kind]] = _values_by_word(_WORDS["vectors"])
+_POLAR_OF: Final[Mapping[str, str]] = _values_by_word(_WORDS["polar"])
+_POLAR_PARTS: Final[Sequence[str]] = list(_WORDS["polar"])
 WORDS_OF_ENCODINGS: Final[Mapping[str, Sequence[str]]] = _WORDS["encodings"]
 """Encoding of one language → words of headers in lower case, which show that a text is in this encoding."""
 MASSES: Final[Mapping[str, str]] = _values_by_word(_WORDS["masses"])
@@ -722,6 +724,22 @@ def split_unit(header: str) -> tuple[str, str | None]:
     if in_round_brackets is not None and fold_word(header).rpartition(" ")[2] in _WORD_LISTS["expanded"]:
         return header, None
     return base, in_square_brackets if in_square_brackets is not None else in_round_brackets
+
+
+def parse_polar(header: str) -> Meaning | None:
+    """Return the meaning of a header of a polar reading, such as `Hz [gon]`; None for other headers.
+
+    The axis is 0 for the horizontal angle, 1 for the vertical angle, 2 for the distance. The unit is None
+    without a unit of an angle, or of a length for the distance.
+    """
+    name, text = split_unit(header)
+    part = _POLAR_OF.get(fold_word(name))
+    if part is None:
+        return None
+    unit = find_any_unit(text or "")
+    dimension = "length" if part == "distance" else "angle"
+    known = unit[1] if unit is not None and unit[0] == dimension else None
+    return Meaning(Quantity("polar"), _POLAR_PARTS.index(part), known)
 
 
 def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
