@@ -412,8 +412,9 @@ def find_opposites(words: Collection[str]) -> dict[str, State]:
 
 
 def is_likely_unloaded(word: str) -> bool:
-    """Return whether a word that may be a state more likely means without load, such as `ref` or `zero`."""
-    return fold_word(word) in _WORD_LISTS["likely unloaded"]
+    """Return whether a word that may be a state more likely means without load: `ref`, `zero` or `false`."""
+    is_no = _STATE_OF_ANSWER.get(fold_word(word)) == "unloaded"
+    return is_no or fold_word(word) in _WORD_LISTS["likely unloaded"]
 
 
 def is_negation(word: str) -> bool:
