@@ -27,7 +27,7 @@ from jointstiff.service.tables.labels import LABEL_HEADERS, fold_word
 Kind = Literal[
     "name", "collection", "group", "target", "state", "deleted", "time", "validation", "joint", "force",
     "mass", "moment", "load point", "position", "addition", "along", "uncertainty", "point uncertainty",
-    "ignored", "unknown",
+    "polar", "ignored", "unknown",
 ]  # fmt: skip
 """Content of the cells of a column, such as a joint angle, a force or the name of a target."""
 Dimension = Literal["length", "angle", "force", "moment"]
@@ -39,6 +39,8 @@ _WORD_LISTS: Final[Mapping[str, Sequence[str]]] = WORDS["beside"]
 _TEXT_KIND_OF: Final[Mapping[str, Kind]] = values_by_word({"name": LABEL_HEADERS, **WORDS["keys"]})
 _OPPOSITES: Final[Mapping[str, Sequence[str]]] = WORDS["opposites"]
 _VECTOR_OF: Final[Mapping[str, Kind]] = values_by_word(WORDS["vectors"])
+_POLAR_OF: Final[Mapping[str, str]] = values_by_word(WORDS["polar"])
+_POLAR_PARTS: Final[Sequence[str]] = list(WORDS["polar"])
 WORDS_OF_ENCODINGS: Final[Mapping[str, Sequence[str]]] = WORDS["encodings"]
 """Encoding of one language → words of headers in lower case, which show that a text is in this encoding."""
 MASSES: Final[Mapping[str, str]] = values_by_word(WORDS["masses"])
@@ -95,7 +97,11 @@ _UNIT_IN_LOWER_CASE: Final[Mapping[tuple[Dimension, str], str]] = MappingProxyTy
     }
 )
 """Dimension and spelling of a unit in the names of a database, which have no upper case → unit."""
-_DIMENSION_OF_FOREIGN: Final[Mapping[str, Dimension | Literal["none"]]] = values_by_word(WORDS["foreign"])
+MICROMETRES: Final = tuple(_WORD_LISTS["micrometres"])
+"""Spellings of the unit in which only displacements and uncertainties are taken."""
+_DIMENSION_OF_FOREIGN: Final[Mapping[str, Dimension | Literal["none"]]] = MappingProxyType(
+    {**values_by_word(WORDS["foreign"]), **dict.fromkeys(MICROMETRES, "length")}
+)
 UNIT_OF_LOAD: Final[Mapping[str, str]] = MappingProxyType(
     {
         spelling: unit
@@ -347,8 +353,9 @@ def find_opposites(words: Collection[str]) -> dict[str, State]:
 
 
 def is_likely_unloaded(word: str) -> bool:
-    """Return whether a word that may be a state more likely means without load, such as `ref` or `zero`."""
-    return fold_word(word) in _WORD_LISTS["likely unloaded"]
+    """Return whether a word that may be a state more likely means without load: `ref`, `zero` or `false`."""
+    is_no = _STATE_OF_ANSWER.get(fold_word(word)) == "unloaded"
+    return is_no or fold_word(word) in _WORD_LISTS["likely unloaded"]
 
 
 def is_negation(word: str) -> bool:
@@ -637,6 +644,22 @@ def split_unit(header: str) -> tuple[str, str | None]:
     if in_round_brackets is not None and fold_word(header).rpartition(" ")[2] in _WORD_LISTS["expanded"]:
         return header, None
     return base, in_square_brackets if in_square_brackets is not None else in_round_brackets
+
+
+def parse_polar(header: str) -> Meaning | None:
+    """Return the meaning of a header of a polar reading, such as `Hz [gon]`; None for other headers.
+
+    The axis is 0 for the horizontal angle, 1 for the vertical angle, 2 for the distance. The unit is None
+    without a unit of an angle, or of a length for the distance.
+    """
+    name, text = split_unit(header)
+    part = _POLAR_OF.get(fold_word(name))
+    if part is None:
+        return None
+    unit = find_any_unit(text or "")
+    dimension = "length" if part == "distance" else "angle"
+    known = unit[1] if unit is not None and unit[0] == dimension else None
+    return Meaning(Quantity("polar"), _POLAR_PARTS.index(part), known)
 
 
 def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:

@@ -145,6 +145,22 @@ def _find_header_in_comments(grid: Grid, words: Vocabulary, width: int) -> Headi
     return None
 
 
+def find_names_in_comment(grid: Grid, words: Vocabulary, line: int, width: int) -> tuple[str, ...] | None:
+    """Return the names of columns in the comment above the row of data in a line; None without such names.
+
+    Unlike those of a header, some of these names may be unknown. Names of polar readings count as known.
+    """
+    above = [comment for comment in grid.comments if comment.line < line]
+    splits = _split_comment(above[-1].text) if above else []
+    for texts in splits:
+        are_names = all(text[:1].isalpha() for text in texts) and len(set(texts)) == width
+        are_polar = sum(grammar.parse_polar(text) is not None for text in texts) == LEAST_NUMBERS
+        are_known = are_polar or words.count_known(texts) > 0
+        if len(texts) == width and are_names and are_known:
+            return texts
+    return None
+
+
 def _split_comment(text: str) -> list[tuple[str, ...]]:
     """Return the cells of a comment that may be a header, once for each separator of headers."""
     shortened = _LONG_BLANK.sub(lambda blank: "\t\t" if "\t" in blank[0] else "  ", text)

@@ -29,7 +29,13 @@ from jointstiff.service.importing.formats.web_pages import read_web_page
 from jointstiff.service.importing.formats.yaml_rows import read_yaml_rows
 from jointstiff.service.importing.grammar import Vocabulary
 from jointstiff.service.importing.grid import Grid, file_type, read_lists, read_text
-from jointstiff.service.importing.sheets import choose_sheets, list_tables, note_others, split_sheets
+from jointstiff.service.importing.sheets import (
+    choose_sheets,
+    list_tables,
+    note_others,
+    refuse_unknown_sheets,
+    split_sheets,
+)
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.importing.texts.encoding import decode, describe_encoding
 
@@ -136,9 +142,9 @@ def _read_text_grids(
     if file.is_table:
         return [read_text(file.name, file.content, options.delimiter, is_table=True)]
     is_text = kind in (None, grid.JSON)  # a matrix without a name begins as a list of JSON does
-    objects = _read_objects(file, kind) if is_text else None
-    if objects is not None:
-        return [objects]
+    objects = _read_objects(file, kind, options) if is_text else []
+    if objects:
+        return objects
     matrices = _read_matrices(file) if is_text else []
     if every_length and matrices:
         return matrices
@@ -154,14 +160,21 @@ def _read_text_grids(
     return [read_text(file.name, file.content, options.delimiter, are_marks_literal=every_length)]
 
 
-def _read_objects(file: SourceFile, kind: str | None) -> Grid | None:
-    """Return the objects of a file of JSON or YAML as a table; None of another text.
+def _read_objects(file: SourceFile, kind: str | None, options: ImportOptions) -> list[Grid]:
+    """Return the objects of a file of JSON or YAML as tables; none of another text.
+
+    Of several kinds of messages the option `sheet` names those to be read.
 
     Raises:
         ImportFileError: the text is damaged, or the table is too large.
     """
     read = read_json_rows if kind == grid.JSON else read_yaml_rows
-    return read(file.name, file.content)
+    tables = _mark_sheets(read(file.name, file.content))
+    if options.sheet is None or len(tables) < 2:
+        return tables
+    table_of_kind = {str(table.preview.sheet): table for table in tables}
+    refuse_unknown_sheets(file.name, options.sheet, table_of_kind, "the file has no messages")
+    return [table_of_kind[kind] for kind in split_sheets(options.sheet) if kind is not None]
 
 
 def _read_matrices(file: SourceFile) -> list[Grid]:

@@ -14,13 +14,18 @@ from jointstiff.service.importing.legends import find_legend
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.proposals.completion import complete
 from jointstiff.service.proposals.found_meaning import find_in_one_unit, tell_postures_by_joints
-from jointstiff.service.proposals.joined_tables import JoinedTables, join_numbers, read_numbers
+from jointstiff.service.proposals.joined_tables import (
+    JoinedTables,
+    describe_fault,
+    join_numbers,
+    read_numbers,
+)
 from jointstiff.service.proposals.lone_deflections import propose_deflections
 from jointstiff.service.proposals.names.naming import list_state_words
 from jointstiff.service.proposals.no_proposal import NoProposalError, UnfinishedError, UnreadError
 from jointstiff.service.proposals.proposed_import import NoProposal, ProposedImport
 from jointstiff.service.proposals.tables.lengths import unify_lengths
-from jointstiff.service.proposals.tables.numbers import GridReader, read_tables
+from jointstiff.service.proposals.tables.numbers import GridReader, NumberTable, read_tables
 from jointstiff.service.proposals.tables.polar import list_cartesian
 from jointstiff.service.proposals.tables.stencils import read_stencils
 from jointstiff.service.proposals.templates import propose_as_template
@@ -210,9 +215,10 @@ def _propose_polar(
 
     Raises:
         UnfinishedError: a convention fits, but a person must state more.
+        NoProposalError: the caller states polar readings, but not all three with their units.
     """
     fitting, unfinished = list[ProposedImport](), list[UnfinishedError]()
-    for tables, note in list_cartesian(numbers.files.tables):
+    for tables, note in _list_polar_tables(numbers):
         try:
             joined = join_numbers(numbers.files, unify_lengths(tables), request, joints)
             proposed = _propose_importable(joined._replace(notes=[*joined.notes, note]), request, robots)
@@ -229,6 +235,18 @@ def _propose_polar(
     if unfinished and not fitting:
         raise unfinished[0]
     return None
+
+
+def _list_polar_tables(numbers: JoinedTables) -> list[tuple[list[NumberTable], str]]:
+    """Return the tables with polar readings as x, y, z by each convention, and a note; [] without readings.
+
+    Raises:
+        NoProposalError: the caller states polar readings, but not all three with their units.
+    """
+    try:
+        return list(list_cartesian(numbers.files.tables))
+    except ImportFileError as fault:
+        raise describe_fault(fault) from fault
 
 
 def _propose_by_sheets(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -202,9 +201,7 @@ def find_near(distances: FloatArray) -> BoolArray:
     Args:
         distances: (N, K) of the positions from their places by the robot [m]; NaN where no position is.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a target without a position has no median
-        limits = np.clip(5.0 * np.nanmedian(distances, axis=0), USUAL_RESIDUAL, 2.0 * LARGEST_RESIDUAL)
+    limits = np.clip(5.0 * np.nanmedian(distances, axis=0), USUAL_RESIDUAL, 2.0 * LARGEST_RESIDUAL)
     return np.asarray(distances < limits)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
@@ -122,7 +123,9 @@ def propose(tables: Sequence[Table], robots: Iterable[KnownRobot]) -> Proposals:
     known_robots = list(robots)
     if count_hypotheses(tables, known_robots) > MOST_INTERPRETATIONS:
         return Proposals(None, "too many columns may be joints or positions: name the joints", ())
-    with np.errstate(invalid="ignore", divide="ignore"):  # cells without a number are NaN
+    # Cells without a number are NaN, and a target without any position has neither median nor deviation.
+    with np.errstate(invalid="ignore", divide="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
         interpretations = find_interpretations(tables, known_robots)
         decision = decide(interpretations)
         if decision.best is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final, TypeGuard
 
 from pydantic_core import from_json
@@ -11,12 +12,11 @@ from pydantic_core import from_json
 from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
+from jointstiff.service.importing.formats.messages import LEAST_ROWS, NumberedObject, split_messages
 from jointstiff.service.importing.grammar import find_known_unit, is_force, is_joint
 from jointstiff.service.importing.grid import COORDINATES, Grid, Row, too_large_error
 from jointstiff.service.importing.texts.encoding import decode
 
-LEAST_ROWS: Final = 3
-"""Objects of a table."""
 _MOST_DEPTH: Final = 6
 _WRENCH: Final = "wrench"
 """Field of a force and its moment, six numbers."""
@@ -25,8 +25,6 @@ _CAMPAIGNS: Final = frozenset(("measurement_set", "observations", "robot_id", "p
 _NAMES: Final = ("name", "target", "id", "label")
 """Fields of an object that name it among others."""
 
-NumberedObject = tuple[int, Mapping[str, Any]]
-"""Line of an object, or its number, and the object."""
 _LISTS_OF_NAMES: Final = frozenset(("joint_names", "names", "name"))
 """Fields with the names of the joints in their order."""
 _ANGLES: Final = frozenset(("position", "positions", "joints", "joint_positions", "angles", "q"))
@@ -39,8 +37,8 @@ class NumberText(str):
     __slots__ = ()
 
 
-def read_json_rows(file: str, content: bytes) -> Grid | None:
-    """Return the objects of a JSON file as a table; None of another document.
+def read_json_rows(file: str, content: bytes) -> list[Grid]:
+    """Return the objects of a JSON file as tables, one for each kind of messages; none of another document.
 
     Raises:
         ImportFileError: the text is damaged, or the table is too large.
@@ -50,8 +48,8 @@ def read_json_rows(file: str, content: bytes) -> Grid | None:
     if len(objects) < LEAST_ROWS:
         objects = _read_array(text)
     if len(objects) < LEAST_ROWS:
-        return None
-    return build_grid_of_objects(file, encoding, objects, "JSON")
+        return []
+    return build_grids_of_objects(file, encoding, objects, "JSON")
 
 
 def build_error_of_list(file: str, document: object) -> ImportFileError | None:
@@ -69,7 +67,25 @@ def build_error_of_list(file: str, document: object) -> ImportFileError | None:
     return ImportFileError(Place(file), reason, remedy).mark_document()
 
 
-def build_grid_of_objects(file: str, encoding: str, objects: Sequence[NumberedObject], language: str) -> Grid:
+def build_grids_of_objects(
+    file: str, encoding: str, objects: Sequence[NumberedObject], language: str
+) -> list[Grid]:
+    """Return the objects of a document in a language, such as JSON, as a table for each kind of messages.
+
+    Raises:
+        ImportFileError: a table is too large, or a name is too long.
+    """
+    kinds = split_messages(objects)
+    if not kinds:
+        return [_build_grid(file, encoding, objects, language)]
+    tables = {kind: _build_grid(file, encoding, messages, language) for kind, messages in kinds.items()}
+    return [
+        replace(table, preview=table.preview.model_copy(update={"sheet": kind}))
+        for kind, table in tables.items()
+    ]
+
+
+def _build_grid(file: str, encoding: str, objects: Sequence[NumberedObject], language: str) -> Grid:
     """Return the objects of a document in a language, such as JSON, as a table with a row for each.
 
     Raises:

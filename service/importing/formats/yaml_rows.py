@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any, Final
 from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.formats.json_rows import (
-    LEAST_ROWS,
-    NumberedObject,
     NumberText,
     build_error_of_list,
-    build_grid_of_objects,
+    build_grids_of_objects,
     find_objects,
 )
+from jointstiff.service.importing.formats.messages import LEAST_ROWS, NumberedObject
 from jointstiff.service.importing.grid import Grid, is_plain_number
 from jointstiff.service.importing.texts.encoding import decode
 from jointstiff.service.importing.texts.joint_states import read_joint_states
@@ -45,8 +44,8 @@ class _RefusedError(Exception):
         self.is_certain = is_certain  # whether the text is YAML, whatever the name of its file is
 
 
-def read_yaml_rows(file: str, content: bytes) -> Grid | None:
-    """Return the objects of a file of YAML as a table; None of another text.
+def read_yaml_rows(file: str, content: bytes) -> list[Grid]:
+    """Return the objects of a file of YAML as tables, as those of JSON; none of another text.
 
     Anchors and aliases, by which few bytes become many, are refused.
 
@@ -58,15 +57,15 @@ def read_yaml_rows(file: str, content: bytes) -> Grid | None:
     has_fields = len(_FIELD.findall(text[:_MOST_LENGTH])) >= LEAST_ROWS
     is_named = has_fields and is_named_yaml(file)
     if not (is_named or _looks_like_yaml(text)) or read_joint_states(text):
-        return None
+        return []
     try:
         objects = _read_objects(text)
     except _RefusedError as error:
         if is_named or error.is_certain:
             raise ImportFileError(Place(file, error.line), error.reason, _SAVE_AS_TABLE) from None
-        return None
+        return []
     if len(objects) >= LEAST_ROWS and (is_named or _are_records(objects)):
-        return build_grid_of_objects(file, encoding, objects, "YAML")
+        return build_grids_of_objects(file, encoding, objects, "YAML")
     if is_named:
         errors = (build_error_of_list(file, document) for document in read_yaml_documents(text))
         error_of_list = next(filter(None, errors), None)
@@ -74,7 +73,7 @@ def read_yaml_rows(file: str, content: bytes) -> Grid | None:
             raise error_of_list
         reason = f"the YAML has no list of {LEAST_ROWS} objects or more, one for each posture"
         raise ImportFileError(Place(file), reason, _SAVE_AS_TABLE).mark_document()
-    return None
+    return []
 
 
 def is_named_yaml(file: str) -> bool:

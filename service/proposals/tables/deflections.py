@@ -11,17 +11,16 @@ import numpy as np
 
 from jointstiff.service.importing.differences import FACTORS, are_differences
 from jointstiff.service.importing.errors import ImportFileError, Place
-from jointstiff.service.importing.grammar import Meaning, Quantity, Vocabulary, split_unit
+from jointstiff.service.importing.grammar import MICROMETRES, Meaning, Quantity, Vocabulary, split_unit
 from jointstiff.service.importing.titles import find_states_of_titles
 from jointstiff.service.proposals.tables.lengths import find_size, guess_unit
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.table import METRES
 
-_MICROMETRES: Final = frozenset(("µm", "μm", "um", "micron", "microns", "micrometer", "micrometre"))
-_SPELLINGS: Final = "|".join(sorted(_MICROMETRES, key=len, reverse=True))
+_SPELLINGS: Final = "|".join(sorted(map(re.escape, MICROMETRES), key=len, reverse=True))
 _IN_MICROMETRES: Final = re.compile(
-    rf"(.*\w['′]?)[\s_/]*(?:[\s_/]|\[|\()\s?(?:{_SPELLINGS})\s?[\])]?", re.IGNORECASE
+    rf"(.*\w['′]?)[\s_/,]*(?:[\s_/,]|\[|\()\s?(?:{_SPELLINGS})\s?[\])]?", re.IGNORECASE
 )
 """A header with its unit, as in `dX [µm]`, `ΔX/µm` or `dx_um`."""
 _INITIAL: Final = re.compile(r"([xyz])[\s_]?0", re.IGNORECASE)
@@ -225,6 +224,9 @@ def _add_found(
         meanings[column] = Meaning(Quantity("position", found.target, "loaded"), axis, unit)
     numbers = {column: sums[:, axis] for axis, column in enumerate(found.columns)}
     added = replace(table.replace_numbers(numbers), meanings=tuple(meanings))
+    if base_table.table.measured.issuperset(base):
+        measured = table.table.measured.union(found.columns)
+        added = replace(added, table=replace(added.table, measured=measured))
     headers = ", ".join(table.headers[column] for column in found.columns)
     stated = "" if found.unit else f" in {_name_size(metres)}"
     return added, f"{headers}{stated} added to the positions without load"

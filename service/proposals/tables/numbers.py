@@ -31,10 +31,12 @@ from jointstiff.service.importing.grammar import (
     is_repeat_header,
     is_statistic,
     lacks_number,
+    parse_polar,
 )
 from jointstiff.service.importing.grid import (
     LEAST_NUMBERS,
     Grid,
+    Remark,
     Row,
     are_texts,
     count_numbers,
@@ -45,7 +47,7 @@ from jointstiff.service.importing.grid import (
     read_number,
     remove_thousands_separators,
 )
-from jointstiff.service.importing.header import find_heading
+from jointstiff.service.importing.header import find_heading, find_names_in_comment
 from jointstiff.service.importing.masses import is_mass_table
 from jointstiff.service.importing.merged_rows import fill_down
 from jointstiff.service.importing.posture_files import join_posture_files
@@ -101,6 +103,13 @@ class NumberTable:
     def title(self) -> str:
         """Name of the file without its extension, and of the sheet, which may say state and load."""
         return f"{self.stem} {self.grid.preview.sheet or ''}".strip()
+
+    @property
+    def remarks(self) -> list[Remark]:
+        """Comments of the file, and its rows above the rows of data."""
+        first = self.rows[0].line
+        above = [Remark(row.line, "\t".join(row.cells)) for row in self.grid.rows if row.line < first]
+        return sorted([*self.grid.comments, *above])
 
     @cached_property
     def label_column(self) -> int | None:
@@ -590,6 +599,8 @@ def _find_headers(
             return heading.texts
     if options.header is not None and len(options.header) == width:
         return tuple(options.header)
+    if (names := find_names_in_comment(grid, words, grid.rows[first].line, width)) is not None:
+        return names
     above = grid.rows[first - 1].cells if first > 0 else ()
     behind = " ".join(filter(None, above[width:]))
     is_remark = behind.startswith("(") and behind.endswith(")")
@@ -644,7 +655,9 @@ def _find_meaning(header: str, words: Vocabulary) -> Meaning | None:
     """
     if not header:
         return None
-    return words.meaning(header, guessed=False) if words.is_stated(header) else words.find(header)
+    if not words.is_stated(header):
+        return words.find(header)
+    return parse_polar(words.stated[collapse_blanks(header)]) or words.meaning(header, guessed=False)
 
 
 def _write_number(number: float, mark: DecimalMark) -> str:

@@ -10,26 +10,25 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import (
+    UNKNOWN,
     Meaning,
     Quantity,
-    collapse_blanks,
     find_any_unit,
+    parse_polar,
     split_unit,
 )
+from jointstiff.service.importing.unit_remarks import find_unit_of_name
 from jointstiff.service.proposals.tables.numbers import NumberTable
-from jointstiff.service.tables.labels import fold_word
+from jointstiff.solver.meaning.table import METRES
 
-_HORIZONTAL: Final = frozenset(("hz", "h", "az", "azimuth", "azimut", "horizontal", "horizontal angle"))
-"""Names of the horizontal angle."""
-_VERTICAL: Final = frozenset(
-    ("v", "vz", "el", "ze", "zenith", "zenit", "zenith angle", "elevation", "vertical", "vertical angle")
-)
-"""Names of the vertical angle, from the zenith or from the horizon."""
-_DISTANCE: Final = frozenset(("d", "sd", "dist", "distance", "slope distance", "range", "distanz"))
-"""Names of the distance along the line of sight."""
 _RADIANS: Final = {"rad": 1.0, "deg": math.pi / 180.0, "gon": math.pi / 200.0}
 """Units of angles, in radians."""
+
+
+_PARTS: Final = 3
+"""Numbers of a polar reading."""
 
 
 class _Convention(NamedTuple):
@@ -60,11 +59,19 @@ def list_cartesian(tables: Sequence[NumberTable]) -> Iterator[tuple[list[NumberT
     """Yield the tables with polar readings as x, y, z by each convention, and a note on the convention.
 
     Nothing without polar readings.
+
+    Raises:
+        ImportFileError: the caller states polar readings, but not all three with their units.
     """
     polar = [_find_columns(table) for table in tables]
     names = [table.name for table, columns in zip(tables, polar, strict=True) if columns is not None]
     if not names:
         return
+    units = "".join(
+        _describe_units(table, columns)
+        for table, columns in zip(tables, polar, strict=True)
+        if columns is not None
+    )
     for is_from_zenith, is_clockwise in product((True, False), (False, True)):
         convention = _Convention(is_from_zenith, is_clockwise)
         converted = [
@@ -72,29 +79,82 @@ def list_cartesian(tables: Sequence[NumberTable]) -> Iterator[tuple[list[NumberT
             for table, columns in zip(tables, polar, strict=True)
         ]
         note = f"polar readings of {', '.join(names)} as x, y, z of the instrument: {convention.note}"
-        yield converted, f"{note}, as the robot shows"
+        yield converted, f"{note}, as the robot shows{units}"
+
+
+def _describe_units(table: NumberTable, columns: _PolarColumns) -> str:
+    """Return the end of a note on the units of polar readings that remarks state; empty without a unit."""
+    found = {
+        table.headers[column]: unit
+        for column in (columns.horizontal, columns.vertical, columns.distance)
+        if (unit := find_unit_of_name(table.headers[column], table.remarks)) is not None
+    }
+    if not found:
+        return ""
+    listed = ", ".join(f"{name} in {unit}" for name, unit in found.items())
+    return f"; {listed} according to remarks in {table.name}"
 
 
 def _find_columns(table: NumberTable) -> _PolarColumns | None:
-    """Return the columns whose headers name two angles and a distance, with their units; else None."""
-    found: dict[str, tuple[int, str]] = {}
-    for column, header in enumerate(table.headers):
-        base, written = split_unit(header)
-        known = find_any_unit(written or "")
-        name = collapse_blanks(fold_word(base))
-        for kind, names in (("horizontal", _HORIZONTAL), ("vertical", _VERTICAL), ("distance", _DISTANCE)):
-            dimension = "length" if kind == "distance" else "angle"
-            if known is not None and known[0] == dimension and name in names:
-                if kind in found or column in table.ignored | table.stated:
-                    return None
-                found[kind] = column, known[1]
-    if len(found) < 3:
-        return None
-    horizontal, vertical, distance = (found[kind] for kind in ("horizontal", "vertical", "distance"))
-    if not {horizontal[1], vertical[1]} <= _RADIANS.keys():
-        return None
-    radians = _RADIANS[horizontal[1]], _RADIANS[vertical[1]]
-    return _PolarColumns(horizontal[0], vertical[0], distance[0], radians, distance[1])
+    """Return the columns whose headers name two angles and a distance, with their units; else None.
+
+    Raises:
+        ImportFileError: the caller states polar readings, but not all three with their units.
+    """
+    columns_of_part: dict[int, list[int]] = {part: [] for part in range(_PARTS)}
+    units: dict[int, str] = {}
+    for column in range(len(table.headers)):
+        meaning = _find_polar_meaning(table, column)
+        if meaning is not None and meaning.axis is not None:
+            columns_of_part[meaning.axis].append(column)
+            units[column] = meaning.unit or _find_unit(table, column)
+    are_found = all(len(columns) == 1 for columns in columns_of_part.values())
+    if are_found:
+        horizontal, vertical, distance = (columns[0] for columns in columns_of_part.values())
+        angles = _RADIANS.get(units[horizontal]), _RADIANS.get(units[vertical])
+        if angles[0] is not None and angles[1] is not None and units[distance] in METRES:
+            return _PolarColumns(horizontal, vertical, distance, (angles[0], angles[1]), units[distance])
+    _refuse_incomplete_statement(table)
+    return None
+
+
+def _find_polar_meaning(table: NumberTable, column: int) -> Meaning | None:
+    """Return the meaning of a column of polar readings, stated or by its header; None for other columns."""
+    meaning = table.meanings[column]
+    if meaning is not None and meaning.kind == "polar":
+        return meaning
+    is_free = column not in table.ignored | table.stated
+    return parse_polar(table.headers[column]) if is_free else None
+
+
+def _find_unit(table: NumberTable, column: int) -> str:
+    """Return the unit of a column that its header or a remark above the table states; empty without one."""
+    name, text = split_unit(table.headers[column])
+    known = find_any_unit(text or "")
+    return (find_unit_of_name(name, table.remarks) or "") if known is None else known[1]
+
+
+def _refuse_incomplete_statement(table: NumberTable) -> None:
+    """Refuse stated columns of polar readings that lack one of the three, or a unit.
+
+    Raises:
+        ImportFileError: there are such columns.
+    """
+    stated = [
+        column
+        for column in sorted(table.stated)
+        if (meaning := table.meanings[column]) is not None and meaning.kind == "polar"
+    ]
+    if not stated:
+        return
+    examples = ("horizontal angle [gon]", "vertical angle [gon]", "distance [m]")
+    raise ImportFileError(
+        Place(table.grid.file, None, stated[0] + 1),
+        f"{quote(table.headers[stated[0]])} is stated to be a part of a polar reading, which has two angles "
+        "and a distance, each with its unit",
+        f"state one column for each of {', '.join(f'`{each}`' for each in examples)} in `columns`",
+        UNKNOWN,
+    )
 
 
 def _convert(table: NumberTable, columns: _PolarColumns, convention: _Convention) -> NumberTable:
@@ -115,4 +175,7 @@ def _convert(table: NumberTable, columns: _PolarColumns, convention: _Convention
     converted = table.replace_numbers(dict(zip(places, axes, strict=True)))
     others = converted.table.others.difference(places)
     numbers_alone = replace(converted.table, others=others)
-    return replace(converted, headers=tuple(headers), meanings=tuple(meanings), table=numbers_alone)
+    stated = table.stated.difference(places)
+    return replace(
+        converted, headers=tuple(headers), meanings=tuple(meanings), table=numbers_alone, stated=stated
+    )

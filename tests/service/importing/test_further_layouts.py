@@ -210,7 +210,7 @@ def test_names_of_joints_that_a_document_states_once_are_those_of_all_its_poses(
 
 def test_names_of_joints_that_a_document_states_once_name_no_other_numbers():
     poses = [{"q": [*range(k, k + 6)], "wrench": [1, 2, 3, 4, 5, 6]} for k in range(3)]
-    grid = read_json_rows("a.json", json.dumps(NAMES | {"poses": poses}).encode())
+    (grid,) = read_json_rows("a.json", json.dumps(NAMES | {"poses": poses}).encode())
     assert list(grid.rows[0].cells) == [*sorted(ROS), *(f"wrench {n}" for n in range(1, 7))]
 
 

@@ -6,6 +6,7 @@ sentence names. Together the cases pass every place of the importer that reports
 
 import ast
 import json
+import math
 import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -1099,6 +1100,12 @@ def edit(rows: Sequence[Sequence[str]], number: int, column: int, cell: str) -> 
     return edited
 
 
+def look_at(place: Sequence[float]) -> tuple[float, float, float]:
+    """Return the horizontal and the zenith angle [rad] of a place, and its distance."""
+    distance = float(np.linalg.norm(place))
+    return math.atan2(place[1], place[0]), math.acos(place[2] / distance), distance
+
+
 def log_line(line: str) -> str:
     """Return a line of a block as a log of a robot has it."""
     name, *cells = line.split(";")
@@ -1166,6 +1173,8 @@ def strangers() -> dict[str, Proposed]:
         for number, target in enumerate("AB")
         for row in strange.in_turn(MEASURED, (5, 7), strange.both(MEASURED, number))
     ]
+    sights = [[*row[:-3], *map(str, look_at([float(each) for each in row[-3:]]))] for row in TURNS]
+    stated_sights = {"p": "horizontal angle [rad]", "q": "vertical angle [rad]", "r": "distance [mm]"}
     uneven = [[*row[:3], f"{float(row[3]) + 0.3 * (n % 2)}", *row[4:]] for n, row in enumerate(TURNS)]
     return {
         "block": Proposed(
@@ -1377,6 +1386,12 @@ def strangers() -> dict[str, Proposed]:
             "so that some may be under load",
             {"a.csv": "\n".join(twice[:-1])},
             stated={"state": "unloaded"},
+        ),
+        "part of a polar reading alone": Proposed(
+            "'p' is stated to be a part of a polar reading",
+            {"a.csv": table([*IN_TURN[:-3], *stated_sights], sights)},
+            options={"columns": {"p": "horizontal angle [rad]"}},
+            stated={"columns": stated_sights},
         ),
         "header of other columns": Proposed(
             "`header` names 3 columns",

@@ -32,3 +32,30 @@ def test_displacements_are_added_to_the_initial_positions(tmp_path, initial, tit
     for own in proposal.accept().campaign.measurement_set.observations:
         (each,) = own.readings
         assert np.allclose(np.subtract(each.loaded, each.unloaded), 1e-3 * SAG, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("initial", "shift"),
+    [
+        ("{} sem carga (mm)", "Desloc. {} com carga (µm)"),
+        ("{} unbelastet [mm]", "Verschiebung {} [Mikrometer]"),
+        ("{} без груза, мм", "прогиб {}, мкм"),
+        ("{} 空载 [mm]", "位移 {} [微米]"),
+    ],
+)
+def test_displacements_in_micrometres_make_readings_of_an_arm_as_its_model(tmp_path, initial, shift):
+    """Only the word for unloaded shows that no controller computed the positions of an arm without errors."""
+    arm = readings_on(ROBOT, seed=25, configurations=12, length=0.0, angle=0.0)
+    header = [*(f"J{number} [deg]" for number in range(1, 7)), *map(initial.format, "XYZ")]
+    lines = [";".join([*header, *map(shift.format, "XYZ")])]
+    for angles, place in zip(np.rad2deg(arm.joints), 1e3 * arm.position[:, 0], strict=True):
+        cells = [*(f"{each:.2f}" for each in angles), *(f"{each:.3f}" for each in place)]
+        lines.append(";".join([*cells, *map(str, SAG)]))
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    campaign = js.read(tmp_path / "a.csv", robot=ARM, by_order=True, **STATED).accept().campaign
+    (shifts,) = {
+        tuple(np.round(1e3 * np.subtract(each.loaded, each.unloaded)))
+        for observation in campaign.measurement_set.observations
+        for each in observation.readings
+    }
+    assert shifts == tuple(SAG)

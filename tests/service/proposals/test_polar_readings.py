@@ -26,8 +26,8 @@ def polar(place, circle, *, zenith, clockwise):
     return f"{parts * horizontal:.7f} {parts * vertical:.7f} {distance:.7f}"
 
 
-def write(folder, header, circle=360.0, *, zenith=True, clockwise=False):
-    lines = [header]
+def write(folder, top, circle=360.0, *, zenith=True, clockwise=False, **options):
+    lines = [top]
     for number, places in enumerate(zip(PLACES, LOADED, strict=True), 1):
         for state, place in enumerate(places):
             lines += [f"{number:02}-{state} {polar(place, circle, zenith=zenith, clockwise=clockwise)}"]
@@ -38,7 +38,16 @@ def write(folder, header, circle=360.0, *, zenith=True, clockwise=False):
     ]
     footer = ["", "-0 = free, -1 = with 55 kg (539.6 N) on the hook"]
     (folder / "poses.txt").write_text("\n".join(["IRB4600, J1-J6 (deg)", *rows, *footer]) + "\n")
-    return js.read(folder / "raw.obs", folder / "poses.txt", robot=ARM, **STATED)
+    return js.read(folder / "raw.obs", folder / "poses.txt", robot=ARM, **STATED, **options)
+
+
+def deflections_in(proposed):
+    """Return the size [mm] of each deflection of a proposal."""
+    observations = proposed.accept().campaign.measurement_set.observations
+    size = np.array([own.readings[0].loaded for own in observations])
+    size = size - np.array([own.readings[0].unloaded for own in observations])
+    assert len(observations) == len(PLACES)
+    return np.linalg.norm(size, axis=1)
 
 
 @pytest.mark.parametrize(
@@ -55,11 +64,51 @@ def test_the_robot_shows_how_the_angles_of_polar_readings_are_counted(
     proposed = write(tmp_path, header, circle, zenith=zenith, clockwise=clockwise)
     assert "polar readings of raw.obs as x, y, z of the instrument" in str(proposed)
     assert said in str(proposed)
-    observations = proposed.accept().campaign.measurement_set.observations
-    size = np.array([own.readings[0].loaded for own in observations])
-    size = size - np.array([own.readings[0].unloaded for own in observations])
-    assert len(observations) == len(PLACES)
-    assert np.allclose(np.linalg.norm(size, axis=1), 0.6, atol=2e-3)
+    assert np.allclose(deflections_in(proposed), 0.6, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    "remarks",
+    [
+        "# Hz [gon] (ccw from x), V = Zenitwinkel [gon], D = Schrägdistanz [m]\n# Punkt Hz V D",
+        "# D [m]\n# Hz, from x [gon]\n# V (zenith)\n# Hz (gon), V (gon)\n# Point  Hz  V  D",
+    ],
+)
+def test_remarks_state_the_units_of_polar_readings(remarks, tmp_path):
+    proposed = write(tmp_path, remarks, 400.0)
+    assert "Hz in gon, V in gon, D in m according to remarks in raw.obs" in str(proposed)
+    assert np.allclose(deflections_in(proposed), 0.6, atol=2e-3)
+
+
+def test_two_units_of_a_name_in_remarks_are_none(tmp_path):
+    with pytest.raises(js.CampaignError):
+        write(tmp_path, "# Hz [gon], V [gon], D [m]\n# Hz [deg]\n# Point Hz V D", 400.0).accept()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"header": ["Point", "Hz[gon]", "V[gon]", "D[m]"]},
+        {
+            "columns": {
+                "a": "horizontal angle [gon]",
+                "b": "ángulo cenital [gon]",
+                "c": "Schrägdistanz [m]",
+            }
+        },
+    ],
+    ids=["header", "columns"],
+)
+def test_polar_readings_can_be_stated(options, tmp_path):
+    top = "Point a b c" if "columns" in options else "# as usual"
+    proposed = write(tmp_path, top, 400.0, **options)
+    assert np.allclose(deflections_in(proposed), 0.6, atol=2e-3)
+
+
+def test_a_stated_part_of_a_polar_reading_alone_is_refused(tmp_path):
+    columns = {"a": "horizontal angle [gon]", "b": "zenith angle"}
+    with pytest.raises(js.CampaignError, match="two angles and a distance, each with its unit"):
+        write(tmp_path, "Point a b c", 400.0, columns=columns).accept()
 
 
 def test_angles_without_a_unit_are_no_polar_readings(tmp_path):
