@@ -30,14 +30,15 @@ def bring_visits_together(
 ) -> tuple[NumberTable, ...] | None:
     """Return the tables with the rows of all visits to a posture in turn, in the order of the rows.
 
-    None unless each visit was read as a posture, the joints repeat each posture equally often, and the
-    readings of a posture differ by more than noise. A request may state one state of all rows.
+    None unless each visit was read as a posture in one state, the joints repeat each posture equally often,
+    and the readings of a posture differ by more than noise. A request may state one state of all rows.
     """
     joints = find_table(tables, proposal.joints.table)
     postures = _number_postures(proposal, joints)
     counts = np.bincount(postures)
     visits = int(counts[0])
-    if visits < 2 or len(counts) < _LEAST_REPEATED or (counts != visits).any() or request.state is not None:
+    are_states_known = request.state is not None or any(each.state > 0 for each in proposal.readings)
+    if visits < 2 or len(counts) < _LEAST_REPEATED or (counts != visits).any() or are_states_known:
         return None
     if not _measure_distance(proposal.readings[0], postures) > _REPEATABLE:
         return None

@@ -276,6 +276,23 @@ def test_visits_without_a_force_are_no_campaign(tmp_path):
     assert "force" in answer.missing_fields
 
 
+def test_visits_with_both_states_are_observations(tmp_path):
+    """The arm comes back in the other order, 0.2 mm aside; a visit has readings without and under load."""
+    rows = [
+        [*cells(own, 5), *cells(place + aside), *cells(place + aside + SAG)]
+        for aside, order in ((0.0, 1), (0.2, -1))
+        for own, place in zip(READINGS.joints[::order], FIRST[::order], strict=True)
+    ]
+    header = [
+        *(f"axis{number}" for number in range(1, 7)),
+        *(f"p{state}{axis}" for state in "01" for axis in "xyz"),
+    ]
+    (tmp_path / "a.txt").write_bytes(text_of([header, *rows]))
+    shifts, observations = shifts_of(js.read(tmp_path / "a.txt", robot=ARM, length_unit="mm", **STATED))
+    assert len(observations) == 2 * len(FIRST)
+    assert np.allclose(shifts["T1"], SAG, atol=2e-3)
+
+
 def test_visits_that_differ_by_noise_are_no_states(tmp_path):
     proposal = js.read(*write_visits(tmp_path, 1e-3 * SAG), robot=ARM, length_unit="mm", encoders="motor")
     answer = proposal.accept()
