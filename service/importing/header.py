@@ -417,6 +417,8 @@ def _combine_with_group(group: str, upper: str, lower: str, words: Vocabulary) -
     joined = f"{group} {lower}"
     if unit is not None and grammar.split_unit(lower)[1] in (None, unit):
         joined = _append_unit(f"{name} {lower}", unit)
+        if find_load(unit) is not None and words.find(lower) is not None and words.find(joined) is None:
+            joined = f"{name} {unit} {lower}"  # a load in brackets, such as `con peso (20 kg)`, is no unit
     own_meaning = words.find(lower)
     is_point = own_meaning is not None and own_meaning.kind in POINTS
     needs_group = own_meaning is None or (is_point and own_meaning.quantity.target is None)

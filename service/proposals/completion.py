@@ -30,6 +30,7 @@ from jointstiff.service.proposals.previews import preview_tables
 from jointstiff.service.proposals.proposed_import import ProposedImport
 from jointstiff.service.proposals.refusals import (
     refuse_contradiction,
+    refuse_counted_targets_at_one_place,
     refuse_damaged_numbers,
     refuse_repeats_without_names,
 )
@@ -59,6 +60,7 @@ def complete(found_meaning: FoundMeaning, request: ImportRequest) -> ProposedImp
     named = name_readings(proposal, tables, request)
     refuse_contradiction(proposal, named, tables)
     refuse_repeats_without_names(proposal, named)
+    refuse_counted_targets_at_one_place(proposal, named)
     refuse_order_against_words(proposal, named)
     refuse_loaded_after_unloading(named)
     refuse_states_against_force(proposal, named, tables, request)

@@ -22,6 +22,7 @@ from jointstiff.service.proposals.tables.numbers import (
     read_number_tables,
 )
 from jointstiff.service.proposals.tables.relations import join_relations
+from jointstiff.service.proposals.tables.repeated_columns import average_repeats
 from jointstiff.service.proposals.unread import advise_on_files_without_rows, find_remarks
 
 
@@ -81,10 +82,11 @@ def join_numbers(
     try:
         related = join_relations(tables)
         joined = join_tables(related.tables, request)
-        arranged, notes = add_deflections(joined.tables, Vocabulary(request, joints))
+        averaged, notes_on_repeats = average_repeats(joined.tables)
+        arranged, notes = add_deflections(averaged, Vocabulary(request, joints))
     except ImportFileError as fault:
         raise describe_fault(fault) from fault
-    notes = [*found.notes, *related.notes, *joined.notes, *notes]
+    notes = [*found.notes, *related.notes, *joined.notes, *notes_on_repeats, *notes]
     return JoinedTables(arranged, notes, found.masses, found, related.tables)
 
 

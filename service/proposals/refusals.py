@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
+from itertools import combinations
+from typing import Final
 
 import numpy as np
 
@@ -14,6 +17,35 @@ from jointstiff.service.proposals.no_proposal import NoProposalError
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.words import describe
+
+_LEAST_BETWEEN_TARGETS: Final = 1e-3
+"""Least distance [m] of two targets: a smaller one cannot be mounted."""
+_NUMBER: Final = re.compile(r"\d{1,9}")
+
+
+def refuse_counted_targets_at_one_place(proposal: Proposal, named: Sequence[NamedReading]) -> None:
+    """Refuse targets such as `step 1` and `step 2` whose positions are too near each other for two targets.
+
+    Raises:
+        NoProposalError: there are such positions: they are repeats, or readings under several loads.
+    """
+    for first, second in combinations(named, 2):
+        forms = {_NUMBER.sub("0", each.target) for each in (first, second)}
+        are_counted = len(forms) == 1 and first.target != second.target
+        has_word = any(map(str.isalpha, first.target))
+        if first.state != second.state or not are_counted or not has_word:
+            continue
+        apart = np.linalg.norm(first.reading.positions - second.reading.positions, axis=1)
+        known = apart[np.isfinite(apart)]
+        if known.size and np.median(known) < _LEAST_BETWEEN_TARGETS:
+            found = describe(proposal, [each.words for each in named])
+            names = f"{quote(first.target)} and {quote(second.target)}"
+            raise NoProposalError(
+                f"{found}, but the positions of {names} are {1e3 * np.median(known):.2g} mm apart: they are "
+                "repeats or readings under several loads, and no targets",
+                "state the load of each position in its header, such as `50 kg`; or write a row for each of "
+                "them, with its state or load in a column",
+            )
 
 
 def refuse_damaged_numbers(proposal: Proposal, tables: Sequence[NumberTable]) -> None:

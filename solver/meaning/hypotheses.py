@@ -248,14 +248,17 @@ def _find_angle_units(angles: FloatArray) -> list[AngleUnit]:
 def find_triples(table: Table) -> list[tuple[int, int, int]]:
     """Return the columns that can be x, y and z: three columns at equal distances; two or more change.
 
-    Columns that a person states to be positions belong to no other triple.
+    Columns that headers or a person name as x, y and z of a target belong to no other triple.
     """
     is_moving = find_moving_columns(table.numbers)
     has_numbers = np.isfinite(table.numbers).mean(axis=0) > _LEAST_KNOWN
-    stated = {column for triple in table.points for column in triple}
-    excluded = table.others | set(table.joints) | stated
+    named = {column for triple in table.points for column in triple}
+    excluded = table.others | set(table.joints) | named
     _, column_count = table.size
-    triples = list(table.points)
+    has_any = np.isfinite(table.numbers).any(axis=0)
+    triples = [
+        triple for triple in table.points if has_any[list(triple)].all() and not table.others & set(triple)
+    ]
     for step in _STEPS:
         for first in range(column_count - 2 * step):
             triple = (first, first + step, first + 2 * step)

@@ -36,7 +36,7 @@ class Table:
     others: frozenset[int] = frozenset()  #: columns that are neither joints nor positions by their names
     points: tuple[
         tuple[int, int, int], ...
-    ] = ()  #: columns that a person states to be x, y and z of a target
+    ] = ()  #: columns that headers or a person name as x, y and z of a target
     measured: frozenset[int] = frozenset()  #: columns that are readings in a state of load by their names
 
     @property

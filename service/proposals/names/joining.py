@@ -22,14 +22,13 @@ from jointstiff.service.importing.grammar import (
 from jointstiff.service.importing.grid import Row
 from jointstiff.service.proposals.names.labels import find_number, list_words_behind, omit_zeros
 from jointstiff.service.proposals.names.repeats import (
-    MOST_REPEAT,
     are_repeats,
     find_telling_column,
     measure_distance,
 )
 from jointstiff.service.proposals.names.rows import find_different_words, find_unknown_states, name_rows
 from jointstiff.service.proposals.names.targets import LEAST_BETWEEN_TARGETS, are_far_apart
-from jointstiff.service.proposals.tables.lengths import find_units_of_coordinates
+from jointstiff.service.proposals.tables.lengths import MOST_REPEAT, find_units_of_coordinates
 from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
 from jointstiff.service.proposals.tables.row_name import RowName
 from jointstiff.solver.arrays import BoolArray, FloatArray

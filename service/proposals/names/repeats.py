@@ -10,12 +10,10 @@ import numpy as np
 from jointstiff.service.importing.grammar import is_repeat_header
 from jointstiff.service.proposals.names.labels import omit_repeat_numbers
 from jointstiff.service.proposals.names.rows import find_different_words
-from jointstiff.service.proposals.tables.lengths import find_units_of_coordinates
+from jointstiff.service.proposals.tables.lengths import MOST_REPEAT, find_units_of_coordinates
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.arrays import FloatArray
 
-MOST_REPEAT: Final = 1e-4
-"""Greatest distance [m] of a repeated coordinate from the mean of all repeats."""
 _MOST_LOADS: Final = 16
 """Most different numbers of a column that may be loads of the rows; noise and times have more."""
 

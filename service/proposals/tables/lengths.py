@@ -12,6 +12,8 @@ from jointstiff.solver.meaning.table import METRES, LengthUnit
 
 _MOST_METRES: Final = 20.0
 """Coordinate up to which a number may be in metres, and from which it may be in millimetres."""
+MOST_REPEAT: Final = 1e-4
+"""Greatest distance [m] of a repeated coordinate from the mean of all repeats."""
 _ORDINARY: Final = 90.0
 """Percentile of absolute numbers that counts as their size."""
 

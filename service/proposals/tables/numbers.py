@@ -426,7 +426,7 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     known_joints = named_joints if len(named_joints) == len(joints) else ()
     planned = {column for column, header in enumerate(headers) if is_planned(header, options.state_words)}
     others = _find_other_columns(meanings) | ignored | (planned - stated)
-    points = _list_stated_points(meanings, stated)
+    points = _list_named_points(meanings)
     measured = frozenset(_list_measured_columns(meanings))
     table = Table(name, numbers, known_joints, others, points, measured)
     return NumberTable(grid, headers, meanings, rows, mark, table, stated, ignored)
@@ -457,17 +457,21 @@ def _shows_decimal_commas(rows: Sequence[Row], columns: Sequence[int], joints: S
     return any(_IMPOSSIBLE_ANGLE.fullmatch(cell) for cell in cells)
 
 
-def _list_stated_points(
-    meanings: Sequence[Meaning | None], stated: Collection[int]
-) -> tuple[tuple[int, int, int], ...]:
-    """Return the columns of x, y and z of each target and state that the caller states."""
-    columns_of_quantity: dict[Quantity, dict[int, int]] = {}
-    for column in stated:
-        meaning = meanings[column]
+def _list_named_points(meanings: Sequence[Meaning | None]) -> tuple[tuple[int, int, int], ...]:
+    """Return the columns of x, y and z of each target and state that headers or the caller name.
+
+    Several columns with one name, such as three columns `X` below one target, are read in their order.
+    """
+    columns_of_quantity: dict[Quantity, tuple[list[int], list[int], list[int]]] = {}
+    for column, meaning in enumerate(meanings):
         if meaning is not None and meaning.kind == "position" and meaning.axis is not None:
-            columns_of_quantity.setdefault(meaning.quantity, {})[meaning.axis] = column
-    complete = [columns for columns in columns_of_quantity.values() if len(columns) == 3]
-    return tuple((columns[0], columns[1], columns[2]) for columns in complete)
+            columns_of_quantity.setdefault(meaning.quantity, ([], [], []))[meaning.axis].append(column)
+    return tuple(
+        triple
+        for x, y, z in columns_of_quantity.values()
+        if len(x) == len(y) == len(z)
+        for triple in zip(x, y, z, strict=True)
+    )
 
 
 def _list_joint_columns(meanings: Sequence[Meaning | None]) -> tuple[int, ...]:
