@@ -70,6 +70,7 @@ _ADDED: Final = "plus"
 """With x, y or z: a deviation, to be added to that coordinate of the same target and state."""
 _ALONG: Final = "along"
 """With x, y or z: a displacement along that axis of R0, read by a dial gauge."""
+_RUNS: Final = frozenset(_WORD_LISTS["runs"])
 _CERTAIN_STATES: Final = frozenset(_WORD_LISTS["certain"])
 _PLANNED: Final = frozenset(_WORD_LISTS["planned"])
 _NEGATIONS: Final = frozenset(_WORD_LISTS["negations"])
@@ -479,6 +480,11 @@ def is_posture_header(header: str) -> bool:
 def is_repeat_header(header: str) -> bool:
     """Return whether a header says that its column counts the repeated readings of a point."""
     return fold_word(header) in _REPEAT_HEADERS
+
+
+def is_run(word: str) -> bool:
+    """Return whether a word of a title means a run with all readings, or a repeat."""
+    return fold_word(word) in _RUNS or is_repeat_header(word)
 
 
 def contains_state_word(name: str, extra: Mapping[str, State]) -> bool:

@@ -23,6 +23,7 @@ from jointstiff.service.proposals.tables.numbers import (
 )
 from jointstiff.service.proposals.tables.relations import join_relations
 from jointstiff.service.proposals.tables.repeated_columns import average_repeats
+from jointstiff.service.proposals.tables.repeated_tables import average_runs
 from jointstiff.service.proposals.unread import advise_on_files_without_rows, find_remarks
 
 
@@ -80,13 +81,14 @@ def join_numbers(
         NoProposalError: names of rows or headers do not fit.
     """
     try:
-        related = join_relations(tables)
+        runs, notes_on_runs = average_runs(tables)
+        related = join_relations(runs)
         joined = join_tables(related.tables, request)
         averaged, notes_on_repeats = average_repeats(joined.tables)
         arranged, notes = add_deflections(averaged, Vocabulary(request, joints))
     except ImportFileError as fault:
         raise describe_fault(fault) from fault
-    notes = [*found.notes, *related.notes, *joined.notes, *notes_on_repeats, *notes]
+    notes = [*found.notes, *notes_on_runs, *related.notes, *joined.notes, *notes_on_repeats, *notes]
     return JoinedTables(arranged, notes, found.masses, found, related.tables)
 
 

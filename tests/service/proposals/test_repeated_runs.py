@@ -1,0 +1,77 @@
+"""Runs of one campaign in sheets or files of their own: their mean is read; a step of a load is no run."""
+
+import io
+
+import numpy as np
+import openpyxl
+import pytest
+from support.strange_files import JOINTS, both, digits, simulate, table
+
+import jointstiff as js
+
+ARM = "Yaskawa GP180"
+CAMPAIGN = simulate(ARM, seed=8, postures=12)
+UNLOADED, LOADED = both(CAMPAIGN)
+STATED = {"encoders": "motor", "load_point": [0, 0, 120], "length_unit": "mm"}
+STATED |= {"force": [0, 0, -981], "units": {"force": "N"}}
+HEADER = ["Pos", *JOINTS, "X0", "Y0", "Z0", "X1", "Y1", "Z1"]
+
+
+def write_run(shift, joint_shift=0.0):
+    """Return the rows of a run whose positions are moved [mm], and its joints [deg]."""
+    return [
+        [number, *digits(joints + joint_shift), *digits(unloaded + shift), *digits(loaded + shift)]
+        for number, joints, unloaded, loaded in zip(
+            range(1, 13), CAMPAIGN.joints, UNLOADED, LOADED, strict=True
+        )
+    ]
+
+
+def write_book(path, runs):
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for title, rows in runs.items():
+        sheet = book.create_sheet(title)
+        sheet.append(HEADER)
+        for row in rows:
+            sheet.append([float(cell) for cell in row])
+    output = io.BytesIO()
+    book.save(output)
+    path.write_bytes(output.getvalue())
+    return path
+
+
+def positions_of(proposal, state):
+    observations = proposal.accept().measurement_set.model_dump(mode="json")["observations"]
+    return np.array([each["readings"][0][state] for each in observations])
+
+
+@pytest.mark.parametrize("title", ["Run {}", "{} Durchgang", "essai{}", "Messreihe_{}"])
+def test_the_mean_of_runs_in_sheets_is_read(title, tmp_path):
+    shifts = [-0.03, 0.01, 0.05]
+    runs = {title.format(number): write_run(shift) for number, shift in enumerate(shifts, 1)}
+    proposal = js.read(write_book(tmp_path / "runs.xlsx", runs), robot=ARM, **STATED)
+    assert "the mean of" in str(proposal)
+    shifts_under_load = positions_of(proposal, "loaded") - positions_of(proposal, "unloaded")
+    assert np.allclose(
+        np.linalg.norm(shifts_under_load, axis=1), np.linalg.norm(LOADED - UNLOADED, axis=1), atol=2e-3
+    )
+
+
+def test_the_mean_of_runs_in_files_is_read(tmp_path):
+    paths = []
+    for number, shift in enumerate((-0.02, 0.02), 1):
+        paths.append(tmp_path / f"run{number}.csv")
+        paths[-1].write_text(table(HEADER, write_run(shift)), encoding="utf-8")
+    assert "the mean of 'run1' and 'run2' is read" in str(js.read(*paths, robot=ARM, **STATED))
+
+
+@pytest.mark.parametrize(
+    ("title", "shift", "joint_shift"),
+    [("Step {}", 0.02, 0.0), ("Run {}", 1.0, 0.0), ("Run {}", 0.02, 2.0)],
+    ids=["no word for a run", "far apart", "other postures"],
+)
+def test_other_sheets_are_no_runs(title, shift, joint_shift, tmp_path):
+    runs = {title.format(n + 1): write_run(n * shift, n * joint_shift) for n in range(2)}
+    with pytest.raises(js.CampaignError):
+        js.read(write_book(tmp_path / "runs.xlsx", runs), robot=ARM, **STATED)
