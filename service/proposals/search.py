@@ -9,6 +9,7 @@ from functools import partial
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.meaning import TableMeaning
 from jointstiff.service.importing.errors import ImportFileError, quote
+from jointstiff.service.importing.formats.blocks import join_numbered_texts
 from jointstiff.service.importing.grammar import find_state_in_name
 from jointstiff.service.importing.legends import find_legend
 from jointstiff.service.importing.source_files import SourceFile
@@ -102,14 +103,52 @@ def _propose_or_decline(
 ) -> ProposedImport | NoProposal:
     """Return the proposal of the robots, or why there is none; arguments as of `propose_import`."""
     try:
-        try:
-            return _propose_tables(files, request, known, template)
-        except UnreadError as error:
-            if template is not None:
-                raise
-            return _propose_by_stencils(files, request, known, error)
-    except NoProposalError as error:
+        return _propose_files(files, request, known, template)
+    except UnfinishedError as error:
         return NoProposal(error.reason, error.remedy, error.fault)
+    except NoProposalError as error:
+        joined = (
+            None
+            if template is not None
+            else join_numbered_texts([(each.name, each.content) for each in files])
+        )
+        found = None if joined is None else _propose_joined(SourceFile(*joined), files, request, known)
+        return found or NoProposal(error.reason, error.remedy, error.fault)
+
+
+def _propose_joined(
+    joined: SourceFile,
+    files: Sequence[SourceFile],
+    request: ImportRequest,
+    robots: Sequence[KnownRobot],
+) -> ProposedImport | NoProposal | None:
+    """Return the proposal for the joined texts of files of one posture each; None if no meaning fits."""
+    try:
+        proposed = _propose_files([joined], request, robots, None)
+    except UnfinishedError as error:
+        return NoProposal(error.reason, error.remedy, error.fault)
+    except NoProposalError:
+        return None
+    return replace(proposed, originals=tuple(files))
+
+
+def _propose_files(
+    files: Sequence[SourceFile],
+    request: ImportRequest,
+    robots: Sequence[KnownRobot],
+    template: TableMeaning | None,
+) -> ProposedImport:
+    """Return the proposal of the robots for the tables, or else the repeated places, of files.
+
+    Raises:
+        NoProposalError: no meaning fits, or a person cannot accept the meaning that fits.
+    """
+    try:
+        return _propose_tables(files, request, robots, template)
+    except UnreadError as error:
+        if template is not None:
+            raise
+        return _propose_by_stencils(files, request, robots, error)
 
 
 def _propose_tables(

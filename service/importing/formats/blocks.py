@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Final
+from typing import Final, NamedTuple
 
 from jointstiff.schemas.imports import Delimiter, FilePreview
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
@@ -270,22 +270,49 @@ def write_postures(files: Sequence[tuple[str, bytes]]) -> tuple[str, bytes] | No
     Args:
         files: name and content of each file, one for each posture; their names have different numbers.
     """
+    numbered = _decode_numbered(files)
+    if numbered is None:
+        return None
+    texts = list[str]()
+    for name, text in numbered.texts.items():
+        lines = [line for line in re.split(r"\r\n|\n|\r", text) if line.strip()]
+        texts.append("\n".join([f"# {name.rpartition('.')[0] or name}", *_drop_comments_within(lines)]))
+    joined = "\n\n".join(texts).encode()
+    grids = read_blocks(numbered.name, joined, None)
+    are_postures = len(grids) == 1 and len(grids[0].rows) == len(files) + 1
+    return (numbered.name, joined) if are_postures else None
+
+
+def join_numbered_texts(files: Sequence[tuple[str, bytes]]) -> tuple[str, bytes] | None:
+    """Return one text of texts whose names differ in numbers, below each other; None of other files.
+
+    Args:
+        files: name and content of each file.
+    """
+    numbered = _decode_numbered(files)
+    if numbered is None:
+        return None
+    return numbered.name, "\n\n".join(numbered.texts.values()).encode()
+
+
+class _NumberedTexts(NamedTuple):
+    """Texts of files whose names differ in numbers."""
+
+    name: str  # of all files
+    texts: Mapping[str, str]  # by the names of the files, in the order of their numbers
+
+
+def _decode_numbered(files: Sequence[tuple[str, bytes]]) -> _NumberedTexts | None:
+    """Return the texts of files whose names differ in numbers; None of other files, or of too few."""
     forms = {_NUMBER.sub("0", name) for name, _ in files}
     if len(files) < _LEAST_BLOCKS or len(forms) != 1:
         return None
-    texts = list[str]()
-    for name, content in sorted(files, key=lambda file: [int(n) for n in re.findall(r"\d+", file[0])]):
-        try:
-            text, _ = decode(name, content)
-        except ImportFileError:
-            return None
-        lines = [line for line in re.split(r"\r\n|\n|\r", text) if line.strip()]
-        texts.append("\n".join([f"# {name.rpartition('.')[0] or name}", *_drop_comments_within(lines)]))
-    name = next(iter(forms)).replace("0", "…", 1)
-    joined = "\n\n".join(texts).encode()
-    grids = read_blocks(name, joined, None)
-    are_postures = len(grids) == 1 and len(grids[0].rows) == len(files) + 1
-    return (name, joined) if are_postures else None
+    in_order = sorted(files, key=lambda file: [int(number) for number in re.findall(r"\d+", file[0])])
+    try:
+        texts = {name: decode(name, content)[0] for name, content in in_order}
+    except ImportFileError:
+        return None
+    return _NumberedTexts(next(iter(forms)).replace("0", "…", 1), texts)
 
 
 def _drop_comments_within(lines: Sequence[str]) -> Iterator[str]:

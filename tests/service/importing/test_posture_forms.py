@@ -163,3 +163,39 @@ def test_a_form_that_lacks_a_target_is_read_without_that_target(hidden, marks, t
     answer = propose(write_sheets(hide), tmp_path, allow_missing=True).accept()
     readings = [len(each.readings) for each in answer.measurement_set.observations]
     assert readings == [2 if k == 4 else 3 for k in range(10)]
+
+
+def write_note(posture, order=(0, 1)):
+    """Return the text of a file of one posture: joints in one line, and a small table for each state."""
+    angles = "; ".join(f"J{axis} = {angle:.3f}" for axis, angle in enumerate(angles_of(posture), 1))
+    lines = [f"Positie: {posture + 1}", "Datum: 03-10-2023", f"Hoeken (graden): {angles}"]
+    for state in order:
+        lines += ["", ("Zonder gewicht", "Met gewicht 100 kg")[state], "\tX [mm]\tY [mm]\tZ [mm]"]
+        for target in range(3):
+            place = places_of(posture, target)[state]
+            lines.append("\t".join([f"kogel {target + 1}", *(f"{each:.3f}" for each in place)]))
+    return "\n".join(lines).replace(".", ",") + "\n"
+
+
+def write_notes(folder, order):
+    paths = [folder / f"positie_{posture + 1:02}.txt" for posture in range(len(CAMPAIGN.joints))]
+    for posture, path in enumerate(paths):
+        path.write_text(write_note(posture, order), encoding="utf-8")
+    return paths
+
+
+def test_notes_of_one_posture_in_each_file_are_read_as_one_text(tmp_path):
+    answer = js.read(*write_notes(tmp_path, (0, 1)), robot=ARM, **STATED).accept()
+    assert judge(CAMPAIGN, answer.measurement_set.model_dump(mode="json")) == []
+
+
+def test_notes_under_load_first_are_never_read_as_unloaded(tmp_path):
+    with pytest.raises(js.CampaignError, match="the targets then move against `force`"):
+        js.read(*write_notes(tmp_path, (1, 0)), robot=ARM, **STATED)
+
+
+def test_notes_of_which_one_lacks_a_table_are_no_campaign(tmp_path):
+    paths = write_notes(tmp_path, (0, 1))
+    paths[4].write_text(write_note(4, (0,)), encoding="utf-8")
+    with pytest.raises(js.CampaignError):
+        js.read(*paths, robot=ARM, **STATED)
