@@ -217,6 +217,12 @@ _LOAD: Final = (
 _AXIS_OF_LOAD: Final = re.compile(rf"{_LOAD}[\s_.-]*([xyz])(?:[\s_-]+(?:R0|base|basis))?", re.IGNORECASE)
 """A part of a load such as `load x` or `applied force in x`, which is a force only in a unit of force."""
 _SIZE_OF_LOAD: Final = re.compile(_LOAD, re.IGNORECASE)
+_DOWN_IN_HEADER: Final = re.compile(
+    rf"[\s_]?[(\[（［]?(?<![A-Za-zÀ-ɏͰ-ӿ])(?:{_build_alternation(_WORDS['loads']['words']['down'])})"
+    r"(?![A-Za-zÀ-ɏͰ-ӿ])[)\]）］]?",
+    re.IGNORECASE,
+)
+"""Words for down in a header, also in brackets."""
 _NUMBERED_FORCE: Final = re.compile(
     rf"({build_alternation(_FORCES)})[\s_-]?(?:([0-9])|\[([0-9])\])", re.IGNORECASE
 )
@@ -382,8 +388,11 @@ def is_force(name: str) -> bool:
 
 
 def find_unit_of_size(header: str) -> str | None:
-    """Return the unit of force of a load without an axis, such as `Kraft [kN]`; None for other headers."""
-    base, unit = split_unit(header)
+    """Return the unit of force of a load without an axis, such as `Kraft [kN]`; None for other headers.
+
+    Words for down, as in `Zugkraft (nach unten) [kN]`, say no more than a weight, whose direction is checked.
+    """
+    base, unit = split_unit(_DOWN_IN_HEADER.sub(" ", header))
     base, unit_of_name = split_unit_suffix(base) or (base, unit)
     unit = unit or unit_of_name
     known = None if unit is None or unit_of_name != unit else find_known_unit(unit)
@@ -444,11 +453,6 @@ def is_mass(name: str) -> bool:
     return not words.isdisjoint(_WORD_LISTS["hung"]) and words.issubset(
         (*_WORD_LISTS["hung"], *_WORD_LISTS["hung in kg"])
     )
-
-
-def is_in_kg(header: str) -> bool:
-    """Return whether a header ends with the unit kg, as that of a load does."""
-    return find_unit_of_weight(header) == "kgf"
 
 
 def find_unit_of_weight(header: str) -> str | None:
@@ -1034,8 +1038,7 @@ class Vocabulary:
         meaning = self._parse(header if stated is None else _add_unit_of_mass(header, stated))
         if stated is None:
             return replace(meaning, guessed=meaning.guessed or guessed)
-        has_no_unit = meaning.axis is None or meaning.kind == "mass"
-        return meaning if has_no_unit else _apply_header_unit(text, stated, meaning)
+        return meaning if meaning.axis is None else _apply_header_unit(text, stated, meaning)
 
     def find(self, header: str) -> Meaning | None:
         """Return the meaning of a header by the grammar; None if the header is unknown.
@@ -1104,20 +1107,28 @@ def _add_unit_of_mass(header: str, stated: str) -> str:
 def _apply_header_unit(header: str, stated: str, meaning: Meaning) -> Meaning:
     """Return a meaning that the caller states, with the unit of the file's header if the header has a unit.
 
-    A text in square brackets is a unit. Any other end of the header is a unit only if its dimension fits:
-    the t of a position `x_t` is not a tonne, and the m of `x_m` is not a metre if the caller states a unit.
+    A text in square brackets is a unit, as is an end of two letters, such as kN, but for the word `in`. A
+    letter is a unit only if its dimension fits: the t of a position `x_t` is not a tonne, and the m of `x_m`
+    is not a metre if the caller states a unit. A unit of mass may be that of a hung mass.
 
     Raises:
         ImportFileError: the header's unit differs from the stated one, or has another dimension.
     """
     in_brackets = split_unit(header)[1]
-    last_word = in_brackets if in_brackets is not None else header.replace("_", " ").split(" ")[-1]
+    *words_before, word_at_end = header.replace("_", " ").split(" ")
+    last_word = word_at_end if in_brackets is None else in_brackets
     known = find_any_unit(last_word)
+    is_same_mass = meaning.kind == "mass" and UNIT_OF_LOAD.get(last_word) == meaning.unit
+    if is_same_mass:
+        return meaning
     is_prismatic = (
         meaning.kind == "joint" and in_brackets is not None and known is not None and known[0] == "length"
     )
     dimension = "length" if is_prismatic else meaning.dimension
-    is_certainly_unit = in_brackets is not None and (known is not None or header.endswith("]"))
+    is_long = bool(words_before) and len(last_word) > 1 and last_word != "in"
+    is_unit_at_end = is_long and find_known_unit(last_word) is not None
+    is_unit_in_brackets = in_brackets is not None and (known is not None or header.endswith("]"))
+    is_certainly_unit = is_unit_at_end or is_unit_in_brackets
     m_is_no_unit = header.endswith("_m") and meaning.unit is not None
     if not is_certainly_unit and (m_is_no_unit or known is None or known[0] != dimension):
         return meaning

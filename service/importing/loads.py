@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Final
 
 from jointstiff.schemas.imports import State
@@ -13,6 +15,8 @@ _LOAD: Final = re.compile(
 )
 _POUND: Final = 0.45359237
 """Mass of a pound [kg]."""
+KILOGRAMS: Final[Mapping[str, float]] = MappingProxyType({"kgf": 1.0, "lbf": _POUND})
+"""Unit of a weight → mass [kg] of this weight."""
 
 
 def find_load(text: str) -> float | None:

@@ -255,9 +255,11 @@ def find_triples(table: Table) -> list[tuple[int, int, int]]:
     named = {column for triple in table.points for column in triple}
     excluded = table.others | set(table.joints) | named
     _, column_count = table.size
-    has_any = np.isfinite(table.numbers).any(axis=0)
+    is_filled = np.isfinite(table.numbers).mean(axis=0) > 0.0
     triples = [
-        triple for triple in table.points if has_any[list(triple)].all() and not table.others & set(triple)
+        triple
+        for triple in table.points
+        if not table.others & set(triple) and all(is_filled[column] for column in triple)
     ]
     for step in _STEPS:
         for first in range(column_count - 2 * step):

@@ -15,8 +15,8 @@ from jointstiff.service.importing.grammar import (
     find_answer,
     find_state,
     find_state_in_name,
+    find_unit_of_weight,
     find_unknown_unit,
-    is_in_kg,
     is_load_header,
     list_units,
     read_states,
@@ -84,8 +84,14 @@ def _is_explained(table: NumberTable, column: int) -> bool:
     meaning = table.meanings[column]
     is_label = column == table.label_column
     is_named = meaning is not None and meaning.kind in KEPT_KINDS | (_NAMES - {"ignored"})
-    is_load = is_in_kg(table.headers[column]) and any(name.mass is not None for name in table.turn)
+    is_load = _names_masses(table, column)
     return is_empty or is_named or is_label or is_load or column in table.ignored
+
+
+def _names_masses(table: NumberTable, column: int) -> bool:
+    """Return whether a column has the masses that hang in the rows, in the unit of its header."""
+    has_unit = find_unit_of_weight(table.headers[column]) is not None
+    return has_unit and any(name.mass is not None for name in table.turn)
 
 
 def name_columns_left(
@@ -111,11 +117,13 @@ def name_columns_left(
 
 def find_named_kind(
     table: NumberTable, column: int, state_words: Mapping[str, State]
-) -> Literal["state", "target"] | None:
-    """Return what the words of a column name if they are the states or the targets of all rows; else None.
+) -> Literal["state", "target", "mass"] | None:
+    """Return what the cells of a column name, of the states, targets or masses of all rows; else None.
 
     `state_words` are the caller's words for states.
     """
+    if _names_masses(table, column):
+        return "mass"
     texts = [row.cells[column].strip() for row in table.rows]
     word_of_text = omit_repeat_numbers(texts)
     state_of_word = read_states(set(word_of_text.values()), state_words)

@@ -10,7 +10,7 @@ import numpy as np
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.conversion.units import KGF
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError
-from jointstiff.service.importing.grammar import is_in_kg
+from jointstiff.service.importing.grammar import find_unit_of_weight
 from jointstiff.service.importing.loads import find_newtons
 from jointstiff.service.proposals.names.naming import NamedReading
 from jointstiff.service.proposals.rewriting import list_masses
@@ -50,9 +50,9 @@ def has_masses(
 
 
 def _differs_from_mass(masses: Sequence[float | None], joints: NumberTable, request: ImportRequest) -> bool:
-    """Return whether the stated force is not the weight of the one mass of a column in kg."""
+    """Return whether the stated force is not the weight of the one mass of a column of masses."""
     unit = None if request.units is None else request.units.force
-    has_column = any(map(is_in_kg, joints.headers)) and any(name.mass for name in joints.turn)
+    has_column = any(map(find_unit_of_weight, joints.headers)) and any(name.mass for name in joints.turn)
     mass = masses[0] if masses else None
     if not has_column or mass is None or request.force is None or unit is None:
         return False

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jointstiff.service.importing.grammar import find_unit_of_size, is_in_kg
-from jointstiff.service.importing.loads import find_state_of_load
+from jointstiff.service.importing.grammar import find_unit_of_size, find_unit_of_weight
+from jointstiff.service.importing.loads import KILOGRAMS, find_state_of_load
 from jointstiff.service.proposals.names.labels import MOST_CODES
 from jointstiff.service.proposals.tables.load_columns import find_states_of_loads, list_states_of_columns
 from jointstiff.service.proposals.tables.numbers import NumberTable
@@ -35,9 +35,10 @@ def _list_masses(table: NumberTable) -> list[float] | None:
     for column, header in enumerate(table.headers):
         meaning = table.meanings[column]
         is_mass = meaning is not None and meaning.kind == "mass"
-        if not is_mass and not (meaning is None and is_in_kg(header)):
+        unit = "kgf" if is_mass else find_unit_of_weight(header)
+        if unit is None or (meaning is not None and not is_mass):
             continue
-        masses = [float(mass) for mass in table.table.numbers[:, column]]
+        masses = [KILOGRAMS[unit] * float(mass) for mass in table.table.numbers[:, column]]
         if all(mass >= 0.0 for mass in masses) and 1 < len(set(masses)) <= MOST_CODES:
             return masses
     return None

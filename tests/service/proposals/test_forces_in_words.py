@@ -150,6 +150,37 @@ def test_a_force_without_an_axis_is_a_weight_if_the_targets_move_down(header, ce
     assert read_force(files, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
 
 
+DOWN = [
+    ("Zugkraft (nach unten) kN", "0.981"),
+    ("Kraft nach unten [N]", "981"),
+    ("effort vers le bas (daN)", "98.1"),
+    ("Fuerza hacia abajo [N]", "981"),
+    ("force down [N]", "981"),
+    ("Сила (вниз) [Н]", "981"),
+]
+
+
+@pytest.mark.parametrize(("header", "cell"), DOWN)
+def test_a_force_down_in_words_is_a_weight_if_the_targets_move_down(header, cell, tmp_path):
+    files = with_columns([header], [cell])
+    assert f"{header!r} as the size of a force along −z of R0" in str(propose(files, tmp_path))
+    assert read_force(files, tmp_path) == pytest.approx([0.0, 0.0, -981.0])
+    aside = with_columns([header], [cell], UNLOADED + np.array([0.0, 0.7, -0.2]))
+    assert "the force of each observation" in accept(aside, tmp_path).missing[0]
+
+
+def test_a_force_up_in_words_is_no_weight(tmp_path):
+    answer = accept(with_columns(["Zugkraft (nach oben) [N]"], ["981"]), tmp_path)
+    assert "the force of each observation" in answer.missing[0]
+
+
+@pytest.mark.parametrize("header", ["Zugkraft (nach unten) kN", "pull_N", "F [kN]", "travel_mm"])
+def test_a_column_with_another_unit_is_no_mass_even_if_the_caller_states_it(header, tmp_path):
+    files = with_columns([header], ["0.981"])
+    with pytest.raises(js.CampaignError, match=r"is in (N|kN|mm), but `columns` states 'mass \[kg\]'"):
+        accept(files, tmp_path, columns={header: "mass [kg]"})
+
+
 def test_a_force_without_an_axis_is_no_weight_if_the_targets_move_aside(tmp_path):
     files = with_columns(["Kraft [N]"], ["981"], UNLOADED + np.array([0.0, 0.7, -0.2]))
     answer = accept(files, tmp_path)
@@ -430,6 +461,42 @@ def test_loads_in_kg_of_the_rows_of_a_posture_are_several_loads(header, tmp_path
     assert answer.measurement_set.units.force == "kgf"
     forces = {tuple(each.force) for each in answer.measurement_set.observations}
     assert sorted(np.round([force[2] for force in forces], 1)) == pytest.approx([-20.0, -10.0])
+    assert len(answer.measurement_set.observations) == 2 * len(CAMPAIGN.joints)
+
+
+@pytest.mark.parametrize(
+    ("header", "newtons"),
+    [
+        ("load_lb", 4.4482216),
+        ("Zuladung (lb)", 4.4482216),
+        ("peso_lbs", 4.4482216),
+        ("負荷 [lb]", 4.4482216),
+        ("load_lbf", 4.4482216),
+        ("Zugkraft [daN]", 10.0),
+        ("carga [N]", 1.0),
+        ("effort (N)", 1.0),
+        ("carico_kgf", 9.80665),
+        ("нагрузка [кН]", 1000.0),
+    ],
+)
+def test_loads_in_any_unit_of_mass_or_force_of_the_rows_of_a_posture_are_several_loads(
+    header, newtons, tmp_path
+):
+    more = LOADED + (LOADED - UNLOADED)
+    sizes = [f"{size / newtons:.6g}" for size in (0.0, 500.0, 1000.0)]
+    rows = [
+        [f"P{number}", load, *digits(joints), *digits(place)]
+        for number, (joints, *places) in enumerate(
+            zip(CAMPAIGN.joints, UNLOADED, LOADED, more, strict=True), 1
+        )
+        for load, place in zip(sizes, places, strict=True)
+    ]
+    text = table(["pose", header, *(f"{joint}_deg" for joint in JOINTS), "x_mm", "y_mm", "z_mm"], rows)
+    answer = propose({"a.csv": text}, tmp_path).accept()
+    assert answer.missing == []
+    unit = {"N": 1.0, "kN": 1000.0, "kgf": 9.80665, "lbf": 4.4482216}[answer.measurement_set.units.force]
+    forces = {round(unit * each.force[2]) for each in answer.measurement_set.observations}
+    assert forces == {-500, -1000}
     assert len(answer.measurement_set.observations) == 2 * len(CAMPAIGN.joints)
 
 
