@@ -218,7 +218,7 @@ _AXIS_OF_LOAD: Final = re.compile(rf"{_LOAD}[\s_.-]*([xyz])(?:[\s_-]+(?:R0|base|
 """A part of a load such as `load x` or `applied force in x`, which is a force only in a unit of force."""
 _SIZE_OF_LOAD: Final = re.compile(_LOAD, re.IGNORECASE)
 _DOWN_IN_HEADER: Final = re.compile(
-    rf"[\s_]?[(\[（［]?(?<![A-Za-zÀ-ɏͰ-ӿ])(?:{_build_alternation(_WORDS['loads']['words']['down'])})"
+    rf"[\s_]?[(\[（［]?(?<![A-Za-zÀ-ɏͰ-ӿ])(?:{build_alternation(WORDS['loads']['words']['down'])})"
     r"(?![A-Za-zÀ-ɏͰ-ӿ])[)\]）］]?",
     re.IGNORECASE,
 )
