@@ -65,7 +65,7 @@ def test_the_negative_word_of_two_is_proposed_as_unloaded(words, tmp_path):
     rows = in_turn(CAMPAIGN, words, (CAMPAIGN.unloaded[:, 0], CAMPAIGN.loaded[:, 0]))
     (tmp_path / "a.csv").write_text(table(["Pose", *JOINTS, "blob", *"XYZ"], rows))
     with pytest.raises(js.CampaignError, match=r"'(false|nein)' as `unloaded`"):
-        js.read(tmp_path / "a.csv", **STATED).accept()
+        js.read(tmp_path / "a.csv", **STATED | {"force": None}).accept()
 
 
 def test_a_row_of_joints_without_a_position_warns_of_nothing(tmp_path):
