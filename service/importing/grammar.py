@@ -203,12 +203,13 @@ _VECTOR: Final = re.compile(
 )
 """A part of a vector such as `Fx`, in axes of R0 if the header names a frame."""
 _FORCES: Final = [word for word, kind in _VECTOR_OF.items() if kind == "force"]
-_WORDS_OF_FORCE: Final = build_alternation(word for word in _FORCES if len(word) > 1 or not word.isascii())
+WORDS_OF_FORCE: Final = build_alternation(word for word in _FORCES if len(word) > 1 or not word.isascii())
+"""Regular expression of the words for a force, without single letters."""
 _NAMED_FORCE: Final = re.compile(
-    rf"(?:{_WORDS_OF_FORCE})(?:[\s_.-]*f[\s_-]*|\.)([xyz])(?:[\s_-]+(?:R0|base|basis))?", re.IGNORECASE
+    rf"(?:{WORDS_OF_FORCE})(?:[\s_.-]*f[\s_-]*|\.)([xyz])(?:[\s_-]+(?:R0|base|basis))?", re.IGNORECASE
 )
 """A part of a force after its word, such as `Kraft Fx`, or of a key such as `force.x`."""
-_AXIS_OF_FORCE: Final = re.compile(rf"([xyz])[\s_-]+({_WORDS_OF_FORCE})", re.IGNORECASE)
+_AXIS_OF_FORCE: Final = re.compile(rf"([xyz])[\s_-]+({WORDS_OF_FORCE})", re.IGNORECASE)
 _WITH_FORCE: Final = build_alternation(_WORD_LISTS["forces"])
 _LOAD: Final = (
     rf"(?:(?:{_WITH_FORCE})[\s_.-]+){{0,2}}(?:{build_alternation((*_FORCES, *WORDS['answers']['load']))})"
@@ -230,7 +231,7 @@ _NUMBERED_FORCE: Final = re.compile(
 _NUMBERED_WRENCH: Final = re.compile(r"wrench[\s_-]?(?:([0-9])|\[([0-9])\])", re.IGNORECASE)
 """A part of a wrench such as `wrench 1`: of the force, then of the moment, if there are six of them."""
 _FORCE_IN_HEADER: Final = re.compile(
-    rf"(?<![^\W\d_])(?:(?:{_WORDS_OF_FORCE})(?![^\W\d_])|f[\s_.-]?[xyz]\b)", re.IGNORECASE
+    rf"(?<![^\W\d_])(?:(?:{WORDS_OF_FORCE})(?![^\W\d_])|f[\s_.-]?[xyz]\b)", re.IGNORECASE
 )
 """A word for a force, or `Fx`, among other words of a header."""
 _WEIGHT_OF_MASS: Final = values_by_word(WORDS["loads"]["masses"])

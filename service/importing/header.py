@@ -606,11 +606,13 @@ class ColumnReader:
         self._words, self._options, self._faults = words, options, faults
         self._notes: list[str] = []
 
-    def understand(self, axes_unit: str | None, *, state_in_name: bool, are_arrays: bool = False) -> Columns:
+    def understand(
+        self, units_of_remarks: Mapping[Kind, str], *, state_in_name: bool, are_arrays: bool = False
+    ) -> Columns:
         """Return the columns with their meanings, `unknown` for a header that is not understood.
 
         Args:
-            axes_unit: unit of x, y and z that a comment of the file states; None without such a comment.
+            units_of_remarks: units of positions and forces that comments of the file state.
             state_in_name: whether the name of the file has a word for a state.
             are_arrays: whether the columns are those of arrays, which have one row for each observation.
         """
@@ -620,7 +622,7 @@ class ColumnReader:
         kinds = {meaning.kind for meaning in meanings}
         if not state_in_name and not self._is_state_named(meanings):  # nothing else says the state
             meanings = self._recognise_states(meanings)
-        meanings_with_units = self._resolve_units(meanings, axes_unit)
+        meanings_with_units = self._resolve_units(meanings, units_of_remarks)
         text_columns: dict[Kind, int] = {}
         for index, meaning in enumerate(meanings):
             text_columns.setdefault(meaning.kind, index)
@@ -935,14 +937,16 @@ class ColumnReader:
         remedy += f"`state_words`: {show_object({words[0]: 'unloaded'})}"
         self._faults.report(self._heading.place(columns[0]), reason, remedy, "state_words", words)
 
-    def _resolve_units(self, meanings: Sequence[Meaning], axes_unit: str | None) -> list[Meaning]:
+    def _resolve_units(
+        self, meanings: Sequence[Meaning], units_of_remarks: Mapping[Kind, str]
+    ) -> list[Meaning]:
         """Return the meanings with the units of all numbers; report a fault for two units of one dimension.
 
-        `axes_unit` is the unit of x, y and z that a comment of the file states, or None.
+        `units_of_remarks` are those of positions and forces that comments of the file state.
         """
         resolved = list(meanings)
         for dimension in dict.fromkeys(meaning.dimension for meaning in meanings if meaning.dimension):
-            units = self._decide_units(dimension, meanings, axes_unit)
+            units = self._decide_units(dimension, meanings, units_of_remarks)
             for column, unit in units.items():
                 resolved[column] = replace(meanings[column], unit=unit)
             without_unit = [column for column, unit in units.items() if unit is None]
@@ -962,7 +966,7 @@ class ColumnReader:
         return CONVERTED_UNITS.keys().isdisjoint(units_of_force)
 
     def _decide_units(
-        self, dimension: Dimension, meanings: Sequence[Meaning], axes_unit: str | None
+        self, dimension: Dimension, meanings: Sequence[Meaning], units_of_remarks: Mapping[Kind, str]
     ) -> dict[int, str | None]:
         """Return column → unit for the columns of a dimension; None where nothing states the unit.
 
@@ -975,8 +979,8 @@ class ColumnReader:
             if meaning.dimension != dimension or meaning.kind == "mass":
                 continue
             with faults.collect(self._heading.place(column)):
-                comment_unit = axes_unit if meaning.kind == "position" else None
-                unit = units[column] = self._decide_unit(meaning, comment_unit)
+                unit_of_remark = units_of_remarks.get(meaning.kind)
+                unit = units[column] = self._decide_unit(meaning, unit_of_remark)
                 first = next(filter(None, units.values()), None)
                 if unit is not None and unit != first:
                     others = name_unit(first or "")
@@ -986,17 +990,21 @@ class ColumnReader:
             self._faults.add(fault)
         return units
 
-    def _decide_unit(self, meaning: Meaning, axes_unit: str | None) -> str | None:
+    def _decide_unit(self, meaning: Meaning, unit_of_remark: str | None) -> str | None:
         """Return the unit of a column: from its header, else from a comment, else from the option `units`.
 
-        Return None if no source states a unit. `axes_unit` is the unit of x, y and z in a comment.
+        Return None if no source states a unit. `unit_of_remark` is the unit that a comment states.
 
         Raises:
             ImportFileError: two of these sources state different units.
         """
         units = self._options.units
         unit_of_option = None if units is None else getattr(units, meaning.dimension or "")
-        sources = {"its header": meaning.unit, "the file's comment": axes_unit, "`units`": unit_of_option}
+        sources = {
+            "its header": meaning.unit,
+            "the file's comment": unit_of_remark,
+            "`units`": unit_of_option,
+        }
         stated = {source: unit for source, unit in sources.items() if unit}
         if not stated:
             return None

@@ -17,7 +17,7 @@ from jointstiff.schemas.imports import (
 )
 from jointstiff.service.importing import grammar
 from jointstiff.service.importing.errors import Faults, ImportFileError, Place, quote
-from jointstiff.service.importing.grammar import Vocabulary, collapse_blanks, name_unit
+from jointstiff.service.importing.grammar import Kind, Vocabulary, collapse_blanks, name_unit
 from jointstiff.service.importing.grid import (
     Grid,
     Remark,
@@ -29,6 +29,7 @@ from jointstiff.service.importing.grid import (
 )
 from jointstiff.service.importing.header import ColumnReader, Columns, Heading, find_heading
 from jointstiff.service.importing.merged_rows import fill_down
+from jointstiff.service.importing.unit_remarks import find_unit_of_forces
 from jointstiff.service.tables.labels import fold_word
 
 _LEAST_ROWS, _MOST_ROWS = 4, 10_000
@@ -82,7 +83,7 @@ def understand_table(
         _check_template(options, headers, heading.place(), faults)
     column_reader = ColumnReader(heading, rows, vocabulary, options, faults)
     columns = column_reader.understand(
-        stated.axes_unit,
+        stated.units,
         state_in_name=_has_state_in_name(grid, options),
         are_arrays=grid.preview.format in _FORMATS_OF_ARRAYS,
     )
@@ -130,7 +131,7 @@ def _describe_rows_and_units(
     Args:
         options: options of the import.
         columns: columns of the table.
-        stated: what titles and comments of the file state about positions.
+        stated: what titles and comments of the file state about positions and forces.
         deleted_count: number of rows that a column marks as deleted.
     """
     notes = []
@@ -143,6 +144,9 @@ def _describe_rows_and_units(
         notes.append(f"positions are in the frame {quote(stated.frame)}, as the file states")
     if stated.axes_unit is not None:
         notes.append(f"positions are in {name_unit(stated.axes_unit)}, as the file states")
+    has_forces = any(quantity.kind == "force" for quantity in columns.quantities)
+    if stated.force_unit is not None and has_forces:
+        notes.append(f"forces are in {stated.force_unit}, as the file states")
     if columns.units.get("length") == "in":
         notes.append("lengths in inches, also those in the options, were converted to mm")
     if columns.units.get("force") == "daN":
@@ -251,14 +255,21 @@ def _read_titles_above(grid: Grid, heading: Heading) -> list[Remark]:
 
 
 class _StatedFrame(NamedTuple):
-    """Statements of titles and comments about the positions of a file; None for what they do not state."""
+    """Statements of titles and comments about positions and forces; None for what they do not state."""
 
     axes_unit: str | None  # unit of x, y and z
+    force_unit: str | None  # unit of forces
     frame: str | None  # name of the frame
+
+    @property
+    def units(self) -> dict[Kind, str]:
+        """Units of positions and forces, as far as they are stated."""
+        units: dict[Kind, str | None] = {"position": self.axes_unit, "force": self.force_unit}
+        return {kind: unit for kind, unit in units.items() if unit is not None}
 
 
 def _read_remarks(file: str, remarks: Sequence[Remark]) -> _StatedFrame:
-    """Return the unit of x, y and z, and the name of the positions' frame, from a file's titles and comments.
+    """Return units of x, y, z and of forces, and the positions' frame, from a file's titles and comments.
 
     Examples are `AXES = CARTESIAN: X, Y, Z (mm)`, `… Coordinate Frame 'A::R0'` and `Frame: A`.
 
@@ -275,7 +286,7 @@ def _read_remarks(file: str, remarks: Sequence[Remark]) -> _StatedFrame:
             reason = f"the frame of the positions is {quote(name)} here, but {quote(frame or '')} above"
             raise ImportFileError(place, reason, "export one frame per file")
         frame = frame if name is None else name
-    return _StatedFrame(axes_unit, frame)
+    return _StatedFrame(axes_unit, find_unit_of_forces(remarks), frame)
 
 
 def _read_axes_unit(text: str, place: Place) -> str | None:

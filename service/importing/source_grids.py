@@ -22,7 +22,7 @@ from jointstiff.service.importing.formats.excel import read_workbook
 from jointstiff.service.importing.formats.forms import join_forms
 from jointstiff.service.importing.formats.json_rows import build_error_of_list, read_json_rows
 from jointstiff.service.importing.formats.latex import read_latex
-from jointstiff.service.importing.formats.matrices import find_matrices
+from jointstiff.service.importing.formats.matrices import find_matrices, list_comments
 from jointstiff.service.importing.formats.opendocument import read_spreadsheet
 from jointstiff.service.importing.formats.val3 import read_joint_data
 from jointstiff.service.importing.formats.web_pages import read_web_page
@@ -185,7 +185,7 @@ def _read_matrices(file: SourceFile) -> list[Grid]:
     """
     text, encoding = decode(file.name, file.content)
     matrices = find_matrices(file.name, text)
-    return build_grids_of_matrices(file.name, encoding, matrices) if matrices else []
+    return build_grids_of_matrices(file.name, encoding, matrices, list_comments(text)) if matrices else []
 
 
 def _build_type_error(file: SourceFile, kind: str) -> ImportFileError:

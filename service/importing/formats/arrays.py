@@ -92,8 +92,10 @@ def read_arrays(
     return [replace(each, comments=tuple(scalars)) for each in grids]
 
 
-def build_grids_of_matrices(file: str, encoding: str, matrices: Sequence[Matrix]) -> list[Grid]:
-    """Return the matrices of a text in an encoding as tables, one for each number of rows."""
+def build_grids_of_matrices(
+    file: str, encoding: str, matrices: Sequence[Matrix], comments: Sequence[Remark]
+) -> list[Grid]:
+    """Return the matrices of a text as tables with its comments, one for each number of rows."""
     import numpy as np
 
     from jointstiff.service.importing.formats.columns import NamedArray, tabulate
@@ -106,7 +108,10 @@ def build_grids_of_matrices(file: str, encoding: str, matrices: Sequence[Matrix]
     tables = _split_by_length(_repeat_forces(arrays))
     grids = [_build_grid(file, "text", name, table) for name, table in tables]
     in_encoding = {"encoding": encoding}
-    return [replace(each, preview=each.preview.model_copy(update=in_encoding)) for each in grids]
+    return [
+        replace(each, preview=each.preview.model_copy(update=in_encoding), comments=tuple(comments))
+        for each in grids
+    ]
 
 
 def _repeat_forces(arrays: Sequence[Any]) -> list[Any]:

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import is_force
-from jointstiff.service.importing.grid import MAX_NUMBER_LENGTH
+from jointstiff.service.importing.grid import MAX_NUMBER_LENGTH, Remark
 
 _BRACKETS: Final = re.compile(r"\[([^\[\]]*)\]")
 _NAME: Final = re.compile(r"([A-Za-z]\w{0,62})[ \t]*=[ \t]*$", re.ASCII)
@@ -71,6 +71,14 @@ def find_matrices(file: str, text: str) -> list[Matrix]:
         if assigned[1] in found:
             raise _refuse_computed(file, assigned[1])
     return list(found.values()) if any(_is_matrix(each.rows) for each in found.values()) else []
+
+
+def list_comments(text: str) -> list[Remark]:
+    """Return the comments of a text, without their marks."""
+    lines = enumerate(text.splitlines(), 1)
+    found = ((number, _COMMENT.search(line)) for number, line in lines)
+    comments = [(number, match[0].strip("% \t")) for number, match in found if match is not None]
+    return [Remark(number, comment) for number, comment in comments if comment]
 
 
 def _omit_commented_blocks(text: str) -> str:

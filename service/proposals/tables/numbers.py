@@ -54,6 +54,7 @@ from jointstiff.service.importing.posture_files import join_posture_files
 from jointstiff.service.importing.source_files import SourceFile, check_files
 from jointstiff.service.importing.source_grids import read_grids
 from jointstiff.service.importing.transposed import turn_table
+from jointstiff.service.importing.unit_remarks import find_unit_of_forces
 from jointstiff.service.proposals.tables.row_name import RowName
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.table import RowGroups, Table
@@ -106,10 +107,8 @@ class NumberTable:
 
     @property
     def remarks(self) -> list[Remark]:
-        """Comments of the file, and its rows above the rows of data."""
-        first = self.rows[0].line
-        above = [Remark(row.line, "\t".join(row.cells)) for row in self.grid.rows if row.line < first]
-        return sorted([*self.grid.comments, *above])
+        """Comments of the file, the title of the table, and its rows above the rows of data."""
+        return _list_remarks(self.grid, self.rows[0].line)
 
     @cached_property
     def label_column(self) -> int | None:
@@ -405,9 +404,10 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     width = len(rows[0].cells)
     headers = _complete_headers(_find_headers(grid, words, options, data[0], width), grid, data[0])
     words.add_names_of_table(headers)
-    meanings = _find_meanings(headers, words)
+    remarks = _list_remarks(grid, rows[0].line)
+    meanings, note_on_forces = _add_unit_of_forces(_find_meanings(headers, words), remarks)
     rows, note = fill_down(rows, headers, meanings)
-    notes = [*grid.preview.assumptions, *([note] if note else [])]
+    notes = [*grid.preview.assumptions, *filter(None, (note, note_on_forces))]
     grid = replace(grid, preview=grid.preview.model_copy(update={"assumptions": notes}))
     columns = [c for c in range(width) if any(looks_like_a_number(row.cells[c]) for row in rows)]
     is_separated = grid.preview.format != "text" or has_separated_thousands(rows, columns)
@@ -430,6 +430,27 @@ def _read_table(grid: Grid, name: str, options: ImportOptions, joints: Sequence[
     measured = frozenset(_list_measured_columns(meanings))
     table = Table(name, numbers, known_joints, others, points, measured)
     return NumberTable(grid, headers, meanings, rows, mark, table, stated, ignored)
+
+
+def _list_remarks(grid: Grid, first: int) -> list[Remark]:
+    """Return the comments of a table, its title, and its rows above the row of data in the line `first`."""
+    above = [Remark(row.line, "\t".join(row.cells)) for row in grid.rows if row.line < first]
+    return sorted([*grid.comments, Remark(0, grid.own_sheet), *above])
+
+
+def _add_unit_of_forces(
+    meanings: tuple[Meaning | None, ...], remarks: Sequence[Remark]
+) -> tuple[tuple[Meaning | None, ...], str]:
+    """Return meanings whose forces without any unit have that of remarks, and a note on the unit."""
+    forces = [meaning for meaning in meanings if meaning is not None and meaning.kind == "force"]
+    unit = find_unit_of_forces(remarks)
+    if not forces or unit is None or any(meaning.unit for meaning in forces):
+        return meanings, ""
+    with_unit = tuple(
+        replace(meaning, unit=unit) if meaning is not None and meaning.kind == "force" else meaning
+        for meaning in meanings
+    )
+    return with_unit, f"forces are in {unit}, as the file states"
 
 
 def _list_measured_columns(meanings: Sequence[Meaning | None]) -> Iterator[int]:
