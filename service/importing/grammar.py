@@ -215,7 +215,12 @@ _LOAD: Final = (
 )
 _AXIS_OF_LOAD: Final = re.compile(rf"{_LOAD}[\s_.-]*([xyz])(?:[\s_-]+(?:R0|base|basis))?", re.IGNORECASE)
 """A part of a load such as `load x` or `applied force in x`, which is a force only in a unit of force."""
-_SIZE_OF_LOAD: Final = re.compile(_LOAD, re.IGNORECASE)
+_SIZE_OF_LOAD: Final = re.compile(
+    rf"{_LOAD}|(?:{build_alternation(_WORD_LISTS['load cells'])})(?:[\s_-]*(?:force|\d{{1,2}}))?",
+    re.IGNORECASE,
+)
+_CAMEL_CASE: Final = re.compile(r"(?<=[^\W\d_A-Z])(?=[A-Z])")
+"""Place between two words such as `LoadCell`."""
 _NUMBERED_FORCE: Final = re.compile(
     rf"({build_alternation(_FORCES)})[\s_-]?(?:([0-9])|\[([0-9])\])", re.IGNORECASE
 )
@@ -381,9 +386,10 @@ def is_force(name: str) -> bool:
 
 
 def find_unit_of_size(header: str) -> str | None:
-    """Return the unit of force of a load without an axis, such as `Kraft [kN]`; None for other headers."""
+    """Return the unit of force of a load without an axis, such as `Kraft [kN]` or `LoadCell_N`; else None."""
     base, unit = split_unit(header)
     base, unit_of_name = split_unit_suffix(base) or (base, unit)
+    base = _CAMEL_CASE.sub(" ", base)
     unit = unit or unit_of_name
     known = None if unit is None or unit_of_name != unit else find_known_unit(unit)
     is_force = known is not None and known[0] == "force" and _SIZE_OF_LOAD.fullmatch(base) is not None
@@ -408,7 +414,8 @@ def looks_like_a_force(header: str) -> bool:
     """Return whether a header has a word for a force or a wrench, or a unit of force."""
     base, unit = split_unit(header)
     words = {fold_word(word) for word in NO_LETTERS.split(base)}
-    return _is_unit_of("force", unit) or bool(_FORCE_IN_HEADER.search(base)) or "wrench" in words
+    has_unit = _is_unit_of("force", unit) or find_unit_of_size(header) is not None
+    return has_unit or bool(_FORCE_IN_HEADER.search(base)) or "wrench" in words
 
 
 def find_unknown_unit(header: str) -> tuple[Dimension, str] | None:
