@@ -211,22 +211,32 @@ _NAMED_FORCE: Final = re.compile(
 """A part of a force after its word, such as `Kraft Fx`, or of a key such as `force.x`."""
 _AXIS_OF_FORCE: Final = re.compile(rf"([xyz])[\s_-]+({WORDS_OF_FORCE})", re.IGNORECASE)
 _WITH_FORCE: Final = build_alternation(_WORD_LISTS["forces"])
+_BEFORE_FORCE: Final = rf"(?:(?:{_WITH_FORCE})[\s_.-]+){{0,2}}"
+_BEHIND_FORCE: Final = rf"(?:[\s_.-]+(?:{_WITH_FORCE})){{0,2}}"
 _LOAD: Final = (
-    rf"(?:(?:{_WITH_FORCE})[\s_.-]+){{0,2}}(?:{build_alternation((*_FORCES, *WORDS['answers']['load']))})"
-    rf"(?:[\s_.-]+(?:{_WITH_FORCE})){{0,2}}"
+    rf"{_BEFORE_FORCE}(?:{build_alternation((*_FORCES, *WORDS['answers']['load']))}){_BEHIND_FORCE}"
 )
+_QUALIFIED_FORCE: Final = rf"{_BEFORE_FORCE}(?:{build_alternation(_FORCES)}){_BEHIND_FORCE}"
+_AXIS_OF_QUALIFIED_FORCE: Final = re.compile(
+    rf"{_QUALIFIED_FORCE}[\s_.-]*([xyz]){_BEHIND_FORCE}(?:[\s_-]+(?:R0|base|basis))?", re.IGNORECASE
+)
+"""A part of a force with words that say no more, such as `F_ext x`, `Fx_ext` or `applied force x`."""
+_FORMS_OF_FORCE: Final = (_NAMED_FORCE, _AXIS_OF_FORCE, _AXIS_OF_QUALIFIED_FORCE)
 _AXIS_OF_LOAD: Final = re.compile(rf"{_LOAD}[\s_.-]*([xyz])(?:[\s_-]+(?:R0|base|basis))?", re.IGNORECASE)
 """A part of a load such as `load x` or `applied force in x`, which is a force only in a unit of force."""
-_SIZE_OF_LOAD: Final = re.compile(_LOAD, re.IGNORECASE)
+_SIZE_OF_LOAD: Final = re.compile(
+    rf"{_LOAD}|(?:{build_alternation(_WORD_LISTS['load cells'])})(?:[\s_-]*(?:force|\d{{1,2}}))?",
+    re.IGNORECASE,
+)
 _DOWN_IN_HEADER: Final = re.compile(
     rf"[\s_]?[(\[（［]?(?<![A-Za-zÀ-ɏͰ-ӿ])(?:{build_alternation(WORDS['loads']['words']['down'])})"
     r"(?![A-Za-zÀ-ɏͰ-ӿ])[)\]）］]?",
     re.IGNORECASE,
 )
 """Words for down in a header, also in brackets."""
-_NUMBERED_FORCE: Final = re.compile(
-    rf"({build_alternation(_FORCES)})[\s_-]?(?:([0-9])|\[([0-9])\])", re.IGNORECASE
-)
+_CAMEL_CASE: Final = re.compile(r"(?<=[^\W\d_A-Z])(?=[A-Z])")
+"""Place between two words such as `LoadCell`."""
+_NUMBERED_FORCE: Final = re.compile(rf"({_QUALIFIED_FORCE})[\s_-]?(?:([0-9])|\[([0-9])\])", re.IGNORECASE)
 """A force such as `F_1` or `Kraft[0]`, which is a part of a vector only if there are three of them."""
 _NUMBERED_WRENCH: Final = re.compile(r"wrench[\s_-]?(?:([0-9])|\[([0-9])\])", re.IGNORECASE)
 """A part of a wrench such as `wrench 1`: of the force, then of the moment, if there are six of them."""
@@ -389,12 +399,13 @@ def is_force(name: str) -> bool:
 
 
 def find_unit_of_size(header: str) -> str | None:
-    """Return the unit of force of a load without an axis, such as `Kraft [kN]`; None for other headers.
+    """Return the unit of force of a load without an axis, such as `Kraft [kN]` or `LoadCell_N`; else None.
 
     Words for down, as in `Zugkraft (nach unten) [kN]`, say no more than a weight, whose direction is checked.
     """
     base, unit = split_unit(_DOWN_IN_HEADER.sub(" ", header))
     base, unit_of_name = split_unit_suffix(base) or (base, unit)
+    base = _CAMEL_CASE.sub(" ", base)
     unit = unit or unit_of_name
     known = None if unit is None or unit_of_name != unit else find_known_unit(unit)
     is_force = known is not None and known[0] == "force" and _SIZE_OF_LOAD.fullmatch(base) is not None
@@ -419,7 +430,8 @@ def looks_like_a_force(header: str) -> bool:
     """Return whether a header has a word for a force or a wrench, or a unit of force."""
     base, unit = split_unit(header)
     words = {fold_word(word) for word in NO_LETTERS.split(base)}
-    return _is_unit_of("force", unit) or bool(_FORCE_IN_HEADER.search(base)) or "wrench" in words
+    has_unit = _is_unit_of("force", unit) or find_unit_of_size(header) is not None
+    return has_unit or bool(_FORCE_IN_HEADER.search(base)) or "wrench" in words
 
 
 def find_unknown_unit(header: str) -> tuple[Dimension, str] | None:
@@ -745,7 +757,7 @@ def _parse_quantity(header: str, base: str, state_words: Mapping[str, State]) ->
     if vector := _VECTOR.fullmatch(base):
         kind = _VECTOR_OF[fold_word(vector[1].replace("-", " "))]
         return Meaning(Quantity(kind), "xyz".index(vector[2].casefold()))
-    if force := _NAMED_FORCE.fullmatch(base) or _AXIS_OF_FORCE.fullmatch(base):
+    if force := next(filter(None, (form.fullmatch(base) for form in _FORMS_OF_FORCE)), None):
         return Meaning(Quantity("force"), "xyz".index(force[1].casefold()))
     return _parse_position(header, base, state_words)
 

@@ -9,6 +9,7 @@ from support.sprung_arm import ARM, STATED, TURN, in_tracker, measure
 from support.strange_files import JOINTS, digits, table
 
 import jointstiff as js
+from jointstiff.service.importing.grammar import looks_like_a_force
 
 TILT = Rotation.from_euler("yx", [2.0, -1.5], degrees=True)
 
@@ -174,6 +175,56 @@ def test_sizes_of_a_force_are_weights_where_only_a_pull_down_explains_the_deflec
     proposed = propose(table([*HEADERS, "Kraft [N]"], write_rows(joints, positions, size)), tmp_path)
     assert "'Kraft [N]' as the size of a force along −z of R0" in str(proposed)
     assert read_forces(proposed) == pytest.approx(forces, abs=1e-3)
+
+
+def write_log_of_load_cell(direction, header):
+    """Return a log with two rows for each posture, whose load cell has its noise in rows without load."""
+    size, forces = sizes(direction)
+    joints, positions = measure(forces)
+    rows = [
+        [*digits(angles), *digits(1e3 * each), f"{number:.1f}"]
+        for angles, pair, of_load in zip(joints, positions, size, strict=True)
+        for each, number in zip(pair, (-0.3, of_load), strict=True)
+    ]
+    return table([*JOINTS, *"XYZ", header], rows), size
+
+
+DEVICES = [
+    "LoadCell_N",
+    "load cell [N]",
+    "Load_Cell_1_N",
+    "Kraftmessdose (N)",
+    "celda de carga, N",
+    "appliedForce_N",
+]
+
+
+@pytest.mark.parametrize("header", DEVICES)
+def test_a_load_cell_in_a_unit_of_force_has_the_sizes_of_weights_and_shows_the_states(header, tmp_path):
+    text, size = write_log_of_load_cell((0.0, 0.0, -1.0), header)
+    proposed = propose(text, tmp_path)
+    assert f"{header!r} as the size of a force along −z of R0, as the deflections show" in str(proposed)
+    assert read_forces(proposed) == pytest.approx(np.outer(size, [0.0, 0.0, -1.0]), abs=0.06)
+
+
+def test_a_load_cell_is_compared_with_a_stated_force(tmp_path):
+    text, size = write_log_of_load_cell((1.0, 0.0, 0.0), "LoadCell_N")
+    stated = {"force": [np.median(size), 0, 0], "units": {"force": "N"}}
+    assert read_forces(propose(text, tmp_path, **stated)) == pytest.approx(
+        np.outer(size, [1.0, 0.0, 0.0]), abs=0.06
+    )
+    with pytest.raises(js.CampaignError, match="`force` is 400 N, but 'LoadCell_N' has"):
+        propose(text, tmp_path, **stated | {"force": [400, 0, 0]})
+
+
+def test_a_load_cell_that_pulls_along_another_direction_is_asked(tmp_path):
+    text, _ = write_log_of_load_cell((0.0, -0.8, -0.6), "LoadCell_N")
+    assert propose(text, tmp_path).accept().missing_fields == ["force"]
+
+
+@pytest.mark.parametrize("header", ["LoadCell_V", "LoadCell_temp", "LoadCell", "load cell [mV]", "Cell_N"])
+def test_a_load_cell_without_a_unit_of_force_is_no_force(header):
+    assert not looks_like_a_force(header)
 
 
 @pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, -0.8, -0.6)])

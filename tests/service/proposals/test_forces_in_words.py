@@ -326,6 +326,28 @@ def test_a_force_that_a_file_states_once_is_that_of_all_postures(write, name, un
 
 
 @pytest.mark.process
+@pytest.mark.parametrize("write", [write_npz, write_mat])
+@pytest.mark.parametrize("name", ["F_ext", "force_applied", "F_meas", "Kraft_ext"])
+def test_the_only_question_for_a_force_with_words_that_say_no_more_is_its_unit(name, write, tmp_path):
+    files = write({**ARRAYS, name: FORCE + np.arange(14)[:, None]})
+    with pytest.raises(js.CampaignError, match=r'have no unit.*`units`: {"force": "N"}'):
+        propose(files, tmp_path)
+    assert read_force(files, tmp_path, units={"force": "N"}) == pytest.approx([0.0, 0.0, -981.0])
+
+
+@pytest.mark.parametrize("form", ["F_ext_{}", "F{}_ext", "Applied force {}", "force_measured_{}"])
+def test_parts_of_a_force_with_words_that_say_no_more_need_no_unit_in_their_headers(form, tmp_path):
+    files = with_columns([form.format(axis) for axis in "xyz"], ["0", "0", "-981"])
+    assert read_force(files, tmp_path, units={"force": "N"}) == pytest.approx([0.0, 0.0, -981.0])
+
+
+@pytest.mark.parametrize("form", ["F_tcp_{}", "F_sensor_{}", "force_tool_{}", "F_cmd_{}", "F_std_{}"])
+def test_parts_of_a_force_in_other_axes_or_of_other_numbers_are_no_forces(form, tmp_path):
+    files = with_columns([form.format(axis) for axis in "xyz"], ["0", "0", "-981"])
+    assert accept(files, tmp_path, units={"force": "N"}).missing_fields == ["force"]
+
+
+@pytest.mark.process
 @pytest.mark.parametrize("write", [write_npz, write_mat, write_json, write_records, write_matlab])
 def test_a_force_in_decanewtons_that_a_file_states_once_is_in_newtons(write, tmp_path):
     assert read_force(write({**ARRAYS, "F_daN": FORCE / 10}), tmp_path) == pytest.approx([0.0, 0.0, -981.0])
