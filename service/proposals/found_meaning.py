@@ -17,7 +17,7 @@ from jointstiff.service.proposals.joined_tables import JoinedTables, join_number
 from jointstiff.service.proposals.names.joining import label_by_joints
 from jointstiff.service.proposals.names.naming import name_readings
 from jointstiff.service.proposals.no_proposal import NoProposalError, UnreadError
-from jointstiff.service.proposals.repeated_postures import bring_visits_together
+from jointstiff.service.proposals.repeated_postures import bring_visits_together, separate_visits
 from jointstiff.service.proposals.tables.lengths import convert_columns
 from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
 from jointstiff.service.proposals.unread import describe_turned_table
@@ -106,6 +106,9 @@ def find_proposal(
         raise UnreadError(found.reason)
     if reason := _find_contradiction(found.best, request):
         raise NoProposalError(reason)
+    separate = separate_visits(found.best, tables)
+    if separate is not None:
+        return find_proposal(separate, request, robots)
     return order_by_forces(found.best, tables, request)
 
 

@@ -12,7 +12,7 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.proposals.names.naming import NamedReading
 from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
-from jointstiff.solver.arrays import IndexArray
+from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.meaning.hypotheses import number_postures
 from jointstiff.solver.meaning.proposal import Proposal, TargetReading
 from jointstiff.solver.meaning.table import RowGroups
@@ -53,6 +53,41 @@ def bring_visits_together(
         if are_read
         else None
     )
+
+
+def separate_visits(proposal: Proposal, tables: Sequence[NumberTable]) -> list[NumberTable] | None:
+    """Return the tables with each row of the joints as a posture, if each row has the states in its columns.
+
+    The rows of a posture are then repeats, and differ less than the columns of a target do. None of other
+    rows, as of those whose names state a target or a load.
+    """
+    joints = find_table(tables, proposal.joints.table)
+    is_named = len({name.key for name in joints.turn}) > 1
+    if proposal.joints.groups.count == 1 or is_named or not _are_states_in_columns(proposal):
+        return None
+    separate = replace(joints, table=replace(joints.table, is_grouped=False))
+    return [separate if table is joints else table for table in tables]
+
+
+def _are_states_in_columns(proposal: Proposal) -> bool:
+    """Return whether each row of joints has several positions of a target, farther apart than its rows."""
+    positions_of: dict[int, dict[tuple[str | int, ...], list[FloatArray]]] = {}
+    for each in proposal.readings:
+        if each.points.groups != proposal.joints.groups:
+            return False
+        of_columns = positions_of.setdefault(each.target, {})
+        of_columns.setdefault((each.points.table, *each.points.columns), []).append(each.positions)
+    for of_columns in positions_of.values():
+        counts = {len(rows) for rows in of_columns.values()}
+        if len(of_columns) < 2 or counts != {proposal.joints.groups.count}:
+            return False
+        positions = np.array(list(of_columns.values()))  # (columns, rows of a posture, N, 3)
+        of_rows, of_states = (
+            np.nanmedian(np.linalg.norm(np.ptp(positions, axis=axis), axis=-1)) for axis in (1, 0)
+        )
+        if of_rows >= of_states:
+            return False
+    return True
 
 
 def _measure_distance(reading: TargetReading, postures: IndexArray) -> float:

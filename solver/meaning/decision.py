@@ -352,16 +352,14 @@ def _is_shifted(other: Interpretation, tied: Sequence[Interpretation]) -> bool:
 
     The loaded position is so near to the unloaded one that y and z of the first, and x of the second, are a
     position in a frame with exchanged axes. Such an interpretation has the right joints, or those of the
-    mirrored arm, but other columns for the positions.
+    mirrored arm, in any groups of rows, but other columns for the positions.
 
     Args:
         other: interpretation to check.
         tied: the best interpretation, then those with the same effect.
     """
     best = tied[0]
-    has_other_positions = other.points != best.points
-    has_same_groups = other.joints.groups == best.joints.groups
-    if not has_other_positions or not has_same_groups:
+    if _are_same_positions(other.points, best.points):
         return False
     return any(_read_same_joints(other, right) or _read_mirrored_joints(other, right) for right in tied)
 

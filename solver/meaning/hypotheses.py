@@ -164,6 +164,8 @@ def find_repeats(table: Table, window: Sequence[int]) -> list[RowGroups]:
     bound = find_joint_noise(joints)
     ungrouped = RowGroups()
     groupings = [ungrouped]
+    if not table.is_grouped:
+        return groupings
     for rows_of_posture in range(2, _MOST_GROUPED + 1):
         posture_count, rest = divmod(len(joints), rows_of_posture)
         if rest or posture_count < _LEAST_POSTURES:

@@ -38,6 +38,7 @@ class Table:
         tuple[int, int, int], ...
     ] = ()  #: columns that headers or a person name as x, y and z of a target
     measured: frozenset[int] = frozenset()  #: columns that are readings in a state of load by their names
+    is_grouped: bool = True  #: whether rows with the same joints may be one posture
 
     @property
     def size(self) -> tuple[int, int]:

@@ -75,3 +75,57 @@ def test_other_sheets_are_no_runs(title, shift, joint_shift, tmp_path):
     runs = {title.format(n + 1): write_run(n * shift, n * joint_shift) for n in range(2)}
     with pytest.raises(js.CampaignError):
         js.read(write_book(tmp_path / "runs.xlsx", runs), robot=ARM, **STATED)
+
+
+def write_repeats(order, noise, form):
+    """Return a table with three rows a posture, in runs or in turn, whose positions have noise [mm]."""
+    generator = np.random.default_rng(5)
+    rows = [
+        (
+            row[0],
+            run,
+            [*row[1:7], *digits(np.array(row[7:], float) + np.tile(generator.normal(0.0, noise, 3), 2))],
+        )
+        for run in (1, 2, 3)
+        for row in write_run(0.0)
+    ]
+    if order == "in turn":
+        rows.sort(key=lambda row: row[0])
+    joints, places = [f"J{axis}" for axis in range(1, 7)], HEADER[7:]
+    header, write = {
+        "run and posture": (["Run", "Pos", *joints, *places], lambda pos, run, cells: [run, pos, *cells]),
+        "names": (["Punkt", *joints, *places], lambda pos, _, cells: [f"P{pos:02}", *cells]),
+        "states in words": (
+            ["Pos", *joints, *(f"{state} {axis}" for state in ("ohne Last", "mit Last") for axis in "XYZ")],
+            lambda pos, _, cells: [pos, *cells],
+        ),
+        "bare": ([], lambda _, __, cells: cells),
+    }[form]
+    return table(header, [write(*row) for row in rows])
+
+
+@pytest.mark.parametrize("form", ["run and posture", "names", "states in words", "bare"])
+@pytest.mark.parametrize("noise", [0.02, 0.2], ids=["repeats", "visits"])
+@pytest.mark.parametrize("order", ["in runs", "in turn"])
+def test_rows_with_both_states_are_observations_however_often_a_posture_occurs(order, noise, form, tmp_path):
+    (tmp_path / "a.csv").write_text(write_repeats(order, noise, form), encoding="utf-8")
+    proposal = js.read(tmp_path / "a.csv", robot=ARM, **STATED)
+    shifts = positions_of(proposal, "loaded") - positions_of(proposal, "unloaded")
+    sizes = np.repeat(np.linalg.norm(LOADED - UNLOADED, axis=1), 3)
+    assert np.allclose(np.sort(np.linalg.norm(shifts, axis=1)), np.sort(sizes), atol=2e-3)
+
+
+def test_rows_that_are_the_states_of_two_instruments_are_no_observations(tmp_path):
+    """Two trackers read a target alike; the rows of a posture are farther apart than their readings."""
+    rows = [
+        [*digits(joints), *digits(place), *digits(place + 0.01)]
+        for joints, *places in zip(CAMPAIGN.joints, UNLOADED, LOADED, strict=True)
+        for place in places
+    ]
+    header = [
+        *(f"J{axis}" for axis in range(1, 7)),
+        *(f"{name} {axis}" for name in ("Faro", "Leica") for axis in "XYZ"),
+    ]
+    (tmp_path / "a.csv").write_text(table(header, rows), encoding="utf-8")
+    with pytest.raises(js.CampaignError):
+        js.read(tmp_path / "a.csv", robot=ARM, **STATED)
