@@ -1261,6 +1261,8 @@ def make_import_report(answer: ImportAnswer) -> list[Part]:
     for file in answer.files:
         parts += [Line(f"{file.file}: {_describe_format(file)}", "title"), _make_columns_table(file)]
         parts += _make_first_lines(file.assumptions, "assumed: ")
+    if answer.measurement_set is not None and _has_load(answer.measurement_set):
+        parts.append(Line(f"  {_describe_load(answer.measurement_set)}"))
     parts.append(Line(f"  {_describe_totals(answer)}"))
     parts += _make_first_lines(answer.assumptions, "assumed: ")
     if answer.geometry is not None and answer.measurement_set is None:
@@ -1285,6 +1287,19 @@ def _make_columns_table(file: FilePreview) -> Table:
         rows.append([str(column.column), _shorten(column.header), meaning, column.unit or "", first_values])
     titles = ["", "header", "read as", "unit", "first values"]
     return build_text_table(titles, rows, left_aligned=[1, 2, 3, 4])
+
+
+def _has_load(readings: MeasurementSetDocument) -> bool:
+    """Return whether a force other than zero acts on the robot: not its own weight alone."""
+    return any(any(each.force) for each in readings.observations)
+
+
+def _describe_load(readings: MeasurementSetDocument) -> str:
+    """Return in words how large the force on the robot is, and where it acts."""
+    from jointstiff.service.reports.run import describe_load_point, describe_loads
+
+    point = describe_load_point(readings)
+    return f"force on the robot: {describe_loads(readings)}; load point in the flange frame: {point}"
 
 
 def _describe_totals(answer: ImportAnswer) -> str:
@@ -1354,7 +1369,9 @@ def _describe_format(file: FilePreview) -> str:
     cells = f"{file.delimiter} between cells, " if file.delimiter else ""
     is_markdown = suffix in _MARKDOWN and file.delimiter == "tab"  # tabs are in place of its upright lines
     cells = "Markdown, " if is_markdown else cells
-    return f"{file.encoding}, {cells}decimal {file.decimal_mark}, {rows}"
+    encoding = f"{file.encoding}, " if file.encoding else ""
+    mark = f"decimal {file.decimal_mark}, " if file.decimal_mark else ""
+    return f"{encoding}{cells}{mark}{rows}"
 
 
 def _make_first_lines(texts: list[str], lead: str, style: Any = "dim") -> Iterator[Line]:  # noqa: ANN401 - a style

@@ -620,14 +620,14 @@ def _build_traceability_section(readings: MeasurementSetDocument, laboratory: La
         ("Uncertainty of readings and load", " ".join(_describe_noise(readings))),
         ("Position loop closed by", f"{readings.encoders} encoders"),
         ("Observations", f"{len(readings.observations)}"),
-        ("Force on the robot", _describe_loads(readings)),
-        ("Load point in the flange frame", _describe_load_point(readings)),
+        ("Force on the robot", describe_loads(readings)),
+        ("Load point in the flange frame", describe_load_point(readings)),
         ("Targets read", _describe_targets(readings)),
     ]
     return Section(TRACEABILITY, facts=facts)
 
 
-def _describe_loads(readings: MeasurementSetDocument) -> str:
+def describe_loads(readings: MeasurementSetDocument) -> str:
     """Return the least and the greatest force in words, such as "200 N to 1500 N, and moments"."""
     newtons = FORCE[readings.units.force]
     sizes = [newtons * float(np.linalg.norm(each.force)) for each in readings.observations]
@@ -637,7 +637,7 @@ def _describe_loads(readings: MeasurementSetDocument) -> str:
     return f"{forces}, and moments" if has_moments else forces
 
 
-def _describe_load_point(readings: MeasurementSetDocument) -> str:
+def describe_load_point(readings: MeasurementSetDocument) -> str:
     """Return the point where the force acts, or how it was stated or read, in words."""
     if readings.load_point_target is not None:
         return f"read: target {readings.load_point_target} on the hook"

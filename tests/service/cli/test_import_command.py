@@ -1,6 +1,7 @@
 """`jointstiff import`: the campaign that it writes, what it shows, and when it writes nothing."""
 
 import json
+import re
 from functools import partial
 
 import numpy as np
@@ -54,6 +55,8 @@ def test_a_table_of_a_campaign_gives_the_result_of_the_campaign(folder, robot):
     assert [cell.strip() for cell in lines[5].split("│")[1:6]] == [
         "2", "J1 [rad]", "joint 1", "rad", "0.393; -1.5543"
     ]  # fmt: skip
+    load = r"  force on the robot: \d+ N( to \d+ N)?; load point in the flange frame: \(.+, .+, .+\) mm"
+    assert re.fullmatch(load, lines[-4])
     assert lines[-3:] == [
         "  6 observations (c01, c02, c03, c04, c05, …), 6 joints, 18 complete readings; "
         "targets: P10, P11, P12; states: unloaded, loaded",

@@ -463,6 +463,8 @@ def test_nominal_positions_without_a_header_are_no_third_state(order):
     [
         ({"file": "a.ods", "format": "xlsx", "sheet": "s"}, "OpenDocument, sheet 's', 0 rows"),
         ({"file": "a.xlsx", "format": "xlsx"}, "Excel, 0 rows"),
+        ({"file": "a.json", "format": "text", "decimal_mark": "point"}, "decimal point, 0 rows"),
+        ({"file": "a.script", "format": "text"}, "0 rows"),
         ({"file": "a.md", "format": "text", "encoding": "utf-8", "delimiter": "tab"}, "utf-8, Markdown, "),
         (
             {"file": "a.md", "format": "text", "encoding": "utf-8", "delimiter": "comma"},
