@@ -721,6 +721,15 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
     return replace(meaning, unit=unit, guessed=meaning.guessed or split_suffix is not None)
 
 
+def is_target(name: str) -> bool:
+    """Return whether a header of a position with a name, a state and an axis is understood with this name."""
+    try:
+        meaning = parse_header(f"{name} unloaded x [mm]", {})
+    except ImportFileError:
+        return False
+    return meaning.quantity == Quantity("position", name, "unloaded")
+
+
 def _find_kind_of_path(header: str) -> Kind | None:
     """Return the kind of a column of whole names, such as `Collection::Group::Target`; None for others."""
     parts = header.split("::")

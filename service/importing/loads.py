@@ -5,14 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Final
+from typing import Final, NamedTuple
 
 from jointstiff.schemas.imports import State
-from jointstiff.service.importing.grammar import find_unit_of_readings
+from jointstiff.service.importing.grammar import find_known_unit, find_unit_of_readings
 
 _LOAD: Final = re.compile(
     r"(?<![\d.,])(\d{1,5}(?:[.,]\d{1,3})?)[\s_]?(?:(kg)|lbs?)(?![^\W\d_])", re.IGNORECASE
 )
+_FORCE: Final = re.compile(r"(?<![\d.,])(?<![^\W_])(\d{1,6}(?:[.,]\d{1,3})?)[\s_]?([^\W\d_]{1,12})(?![^\W_])")
 _POUND: Final = 0.45359237
 """Mass of a pound [kg]."""
 KILOGRAMS: Final[Mapping[str, float]] = MappingProxyType({"kgf": 1.0, "lbf": _POUND})
@@ -26,6 +27,28 @@ def find_load(text: str) -> float | None:
         return None
     ((number, is_in_kg),) = masses
     return float(number.replace(",", ".")) * (1.0 if is_in_kg else _POUND)
+
+
+class SplitForce(NamedTuple):
+    """Text with a force in a unit, such as `1320 N T1`, in its two parts."""
+
+    newtons: float
+    rest: str
+
+
+def split_force(text: str) -> SplitForce | None:
+    """Split the size of a force with its unit from a text; None without a force, or with several."""
+    found = []
+    for match in _FORCE.finditer(text):
+        unit = find_known_unit(match[2])
+        if unit is not None and unit[0] == "force":
+            found.append((match, unit[1]))
+    if len(found) != 1:
+        return None
+    ((force, name),) = found
+    size = float(force[1].replace(",", "."))
+    rest = f"{text[: force.start()]} {text[force.end() :]}".strip(" _-")
+    return SplitForce(size * find_newtons(name), " ".join(rest.split()))
 
 
 def remove_load(text: str) -> str:

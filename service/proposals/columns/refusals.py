@@ -104,6 +104,8 @@ def confirms_joints(table: NumberTable, proposal: Proposal, joints: NumberTable)
 def refuse_single_rows(proposal: Proposal, tables: Sequence[NumberTable]) -> None:
     """Refuse a proposal that reads as postures the rows that names make states or targets of one posture.
 
+    Rows of joints alone that differ in their loads are postures with different loads.
+
     Raises:
         ImportFileError: a table has such rows.
     """
@@ -112,7 +114,10 @@ def refuse_single_rows(proposal: Proposal, tables: Sequence[NumberTable]) -> Non
     of_states = [
         table for table in tables if table.name in single and len({row.state for row in table.turn}) > 1
     ]
-    count = len(joints.turn) or max((len(table.turn) for table in of_states), default=0)
+    has_positions = any(each.points.table == joints.name for each in proposal.readings)
+    are_loads_of_postures = not has_positions and len({(row.state, row.target) for row in joints.turn}) == 1
+    count_of_joints = 0 if are_loads_of_postures else len(joints.turn)
+    count = count_of_joints or max((len(table.turn) for table in of_states), default=0)
     if count > 1 and (of_states or proposal.joints.groups.count != count):
         reason = f"the {count} rows of a posture have different joints, so that each was read as a posture"
         remedy = (

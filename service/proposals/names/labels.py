@@ -18,8 +18,10 @@ MOST_CODES: Final = 16
 """Most different names of targets or states in a column."""
 COUNTED: Final = re.compile(r"\d{1,5}")
 """A name that is a number."""
-_ENDING: Final = re.compile(r"[^\W\d_]{0,16}[\s_.-]?\d{1,5}[\s_.-]?([^\W\d_]{1,16})")
-"""A number with a word behind it, such as `1u` and `P01-before`."""
+_ENDING: Final = re.compile(
+    r"[^\W\d_]{0,16}[\s_.-]?\d{1,5}(?:[\s_.-][^\W\d_]{0,16}\d{1,5}){0,2}[\s_.-]?([^\W\d_]{1,16})"
+)
+"""A number, or several, with a word behind, such as `1u`, `P01-before` and `M01-1-u`."""
 _BEFORE_NUMBER: Final = " \t_-.#"
 """Signs between a word and its number."""
 _LEADING_ZEROS: Final = re.compile(r"(?<![\d.,])0+(?=\d)")

@@ -13,9 +13,10 @@ from jointstiff.service.importing.grammar import (
     find_state,
     is_likely_unloaded,
     is_negation,
+    is_target,
     split_unit_suffix,
 )
-from jointstiff.service.importing.loads import find_load, find_state_of_load, remove_load
+from jointstiff.service.importing.loads import find_load, find_state_of_load, remove_load, split_force
 from jointstiff.service.importing.phrases import split_words
 from jointstiff.service.importing.titles import find_states_of_titles
 from jointstiff.service.proposals.names.contrasts import (
@@ -78,6 +79,7 @@ def name_readings(
     table_of_name = {table.name: table for table in tables}
     states = find_states_of_titles([table.title for table in tables], options.state_words)
     contrasts = find_contrasts(proposal.readings, tables, options.state_words)
+    by_number = [f"T{reading.target}" for reading in proposal.readings]
     for states_of_titles in (states, None):
         found = [
             _find_names(reading, table_of_name[reading.points.table], options, states_of_titles)
@@ -85,11 +87,14 @@ def name_readings(
         ]
         found = _add_loads_of_headers(found, proposal.readings, table_of_name, contrasts)
         found = _add_targets_of_headers(found, proposal.readings, table_of_name)
+        found = _omit_force_of_load(found)
         targets = _number_states(_name_targets(proposal.readings, found), proposal.readings, options)
-        named = _add_states(proposal.readings, targets, _add_states_of_words(found, contrasts), contrasts)
+        with_states = _add_states_of_words(found, contrasts)
+        named = _add_states(proposal.readings, targets, with_states, contrasts)
         if are_distinct(named):
-            return named
-    by_number = [f"T{reading.target}" for reading in proposal.readings]
+            numbered = _add_states(proposal.readings, by_number, with_states, contrasts)
+            are_numbers_better = _lack_states(named) and are_distinct(numbered)
+            return numbered if are_numbers_better else named
     without_names = [RowName()] * len(proposal.readings)
     by_words = _add_states_of_words(without_names, contrasts)
     named = _add_states(proposal.readings, by_number, by_words, contrasts)
@@ -109,6 +114,42 @@ def _add_states_of_words(names: Sequence[RowName], contrasts: Sequence[Contrast]
 def are_distinct(readings: Sequence[NamedReading]) -> bool:
     """Return whether no two readings have the same target, state and load."""
     return len({(each.target, each.state, each.load) for each in readings}) == len(readings)
+
+
+def _lack_states(readings: Sequence[NamedReading]) -> bool:
+    """Return whether names part the readings at one place, so that a target has only one of two states.
+
+    The import refuses such a target. A place with one state has no other name.
+    """
+    states_of_target: dict[str, set[State]] = {}
+    states_of_place: dict[int, set[State]] = {}
+    for each in readings:
+        states_of_target.setdefault(each.target, set()).add(each.state)
+        states_of_place.setdefault(each.reading.target, set()).add(each.state)
+    both: set[State] = {"unloaded", "loaded"}
+    return any(
+        both <= states_of_place[each.reading.target] and not both <= states_of_target[each.target]
+        for each in readings
+    )
+
+
+def _omit_force_of_load(names: Sequence[RowName]) -> list[RowName]:
+    """Return names without the one force that the targets under load have, as `1320 N T1` beside `T1`.
+
+    Targets without load have no force, or none but 0. With several forces, names stay as they are.
+    """
+    split = [None if name.target is None else split_force(name.target) for name in names]
+    forces = {
+        (name.state, 0.0 if each is None else each.newtons) for name, each in zip(names, split, strict=True)
+    }
+    sizes_under_load = {size for state, size in forces if state == "loaded"}
+    others = {size for state, size in forces if state != "loaded"}
+    if len(sizes_under_load) != 1 or others != {0.0}:
+        return list(names)
+    return [
+        name if each is None else name._replace(target=each.rest or None)
+        for name, each in zip(names, split, strict=True)
+    ]
 
 
 def _find_names(
@@ -271,9 +312,13 @@ def _name_targets(readings: Sequence[TargetReading], found: Sequence[RowName]) -
 def _number_states(
     targets: Sequence[str], readings: Sequence[TargetReading], options: ImportOptions
 ) -> list[str]:
-    """Return the targets; all have numbers if a word of one is a state in a header, such as `L`."""
+    """Return the targets; all have numbers if the import cannot read one of them in a header, such as `L`.
+
+    A word of such a target is a state, or the header means something else, as those of `F` and `sigma` do.
+    """
     words = [word for target in targets for word in target.replace("_", " ").split()]
-    are_clear = all(find_state(word, options.state_words) is None for word in words)
+    are_states = any(find_state(word, options.state_words) is not None for word in words)
+    are_clear = not are_states and all(map(is_target, targets))
     return list(targets) if are_clear else [f"T{reading.target}" for reading in readings]
 
 

@@ -168,3 +168,46 @@ def test_a_legend_explains_the_abbreviations_of_its_words(measured, is_loaded_fi
 def test_abbreviations_that_no_legend_explains_leave_the_question_with_the_likely_states(legend, tmp_path):
     with pytest.raises(js.CampaignError, match="'Ref' as `unloaded` and 'Meas' as `loaded`"):
         propose(compare_points(legend, is_loaded_first=False), tmp_path)
+
+
+def write_three_sheets(words, legend):
+    """Return a workbook of joints with masses in turn, of points named `P01-1-u`, and of a legend."""
+    book = openpyxl.Workbook()
+    book.active.title = "Gelenkwinkel"
+    book.active.append(["Messpose", *JOINTS, "Last [kg]"])
+    for number, (label, *angles) in enumerate(joint_rows(CAMPAIGN)):
+        book.active.append([label, *map(float, angles), 60 - 30 * (number % 2)])
+    points = book.create_sheet("Punkte")
+    points.append(["Punktname", *"XYZ"])
+    for number, (label, *_) in enumerate(joint_rows(CAMPAIGN)):
+        for state, word in enumerate(words):
+            for target in (0, 1):
+                points.append(
+                    [f"{label}-{target + 1}-{word}", *both(CAMPAIGN, target)[state][number].tolist()]
+                )
+    if legend:
+        sheet = book.create_sheet("Legende")
+        for row in legend:
+            sheet.append(row)
+    output = io.BytesIO()
+    book.save(output)
+    return {"a.xlsx": output.getvalue()}
+
+
+@pytest.mark.parametrize("words", [("u", "b"), ("v", "w")])
+def test_a_legend_states_the_last_words_of_names_of_points_beside_joints_with_other_masses(words, tmp_path):
+    meanings = ("unbelastet", "belastet (Gewicht am Flansch)")
+    legend = [*zip(words, meanings, strict=True), ("1, 2", "Reflektornester")]
+    proposed = propose(write_three_sheets(words, legend), tmp_path)
+    document = proposed.accept().measurement_set
+    forces = [each.force for each in document.observations]
+    assert forces == [(0.0, 0.0, -60.0), (0.0, 0.0, -30.0)] * (len(CAMPAIGN.joints) // 2)
+    assert {each.target for each in document.observations[0].readings} == {"1", "2"}
+    assert f"{words[0]!r} is unloaded and {words[1]!r} is loaded according to row 1 of the sheet" in str(
+        proposed
+    )
+
+
+def test_last_words_of_names_of_points_without_a_legend_are_the_question(tmp_path):
+    with pytest.raises(js.CampaignError, match="'v' as `unloaded` and 'w' as `loaded`"):
+        propose(write_three_sheets(("v", "w"), []), tmp_path)

@@ -125,3 +125,49 @@ def test_letters_of_axes_above_a_block_are_no_part_of_the_names_of_its_targets(t
     targets = {each.target for each in proposed.accept().measurement_set.observations[0].readings}
     assert targets == {"Punto A", "Punto B"}
     judge_targets(proposed, targets)
+
+
+def write_titles(without, under, targets=("T1", "T2", "T3")):
+    """Return a table whose groups are titles of states above targets above axes."""
+    header = [
+        f"{state} {target} {axis}" for state in (without, under) for target in targets for axis in "XYZ"
+    ]
+    blocks = [each[state] for state in (0, 1) for each in TARGETS]
+    return table(["Pose", *JOINTS, *header], wide(CAMPAIGN, *blocks))
+
+
+@pytest.mark.parametrize(
+    ("without", "under"),
+    [
+        ("Kuormittamaton", "Kuormitettu 1320 N"),
+        ("unloaded", "loaded 1,32 kN"),
+        ("unloaded 0 N", "loaded_135kgf"),
+        ("ohne Last", "300 lbf mit Last"),
+    ],
+)
+def test_a_force_in_the_title_of_the_loaded_targets_is_no_part_of_their_names(without, under, tmp_path):
+    judge_targets(propose(write_titles(without, under), tmp_path), ["T1", "T2", "T3"])
+
+
+def test_a_number_with_a_unit_in_both_titles_is_a_name_and_no_force(tmp_path):
+    names_of_targets = ["Tor 3 N", "Tor 4 N", "Tor 5 N"]
+    judge_targets(propose(write_titles("unloaded", "loaded", names_of_targets), tmp_path), names_of_targets)
+
+
+def test_words_of_one_state_alone_part_no_target_from_its_readings_in_the_other(tmp_path):
+    content = write_titles("unloaded", "loaded at 5 bar")
+    judge_targets(propose(content, tmp_path), ["T1", "T2", "T3"])
+
+
+@pytest.mark.parametrize("word", ["sigma", "max", "x", "U95"])
+def test_names_that_the_written_table_cannot_keep_are_numbers(word, tmp_path):
+    rows = [
+        [label, state, f"{word} {target}", *digits(TARGETS[target][number][posture])]
+        for posture, label in enumerate(names(CAMPAIGN))
+        for number, state in enumerate(("unloaded", "loaded"))
+        for target in (0, 1)
+    ]
+    (tmp_path / "b.csv").write_text(table(["Pose", *JOINTS], joint_rows(CAMPAIGN)))
+    (tmp_path / "a.csv").write_text(table(["Pose", "state", "target", "A", "B", "C"], rows))
+    proposed = js.read(tmp_path / "a.csv", tmp_path / "b.csv", robot=ARM, **STATED)
+    judge_targets(proposed, ["T1", "T2"])
