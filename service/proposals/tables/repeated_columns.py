@@ -26,7 +26,7 @@ Triple = tuple[int, int, int]
 
 
 class _Repeated(NamedTuple):
-    """What the headers of repeated readings have in common."""
+    """Target, state and load that headers of repeated readings have in common."""
 
     words: str  # name of the target without the number of the repeat
     state: State
