@@ -22,9 +22,9 @@ LEAST_SHARE: Final = 0.7
 """Least fraction of the positions that fit."""
 LARGEST_SCALE_ERROR: Final = 6e-3
 """Relative difference of all lengths up to which an arm may differ from its model."""
-LARGEST_LENGTH_ERROR: Final = 3.6e-3
+LARGEST_LENGTH_ERROR: Final = 2.5e-3
 """Difference of the targets' movements [m] up to which errors of the links explain a factor on all lengths:
-four times what errors of 0.7 mm and 0.5 mrad of each link give a UR3, whose movements they change most."""
+four times what errors of 0.7 mm and 0.5 mrad of each link give, whatever the size of the arm."""
 LEAST_FREEDOM: Final = 9
 """Least number of degrees of freedom of a fit that decides."""
 _LEAST_BY_ROUNDING: Final = 0.9

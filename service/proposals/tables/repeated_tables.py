@@ -66,8 +66,8 @@ def _are_counted(titles: Sequence[str]) -> bool:
     differ = [number for number, parts in enumerate(columns) if len(set(parts)) > 1]
     if len(differ) != 1 or len(set(columns[differ[0]])) < len(titles):
         return False
-    beside = columns[max(differ[0] - 1, 0) : differ[0] + 2]
-    return any(is_run(parts[0]) for parts in beside)
+    neighbours = columns[max(differ[0] - 1, 0) : differ[0] + 2]
+    return any(is_run(parts[0]) for parts in neighbours)
 
 
 def _average(runs: Sequence[NumberTable]) -> NumberTable:
