@@ -23,7 +23,7 @@ from jointstiff.service.proposals.tables.numbers import (
 )
 from jointstiff.service.proposals.tables.relations import join_relations
 from jointstiff.service.proposals.tables.repeated_columns import average_repeats
-from jointstiff.service.proposals.tables.repeated_tables import average_runs
+from jointstiff.service.proposals.tables.runs import stack_runs
 from jointstiff.service.proposals.unread import advise_on_files_without_rows, find_remarks
 
 
@@ -81,8 +81,8 @@ def join_numbers(
         NoProposalError: names of rows or headers do not fit.
     """
     try:
-        runs, notes_on_runs = average_runs(tables)
-        related = join_relations(runs)
+        stacked, notes_on_runs = stack_runs(tables)
+        related = join_relations(stacked)
         joined = join_tables(related.tables, request)
         averaged, notes_on_repeats = average_repeats(joined.tables)
         arranged, notes = add_deflections(averaged, Vocabulary(request, joints))
