@@ -301,3 +301,36 @@ def test_sizes_that_differ_by_posture_are_not_offered_as_one_force(tmp_path):
     )
     assert said in question
     assert "`force` is" not in question
+
+
+def write_pulled(turned):
+    joints, positions = measure(np.tile(turned, (14, 1)))
+    return table(HEADERS, write_rows(joints, in_tracker(positions), np.zeros((14, 0))))
+
+
+def carry_out(remedy, text, turned, folder):
+    """Assert that the force in a remedy is the turned one, and that nothing is wrong with this force."""
+    start = "if `force` is in axes of the positions of the files, `force` in axes of R0 is "
+    assert remedy.startswith(start)
+    stated = [float(each) for each in remedy.removeprefix(start).partition("N")[0].split(",")]
+    assert stated == pytest.approx(turned, abs=5.0)
+    answer = propose(text, folder, force=stated, units={"force": "N"}).accept()
+    assert "frame_mistaken" not in [each.code for each in answer.findings]
+
+
+def test_one_force_in_axes_of_the_tracker_is_found_with_the_force_to_state_in_axes_of_r0(tmp_path):
+    force = np.array([300.0, 0.0, -900.0])  # in axes of the tracker
+    turned = TURN.apply(force)
+    text = write_pulled(turned)
+    answer = propose(text, tmp_path, force=force.tolist(), units={"force": "N"}).accept()
+    (remedy,) = [each.remedy for each in answer.findings if each.code == "frame_mistaken"]
+    carry_out(remedy, text, turned, tmp_path)
+
+
+def test_targets_that_move_against_a_force_in_axes_of_the_tracker_are_refused_with_that_of_r0(tmp_path):
+    force = np.array([0.0, 900.0, 0.0])
+    turned = TURN.apply(force)
+    text = write_pulled(turned)
+    with pytest.raises(js.CampaignError, match="the targets then move against `force`") as refused:
+        propose(text, tmp_path, force=force.tolist(), units={"force": "N"})
+    carry_out(refused.value.problem.remedy, text, turned, tmp_path)
