@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.importing.source_files import SourceFile
     from jointstiff.service.proposals.proposed_import import NoProposal, ProposedImport
+    from jointstiff.service.resources.imports import ForceHints
     from jointstiff.service.tables.table import Line, Part, Table
     from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 
@@ -555,7 +556,7 @@ class _StatedReadings:
     statements: Options | None = None  # about columns of these files, for a template
     is_refused: bool = False  # whether a person does not accept the robot's proposal
     originals: Sequence[SourceFile] = ()  # files that a proposal explains, as they were sent
-    likely_force: str = ""  # end of a sentence on columns of these files that may be the load
+    hints: ForceHints | None = None  # of a proposal, on the force of these files
 
     @property
     def has_proposal(self) -> bool:
@@ -569,11 +570,10 @@ class _StatedReadings:
 
     def import_by(self, request: ImportRequest, robot: Robot | None) -> ImportAnswer:
         """Import the files by a request."""
-        from jointstiff.service.resources.imports import import_files
+        from jointstiff.service.resources.imports import NO_HINTS, import_files
 
-        return import_files(
-            self.sources, request, robot, originals=self.originals, likely_force=self.likely_force
-        )
+        hints = NO_HINTS if self.hints is None else self.hints
+        return import_files(self.sources, request, robot, originals=self.originals, hints=hints)
 
     def replace_by_proposal(self, proposed: ProposedImport) -> _StatedReadings:
         """Return the table that a proposal makes of the files, with the robot whose kinematics explains it.
@@ -598,7 +598,7 @@ class _StatedReadings:
             proposed.previews,
             statements,
             originals=proposed.originals,
-            likely_force=proposed.likely_force,
+            hints=proposed.hints,
         )
 
 

@@ -121,7 +121,7 @@ class StatedLoad(NamedTuple):
     newtons: float  # size
     force: str  # `0,0,-150kgf` in axes of R0 if the condition holds; empty if the text is not clear
     condition: str  # of the force, such as `this load hangs`
-    is_certain: bool = False  # whether the text has a unit, and says that the load hangs or pulls down
+    is_certain: bool = False  # whether the text has a unit, and says that the load hangs or points down
 
 
 def find_stated_loads(files: Sequence[SourceFile]) -> list[StatedLoad]:
@@ -177,7 +177,10 @@ def _read_vector(file: str, place: str, found: re.Match[str]) -> Iterator[Stated
     if is_force(name.rpartition(".")[2]) and size > 0.0 and not is_direction:
         force = f"{','.join(numbers)}{UNIT_OF_LOAD[unit]}" if unit else ""
         text = " ".join(found[0].split()).strip(_MARKS)
-        yield StatedLoad(file, place, text, size, force, "this force acts on the robot in axes of R0")
+        x, y, z = map(float, numbers)
+        points_down = x == y == 0.0 and z < 0.0
+        condition = "this force acts on the robot in axes of R0"
+        yield StatedLoad(file, place, text, size, force, condition, bool(force) and points_down)
 
 
 def _read_size(found: re.Match[str]) -> float:

@@ -20,6 +20,7 @@ from jointstiff.service.proposals.forces.evidence import ForceEvidence
 from jointstiff.service.proposals.forces.likely import describe_likely_force, refuse_force_beside_columns
 from jointstiff.service.proposals.forces.naming import name_forces, note_force, take_loads, take_stated_force
 from jointstiff.service.proposals.forces.stated_weights import take_stated_weight
+from jointstiff.service.proposals.forces.turned import turn_stated_force
 from jointstiff.service.proposals.forces.weights import describe_weights, has_masses
 from jointstiff.service.proposals.found_meaning import FoundMeaning
 from jointstiff.service.proposals.names.naming import NamedReading, name_readings
@@ -45,6 +46,7 @@ from jointstiff.service.proposals.rewriting import list_masses, note_mean_of_joi
 from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
 from jointstiff.service.proposals.template_meaning import build_meaning
 from jointstiff.service.proposals.uncertainties import add_uncertainties
+from jointstiff.service.resources.imports import ForceHints
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.words import describe
 
@@ -91,7 +93,9 @@ def complete(found_meaning: FoundMeaning, request: ImportRequest) -> ProposedImp
         raise NoProposalError(f"{found}, but {error.reason}", error.remedy, error) from error
     proposed = replace(
         proposed,
-        likely_force=describe_likely_force(left),
+        hints=ForceHints(
+            describe_likely_force(left), turn_stated_force(proposal, named, joints, request), request.force
+        ),
         moves_along_force=_moves_along_force(proposal, named, joints, request),
     )
     fault = proposed.find_fault()

@@ -12,7 +12,7 @@ from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.reading import Understood, understand_files
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.proposals.names.naming import NamedReading
-from jointstiff.service.resources.imports import import_files
+from jointstiff.service.resources.imports import NO_HINTS, ForceHints, import_files
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.words import describe, remark
 from jointstiff.solver.mechanics.robot import KnownRobot
@@ -35,7 +35,7 @@ class ProposedImport:
     previews: tuple[FilePreview, ...] = ()  # of the files as they are written
     originals: tuple[SourceFile, ...] = ()  # files as they were sent
     statement: str = ""  # the proposal in words, if it has no positions that the robot could fit
-    likely_force: str = ""  # end of a sentence on columns that may be the load
+    hints: ForceHints = NO_HINTS  # on the force
     moves_along_force: bool = False  # whether the targets clearly move along the force that the caller states
 
     @property
@@ -95,7 +95,7 @@ class ProposedImport:
             request or self.request,
             robot,
             originals=self.originals,
-            likely_force=self.likely_force,
+            hints=self.hints,
         )
         assumptions = [self.sentence, *answer.assumptions]
         return answer.model_copy(update={"assumptions": assumptions, "files": list(self.previews)})

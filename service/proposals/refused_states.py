@@ -11,6 +11,7 @@ from jointstiff.schemas.imports import ImportRequest, State
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
 from jointstiff.service.importing.grammar import OPPOSITE_STATE, is_likely_unloaded
 from jointstiff.service.proposals.forces.naming import read_forces
+from jointstiff.service.proposals.forces.turned import turn_stated_force
 from jointstiff.service.proposals.names.naming import (
     NamedReading,
     find_unknown_words,
@@ -19,6 +20,7 @@ from jointstiff.service.proposals.names.naming import (
 )
 from jointstiff.service.proposals.no_proposal import NoProposalError
 from jointstiff.service.proposals.tables.numbers import NumberTable, find_table
+from jointstiff.service.resources.imports import describe_turned_force
 from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.words import describe
 
@@ -88,10 +90,14 @@ def refuse_states_against_force(
     found = describe(proposal, [each.words for each in named])
     reason = f"{found}, but the targets then move against `force`"
     words = list_state_words(by_order)
+    turned = turn_stated_force(proposal, named, joints, request)
+    other_force = f"{describe_turned_force(turned)}; or " if turned else ""
     if words:
-        raise _build_words_error(reason, words, _list_opposite_states(by_order))
+        other_remedy = f"{other_force}state" if other_force else ""
+        raise _build_words_error(reason, words, _list_opposite_states(by_order), other_remedy)
     remedy = (
-        "name the states in the headers (`header`) or in the names of files; or correct the sign of `force`"
+        f"{other_force}name the states in the headers (`header`) or in the names of files; or correct the "
+        "sign of `force`"
     )
     raise NoProposalError(reason, remedy)
 

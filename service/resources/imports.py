@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from math import hypot, sqrt
 from pathlib import PurePath
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar, cast
 
 from pydantic import ValidationError
 
@@ -164,13 +164,29 @@ class _Results:
     geometry: GeometryRequest | None = None  # unloaded poses for a geometry
 
 
+class ForceHints(NamedTuple):
+    """What a proposal shows of the force of files."""
+
+    likely: str = ""  # end of a sentence on columns that may be the load
+    turned: str = ""  # `stated` turned from axes of the positions into R0, as `0,800,0N`
+    stated: tuple[float, float, float] | None = None  # force along which, turned, the targets clearly move
+
+
+NO_HINTS: Final = ForceHints()
+
+
+def describe_turned_force(turned: str) -> str:
+    """Return what to state if a force was stated in axes of the positions; `turned` is in axes of R0."""
+    return f"if `force` is in axes of the positions of the files, `force` in axes of R0 is {turned}"
+
+
 def import_files(
     files: Sequence[SourceFile],
     request: ImportRequest,
     robot: Robot | None = None,
     other_robots: Iterable[KnownRobot] | None = None,
     originals: Sequence[SourceFile] = (),
-    likely_force: str = "",
+    hints: ForceHints = NO_HINTS,
 ) -> ImportAnswer:
     """Read files of readings; return a preview, and a measurement set if nothing is missing.
 
@@ -180,7 +196,7 @@ def import_files(
         robot: robot that was measured; if given, the set is inspected for mistakes.
         other_robots: robots that may have been measured instead; None takes the arms of the catalogue.
         originals: files as they were sent, if `files` were written from these.
-        likely_force: end of a sentence on columns of these that may be the load.
+        hints: what a proposal shows of the force.
 
     Raises:
         ImportRefusedError: something in the files is not understood, contradictory or ambiguous, and the
@@ -199,12 +215,23 @@ def import_files(
             readings = _StatedReadings(understood, request, files[0].name, by_own_weight)
             results = _make_results(readings, robot, other_robots)
             if "force" in results.missing:
-                results.missing["force"] += likely_force or _describe_likely_force(originals or files)
+                results.missing["force"] += hints.likely or _describe_likely_force(originals or files)
     except ImportFileError as fault:
         faults.append(fault)
     if faults and not request.show_faults:
         raise ImportRefusedError(faults)
-    return _build_answer(understood, faults, bodies, results)
+    answer = _build_answer(understood, faults, bodies, results)
+    if answer.findings is None or not hints.turned or hints.stated != request.force:
+        return answer
+    findings = [_add_turned_force(finding, hints.turned) for finding in answer.findings]
+    return answer.model_copy(update={"findings": findings})
+
+
+def _add_turned_force(finding: Finding, turned: str) -> Finding:
+    """Return a finding on the axes of forces, with the stated force in axes of R0; others are unchanged."""
+    if finding.code != "frame_mistaken":
+        return finding
+    return finding.model_copy(update={"remedy": f"{describe_turned_force(turned)}; {finding.remedy}"})
 
 
 def _understand_with_legend(

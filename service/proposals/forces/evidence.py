@@ -172,6 +172,11 @@ class ForceEvidence:
         is_sure = unexplained <= LARGEST_UNEXPLAINED and moved.total >= _LEAST_MOVED
         return moved if is_sure and moved.along >= _LEAST_ALONG * moved.total else None
 
+    def explains_better(self, force: FloatArray, other: FloatArray) -> bool:
+        """Return whether a force (3,) explains the deflections, and another one clearly worse."""
+        count = len(self._joints.rows)
+        return self._explain(np.tile(force, (count, 1)), [np.tile(other, (count, 1))])
+
     def _explain(self, forces: FloatArray, others: Sequence[FloatArray]) -> bool:
         """Return whether forces (rows, 3) explain the deflections, and others do so clearly worse."""
         targets = self._targets

@@ -19,6 +19,7 @@ from jointstiff.service.importing.grammar import (
 )
 from jointstiff.service.importing.grid import COORDINATES
 from jointstiff.service.proposals.columns.left import ColumnsLeft
+from jointstiff.service.proposals.forces.vectors import complete_vectors
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.table import find_moving_columns
@@ -167,9 +168,10 @@ def refuse_force_beside_columns(
         else:
             columns += sorted(set(table.find_force_columns().values()) - table.copied)
         if columns:
+            columns, pattern = complete_vectors(each, columns)
             listed = ", ".join(table.name_column(column) for column in columns)
             reason = f"`force` is stated, but columns that are not read look like forces: {listed}"
-            remedy = "say what these columns are by `columns`, or leave them out with `ignore`"
+            remedy = f"say what these columns are by `columns`, or leave them out with `ignore`: {pattern}"
             raise ImportFileError(Place(table.grid.file), reason, remedy, "force")
 
 

@@ -15,6 +15,7 @@ from jointstiff.service.importing.loads import find_newtons
 from jointstiff.service.proposals.columns.left import ColumnsLeft
 from jointstiff.service.proposals.forces.evidence import ForceEvidence
 from jointstiff.service.proposals.forces.likely import find_sizes_along_vectors, may_be_force
+from jointstiff.service.proposals.forces.vectors import ForceVector, list_vectors
 from jointstiff.service.proposals.names.naming import NamedReading
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.arrays import FloatArray
@@ -84,17 +85,22 @@ def compare_stated_force(
     """Compare a stated force with the only column of sizes of a force, if no header names an axis or a mass.
 
     Sizes that differ are those of the force in each posture, in the stated direction. A constant size
-    confirms the stated force.
+    confirms the stated force, as does a vector that changes by its size under load.
 
     Raises:
         ImportFileError: the sizes are not those of the stated force, or they have directions of their own.
     """
     unit = None if request.units is None else request.units.force
+    if request.force is None or unit is None:
+        return StatedForce(tables, request, [])
+    stated = find_newtons(unit) * float(np.linalg.norm(request.force))
+    vectors = list(list_vectors(left))
+    if len(vectors) == 1 and vectors[0].confirms(stated):
+        return _confirm_by_vector(vectors[0], stated, tables, request)
     sizes = _find_sizes(left, proposal, named, tables)
-    if request.force is None or unit is None or sizes is None:
+    if sizes is None:
         return StatedForce(tables, request, [])
     _refuse_other_directions(left)
-    stated = find_newtons(unit) * float(np.linalg.norm(request.force))
     of_loads = list(sizes.list_under_load(proposal).values())
     _refuse_other_sizes(sizes, of_loads, stated)
     forces = np.hstack(of_loads)
@@ -106,6 +112,19 @@ def compare_stated_force(
     direction = np.array(request.force) / np.linalg.norm(np.array(request.force))
     with_forces = [_add_forces(table, sizes, proposal, direction, unit) for table in tables]
     return StatedForce(with_forces, request.model_copy(update={"force": None}), [note])
+
+
+def _confirm_by_vector(
+    vector: ForceVector, stated: float, tables: Sequence[NumberTable], request: ImportRequest
+) -> StatedForce:
+    """Return the tables with a vector of a controller that confirms a stated force [N], and a note."""
+    changes = vector.measure_changes()
+    median = 0.0 if changes is None else float(np.median(changes))
+    change = f"{vector.pattern} changes by {median:.3g} N under load, if it is in N"
+    note = f"{change}: `force` of {stated:.4g} N was taken"
+    ignored = vector.table.ignored.union(vector.columns)
+    confirmed = replace(vector.table, ignored=ignored)
+    return StatedForce([confirmed if table is vector.table else table for table in tables], request, [note])
 
 
 def take_sizes_as_weights(

@@ -26,8 +26,9 @@ def take_stated_weight(
 ) -> tuple[Sequence[NumberTable], list[str]]:
     """Return the tables with the only load that files state in words, if it is certain; and a note.
 
-    The words have a unit, and say that the load hangs or pulls down; the targets move along the force; and
-    nothing else may be a force. Otherwise the tables stay, and the load is a likely answer to the question.
+    The words have a unit, and say that the load hangs or pulls down, or are a vector along −z; the targets
+    move along the force; and nothing else may be a force. Otherwise the tables stay, and the load is a likely
+    answer to the question.
     """
     if request.force is not None or _has_other_loads(proposal, named, tables):
         return tables, []

@@ -19,7 +19,7 @@ _LEAST_LOAD: Final = 0.3
 """Least size of a load, as a part of the greatest."""
 _LEAST_ROWS: Final = 3
 """Rows in each state, at least."""
-_PART: Final = re.compile(r"[\s_.-]{0,3}(?:[xyz]|\[?[0-6]\]?)$", re.IGNORECASE)
+PART: Final = re.compile(r"[\s_.-]{0,3}(?:[xyz]|\[?[0-6]\]?)$", re.IGNORECASE)
 """End of a header that names a part of a vector, such as `force_0`."""
 
 
@@ -46,7 +46,7 @@ def list_states_of_columns(table: NumberTable) -> list[State] | None:
     parts: dict[str, list[int]] = {}
     for column, header in enumerate(table.headers):
         if table.is_unknown(column) and (is_hung(header) or looks_like_a_force(header)):
-            parts.setdefault(_PART.sub("", header), []).append(column)
+            parts.setdefault(PART.sub("", header), []).append(column)
     found = set[tuple[State, ...]]()
     for columns in parts.values():
         vector = columns[:COORDINATES] if len(columns) >= COORDINATES else columns[:1]

@@ -301,3 +301,72 @@ def test_sizes_that_differ_by_posture_are_not_offered_as_one_force(tmp_path):
     )
     assert said in question
     assert "`force` is" not in question
+
+
+def write_pulled(turned):
+    joints, positions = measure(np.tile(turned, (14, 1)))
+    return table(HEADERS, write_rows(joints, in_tracker(positions), np.zeros((14, 0))))
+
+
+def carry_out(remedy, text, turned, folder):
+    """Assert that the force in a remedy is the turned one, and that nothing is wrong with this force."""
+    start = "if `force` is in axes of the positions of the files, `force` in axes of R0 is "
+    assert remedy.startswith(start)
+    stated = [float(each) for each in remedy.removeprefix(start).partition("N")[0].split(",")]
+    assert stated == pytest.approx(turned, abs=5.0)
+    answer = propose(text, folder, force=stated, units={"force": "N"}).accept()
+    assert "frame_mistaken" not in [each.code for each in answer.findings]
+
+
+def test_one_force_in_axes_of_the_tracker_is_found_with_the_force_to_state_in_axes_of_r0(tmp_path):
+    force = np.array([300.0, 0.0, -900.0])  # in axes of the tracker
+    turned = TURN.apply(force)
+    text = write_pulled(turned)
+    answer = propose(text, tmp_path, force=force.tolist(), units={"force": "N"}).accept()
+    (remedy,) = [each.remedy for each in answer.findings if each.code == "frame_mistaken"]
+    carry_out(remedy, text, turned, tmp_path)
+
+
+def test_targets_that_move_against_a_force_in_axes_of_the_tracker_are_refused_with_that_of_r0(tmp_path):
+    force = np.array([0.0, 900.0, 0.0])
+    turned = TURN.apply(force)
+    text = write_pulled(turned)
+    with pytest.raises(js.CampaignError, match="the targets then move against `force`") as refused:
+        propose(text, tmp_path, force=force.tolist(), units={"force": "N"})
+    carry_out(refused.value.problem.remedy, text, turned, tmp_path)
+
+
+CONTROLLER = [f"actual_TCP_force_{number}" for number in range(3)]
+
+
+def write_log_of_controller(size, noise=2.0, headers=CONTROLLER):
+    """Return a log of a weight of 900 N, with a row for each state and the estimate of a controller."""
+    joints, positions = measure(np.tile([0.0, 0.0, -900.0], (14, 1)))
+    generator = np.random.default_rng(6)
+    rows = []
+    for angles, pair in zip(joints, positions, strict=True):
+        for word, each, force in zip(("no", "yes"), pair, (0.0, -size), strict=True):
+            estimate = [0.0, 0.0, force] + noise * generator.uniform(-1.0, 1.0, 3)
+            rows.append([*digits(angles), *digits(1e3 * each), word, *digits(estimate)])
+    return table([*JOINTS, *"XYZ", "Load", *headers], rows)
+
+
+WEIGHT = {"force": [0, 0, -900], "units": {"force": "N"}}
+
+
+def test_a_vector_that_changes_by_a_stated_force_under_load_confirms_this_force(tmp_path):
+    proposed = propose(write_log_of_controller(930.0), tmp_path, **WEIGHT)
+    assert "'actual_TCP_force_*' changes by 93" in str(proposed)
+    assert "N under load, if it is in N: `force` of 900 N was taken" in str(proposed)
+    assert read_forces(proposed) == pytest.approx(np.tile([0.0, 0.0, -900.0], (14, 1)))
+
+
+@pytest.mark.parametrize(("size", "noise"), [(700.0, 2.0), (-0.0, 300.0)])
+def test_all_parts_of_a_vector_of_another_size_are_left_out_by_one_pattern(size, noise, tmp_path):
+    text = write_log_of_controller(size, noise)
+    if size == 700.0:
+        listed = ", ".join(CONTROLLER)
+        with pytest.raises(js.CampaignError, match=rf"{listed}; remedy: .*`ignore`: 'actual_TCP_force_\*'"):
+            propose(text, tmp_path, **WEIGHT)
+    proposed = propose(text, tmp_path, ignore=["actual_TCP_force_*"], **WEIGHT)
+    assert read_forces(proposed) == pytest.approx(np.tile([0.0, 0.0, -900.0], (14, 1)))

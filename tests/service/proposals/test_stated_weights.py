@@ -1,5 +1,7 @@
 """A load that a file states once, and that hangs by its words, is the force if the deflections confirm it."""
 
+import json
+
 import numpy as np
 import pytest
 from support.sprung_arm import ARM, STATED, in_tracker, measure
@@ -39,6 +41,7 @@ def propose(text, folder, **stated):
         "# Last 90 kg, angehängt\n",
         "吊重 90 kg\n",
         "Kraft;882.6;N;nach unten\n",
+        "# load.force: [0, 0, -882.6] N\n",
         "# 882.6 N pulling downwards\n",
     ],
 )
@@ -47,6 +50,21 @@ def test_a_load_that_hangs_or_pulls_down_by_its_words_is_taken_with_a_remark(wor
     remark = str(proposed)
     assert "force 0,0,-882.6 N along −z of R0, as 'a.csv' says \"" in remark
     assert "in line 1, and the targets move along it in 14 of 14 postures" in remark
+    forces = [each.force for each in proposed.accept().measurement_set.observations]
+    assert forces == pytest.approx(np.tile(SIZE * DOWN, (14, 1)), abs=0.1)
+
+
+def test_a_force_down_in_a_vector_of_a_document_is_taken_in_the_unit_of_its_object(tmp_path):
+    joints, positions = measure(np.tile(SIZE * DOWN, (14, 1)))
+    moved = (1e3 * in_tracker(positions)).round(4)
+    poses = [
+        {"pose": n + 1, "joints": q, "unloaded": {"smr": pair[0]}, "loaded": {"smr": pair[1]}}
+        for n, (q, pair) in enumerate(zip(joints.tolist(), moved.tolist(), strict=True))
+    ]
+    document = {"load": {"force": [0.0, 0.0, -SIZE], "unit": "N"}, "measurements": poses}
+    (tmp_path / "a.json").write_text(json.dumps(document))
+    proposed = js.read(tmp_path / "a.json", robot=ARM, **STATED)
+    assert "in its fields, and the targets move along it in 14 of 14 postures" in str(proposed)
     forces = [each.force for each in proposed.accept().measurement_set.observations]
     assert forces == pytest.approx(np.tile(SIZE * DOWN, (14, 1)), abs=0.1)
 
@@ -74,6 +92,9 @@ def test_a_load_in_few_postures_or_within_the_noise_is_asked(tmp_path):
         "# hung: 80-90 kg\n",
         "# max 90 kg hung\n",
         "# robot hangs: 90\n",
+        "# load.force: [0, 0, -882.6]\n",
+        "# load.force: [0, 0, 882.6] N\n",
+        "# load.force: [0, 30, -882.6] N\n",
     ],
 )
 def test_a_load_that_may_not_hang_or_not_be_this_one_is_asked(words, tmp_path):
