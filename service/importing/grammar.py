@@ -253,6 +253,7 @@ _UNIT_OF_MASS: Final = re.compile(
 
 
 _UNIT: Final = re.compile(r"(.*?)\s*_?(?:\[((?!\d+\])[^][]*)\]|\(([^()]*)\)|[/,]\s*([^][/,]+))")
+_NUMBER_BEHIND_WORD: Final = re.compile(r"(?<=[^\W\d_]{5})(?=\d)")
 _WIDE_SIGNS: Final = str.maketrans("（）［］【】／，", "()[][]/,")
 """Signs of East Asian texts → those of ASCII."""
 _TOKEN: Final = re.compile(r"[^\s_]+")
@@ -513,9 +514,10 @@ def find_state_in_name(name: str, extra: Mapping[str, State]) -> State | None:
     """Return the only state that the words of a long name mean; None if they mean none, or several.
 
     The caller's words, `extra`, take precedence. Of the others, words that mean something else in other names
-    are not enough, such as `on`, `last` or `before`, and with a negation no word is.
+    are not enough, such as `on`, `last` or `before`, and with a negation no word is. A number may follow a
+    word without a blank, as in `Loaded150`.
     """
-    words = split_words(name)
+    words = split_words(_NUMBER_BEHIND_WORD.sub(" ", name))
     found = _list_stated_states(words, extra)
     if found or not any(fold_word(word) in _CERTAIN_STATES for word in words):
         return next(iter(found)) if len(found) == 1 else None

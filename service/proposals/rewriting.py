@@ -13,7 +13,7 @@ import numpy as np
 
 from jointstiff.service.importing.formats.yaml_rows import is_named_yaml
 from jointstiff.service.importing.grammar import Kind, Meaning
-from jointstiff.service.importing.grid import remove_thousands_separators
+from jointstiff.service.importing.grid import COMMENT_MARKS, remove_thousands_separators
 from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.service.proposals.names.naming import NamedReading, Uncertainty
 from jointstiff.service.proposals.tables.deflections import Deflection
@@ -24,6 +24,8 @@ from jointstiff.solver.meaning.proposal import Proposal
 from jointstiff.solver.meaning.table import METRES, AngleUnit
 
 _DIGITS: Final = 9
+_MARKS: Final = "".join({*"".join(COMMENT_MARKS), " "})
+"""Signs at the beginning of a comment."""
 _WITH_COMMA: Final = re.compile(r"[-+]?[0-9]*,[0-9]*(?:[eE][-+]?[0-9]+)?")
 """Number with a decimal comma."""
 
@@ -143,15 +145,18 @@ def _pick_rows(proposal: Proposal, table: NumberTable, row: int = 0) -> list[int
 
 
 def _write_labels(proposal: Proposal, table: NumberTable) -> list[str]:
-    """Return the column of labels: the file's names if they differ, else numbers."""
+    """Return the column of labels: the file's names if they differ, else numbers.
+
+    A name is written without a mark such as `##` before it, which would make a comment of its row.
+    """
     rows = _pick_rows(proposal, table)
-    if len(table.labels) == len(rows):
-        return ["label", *table.labels]
     column = table.find_column("name")
-    if column is not None:
-        labels = [table.rows[row].cells[column] for row in rows]
-        if all(labels) and len(set(labels)) == len(labels):
-            return ["label", *labels]
+    names = list(table.labels)
+    if len(names) != len(rows) and column is not None:
+        names = [table.rows[row].cells[column] for row in rows]
+    labels = [name.lstrip(_MARKS) for name in names]
+    if len(labels) == len(rows) and all(labels) and len(set(labels)) == len(labels):
+        return ["label", *labels]
     return ["label", *(str(number) for number in range(1, len(rows) + 1))]
 
 

@@ -62,24 +62,22 @@ def propose_import(
 def _propose_by_force(
     files: Sequence[SourceFile], request: ImportRequest, robots: Sequence[KnownRobot], found: NoProposal
 ) -> ProposedImport | None:
-    """Return the proposal in which the force that the caller states shows what two words for states mean.
+    """Return the proposal in which the force that the caller states shows what words for states mean.
 
-    The first word is that without load. None if the targets do not clearly move along the force: then the
-    order of the words or the sign of the force is wrong. `found` asks what the words mean.
+    The first word is that without load; the second, if there are two, is the other one. None if the targets
+    do not clearly move along the force: then the order of the words or the sign of the force is wrong. The
+    argument `found` asks what the words mean.
     """
     fault = found.fault
-    if fault is None or fault.option != "state_words" or len(fault.words) != 2 or request.force is None:
+    if fault is None or fault.option != "state_words" or len(fault.words) > 2 or request.force is None:
         return None
-    unloaded, loaded = fault.words
-    words = {unloaded: "unloaded", loaded: "loaded"}
+    words = dict(zip(fault.words, ("unloaded", "loaded"), strict=False))
     stated = request.model_copy(update={"state_words": {**request.state_words, **words}})
     proposed = _propose_or_decline(files, stated, robots, None)
     if isinstance(proposed, NoProposal) or not proposed.moves_along_force:
         return None
-    shown = (
-        f"{quote(unloaded)} is unloaded and {quote(loaded)} is loaded, as the targets then move along `force`"
-    )
-    return proposed.add_note(shown)
+    shown = " and ".join(f"{quote(word)} is {state}" for word, state in words.items())
+    return proposed.add_note(f"{shown}, as the targets then move along `force`")
 
 
 def _list_open_words(found: ProposedImport | NoProposal) -> Sequence[str]:

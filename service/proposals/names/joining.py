@@ -703,10 +703,10 @@ def _build_words_error(table: NumberTable, row: int, column: int, words: tuple[s
     return ImportFileError(
         table.grid.place(table.rows[row], column),
         f"rows with the same names differ by {listed}, which may be words for states",
-        "state the words by `state_words`, such as "
+        "state `force`, along which the targets move under load, or the words by `state_words`, such as "
         f"{quote(unloaded)} as `unloaded`; or leave out the rows of one word",
         "state_words",
-        words,
+        (unloaded, *(word for word in words if word != unloaded)),
     )
 
 

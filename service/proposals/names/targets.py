@@ -37,9 +37,9 @@ def add_targets(table: NumberTable, names: list[RowName]) -> list[RowName]:
     have_labels = all(name.label is not None and name.target is None for name in names)
     have_states = all(name.state is not None for name in names) or _has_columns_of_states(table)
     least = LEAST_BETWEEN_TARGETS if have_states else _LARGEST_DEFLECTION
-    if not have_labels or table.has_repeats:
+    if not have_labels:
         return names
-    if not are_far_apart(table, groups, least):
+    if table.has_repeats or not are_far_apart(table, groups, least):
         return _add_distant_targets(table, names, groups)
     labels = [name.label or "" for name in names]
     columns = [

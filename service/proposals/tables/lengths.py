@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from jointstiff.service.importing.grammar import find_any_unit, split_unit
 from jointstiff.service.proposals.tables.numbers import NumberTable
 from jointstiff.solver.meaning.table import METRES, LengthUnit
 
@@ -34,15 +35,23 @@ def find_units_of_coordinates(table: NumberTable) -> dict[int, float]:
     """Return the size of the unit [m] of each column of coordinates.
 
     Coordinates are columns that headers name as positions, or of numbers of hundreds of millimetres. Whole
-    numbers below an unknown header count rows.
+    numbers below an unknown header count rows, and a unit of another quantity has other numbers.
     """
     sizes = {}
     for column, meaning in enumerate(table.meanings):
         unit = guess_unit(find_size(table, [column]))
         is_position = meaning is not None and meaning.kind == "position"
-        if is_position or (meaning is None and unit == "mm" and not _is_whole(table, column)):
+        may_be_position = meaning is None and not _has_other_unit(table, column)
+        if is_position or (may_be_position and unit == "mm" and not _is_whole(table, column)):
             sizes[column] = METRES[unit]
     return sizes
+
+
+def _has_other_unit(table: NumberTable, column: int) -> bool:
+    """Return whether the header of a column states a unit of another quantity than length, such as `°C`."""
+    unit = split_unit(table.headers[column])[1]
+    known = None if unit is None else find_any_unit(unit)
+    return known is not None and known[0] != "length"
 
 
 def _is_whole(table: NumberTable, column: int) -> bool:

@@ -33,6 +33,25 @@ def test_a_lab_book_is_read(tmp_path):
     assert judge(CAMPAIGN, proposal.accept().measurement_set.model_dump(mode="json")) == []
 
 
+def test_headings_of_sections_are_names_of_postures_and_no_comments(tmp_path):
+    """The proposal writes a table with these names; a name with `##` would make a comment of its row."""
+    lines = ["# Laborbuch", "", "Messtag: 12.3.2024, Raum K014"]
+    for posture, joints in enumerate(CAMPAIGN.joints):
+        angles = " / ".join(f"{each:.4f}" for each in joints)
+        lines += ["", f"## Stellung {posture + 1}", "", f"Gelenke: {angles} Grad", ""]
+        for words, places in (("ohne Gewicht", CAMPAIGN.unloaded), ("mit Gewicht", CAMPAIGN.loaded)):
+            lines.append(f"- {words}:")
+            for target, name in enumerate(("oben", "rechts")):
+                place = "  ".join(f"{1e3 * each:.4f}" for each in places[posture, target])
+                lines.append(f"  - {name}: {place}")
+    path = tmp_path / "laborbuch.md"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    stated = {"encoders": "motor", "load_point": [0, 0, 120], "force": [0, 0, -981], "units": {"force": "N"}}
+    document = js.read(path, robot=ARM, length_unit="mm", **stated).accept().measurement_set
+    assert judge(CAMPAIGN, document.model_dump(mode="json")) == []
+    assert [each.label for each in document.observations][:2] == ["Stellung 1", "Stellung 2"]
+
+
 def test_tables_of_different_width_are_a_table_each(tmp_path):
     """The headers of the first table are known, but say nothing of positions: the robot is asked."""
     tables = {

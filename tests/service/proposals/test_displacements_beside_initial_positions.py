@@ -41,6 +41,7 @@ def test_displacements_are_added_to_the_initial_positions(tmp_path, initial, tit
         ("{} unbelastet [mm]", "Verschiebung {} [Mikrometer]"),
         ("{} без груза, мм", "прогиб {}, мкм"),
         ("{} 空载 [mm]", "位移 {} [微米]"),
+        ("{} sin carga (mm)", "Desplaz. {} (µm)"),
     ],
 )
 def test_displacements_in_micrometres_make_readings_of_an_arm_as_its_model(tmp_path, initial, shift):

@@ -129,6 +129,35 @@ def test_points_far_apart_are_targets_beside_repeats_and_loads(count, tmp_path):
     assert np.allclose(shifts, true, atol=5e-3)
 
 
+@pytest.mark.parametrize("words", [("NoLoad", "Loaded150"), ("unloaded0", "loaded1")])
+def test_numbers_stand_behind_words_for_states_without_a_blank(words, tmp_path):
+    document = js.read(write_phases(tmp_path, words), robot=ARM, **STATED).accept().measurement_set
+    shifts = [
+        np.subtract(own.loaded, own.unloaded) for each in document.observations for own in each.readings
+    ]
+    assert np.allclose(np.array(shifts)[:, 2], shifts[0][2])
+    assert shifts[0][2] < 0.0
+
+
+@pytest.mark.parametrize("header", ["opakování", "herhaling", "повтор"])
+def test_repeats_beside_a_temperature_are_averaged(header, tmp_path):
+    """The air warms up by 0.4 °C between repeats: a temperature is no coordinate."""
+    rows = [
+        [posture + 1, repeat, 6 * state, *digits(1e3 * place), 21.37 + 0.4 * repeat, *digits(joints)]
+        for posture, joints in enumerate(CAMPAIGN.joints)
+        for state in range(2)
+        for repeat in range(1, 4)
+        for place in [places_of(0)[state][posture]]
+    ]
+    path = tmp_path / "mereni.csv"
+    names_of_columns = ["poloha", header, "zátěž [kg]", *"XYZ", "teplota [°C]", *JOINTS]
+    path.write_text(table(names_of_columns, rows), encoding="utf-8")
+    stated = {key: value for key, value in STATED.items() if key not in ("force", "units")}
+    document = js.read(path, robot=ARM, **stated).accept().measurement_set.model_dump(mode="json")
+    assert len(document["observations"]) == len(CAMPAIGN.joints)
+    assert document["observations"][0]["force"] == [0.0, 0.0, -6.0]
+
+
 def test_rows_in_different_places_are_not_called_repeats(tmp_path):
     """Two columns tell the rows of a posture apart: nobody says which of them names the targets."""
     rows = write_rows(["1;4", "2;5"], [places_of(0), places_of(1)])
