@@ -165,7 +165,7 @@ class _Results:
 
 
 class ForceHints(NamedTuple):
-    """What a proposal shows of the force of files."""
+    """Evidence of a proposal for the force of files."""
 
     likely: str = ""  # end of a sentence on columns that may be the load
     turned: str = ""  # `stated` turned from axes of the positions into R0, as `0,800,0N`

@@ -134,7 +134,7 @@ def _lack_states(readings: Sequence[NamedReading]) -> bool:
 
 
 def _omit_force_of_load(names: Sequence[RowName]) -> list[RowName]:
-    """Return names without the one force that the targets under load have, as `1320 N T1` beside `T1`.
+    """Return names without the one force that the targets under load have, such as `1320 N T1`.
 
     Targets without load have no force, or none but 0. With several forces, names stay as they are.
     """
