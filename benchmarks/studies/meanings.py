@@ -22,7 +22,7 @@ __all__ = ["run"]
 _SEEDS = 3
 _DAMAGED = 200
 _SEARCHES = 6
-_FIRST_SEED, _DAMAGED_SEED, _SEARCH_SEED = 212_000, 221_000, 231_000
+_FIRST_SEED, _DAMAGED_SEED, _SEARCH_SEED = 214_000, 224_000, 234_000
 """No seed was used while a rule was written or mended: another one each time the study is recorded."""
 _UNUSUAL = 2e-3
 _WHOLE = Part()

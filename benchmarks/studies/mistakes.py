@@ -38,7 +38,7 @@ ARMS = (
     "Universal Robots UR10e",
     "Yaskawa GP25",
 )
-_FIRST_SEED = 54_000
+_FIRST_SEED = 56_000
 _POSTURES = 16
 _NOISE = 2e-5  # of a coordinate [m]
 _PLACE_ERROR, _ANGLE_ERROR = 0.7e-3, 0.5e-3  # of a link [m, rad]
