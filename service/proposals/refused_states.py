@@ -156,7 +156,7 @@ def _build_words_error(
     pairs = list(zip(words, states, strict=False))
     in_order = tuple(word for word, _ in sorted(pairs, key=lambda pair: pair[1] != "unloaded"))
     examples = [f"{quote(word)} as `{state}`" for word, state in pairs]
-    verb = f"{other_remedy} what" if other_remedy else "state what"
-    remedy = f"{verb} these words mean by `state_words`, such as {' and '.join(examples)}"
+    first = other_remedy or "state"
+    remedy = f"{first} what these words mean by `state_words`, such as {' and '.join(examples)}"
     fault = ImportFileError(NOWHERE, f"{listed} may be {kind_of_words}", remedy, "state_words", in_order)
     return NoProposalError(reason, remedy, fault)

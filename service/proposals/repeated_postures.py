@@ -47,12 +47,10 @@ def bring_visits_together(
         return None  # the solver has seen rows in turn
     groups_of_table = {each.points.table: each.points.groups for each in proposal.readings}
     groups_of_table[joints.name] = proposal.joints.groups
-    are_read = all(table.name in groups_of_table for table in tables)
-    return (
-        tuple(_reorder(each, _list_rows(groups_of_table[each.name], order), visits) for each in tables)
-        if are_read
-        else None
-    )
+    if any(table.name not in groups_of_table for table in tables):
+        return None
+    rows_of_table = {name: _list_rows(groups, order) for name, groups in groups_of_table.items()}
+    return tuple(_reorder(each, rows_of_table[each.name], visits) for each in tables)
 
 
 def separate_visits(proposal: Proposal, tables: Sequence[NumberTable]) -> list[NumberTable] | None:

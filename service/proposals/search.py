@@ -105,24 +105,19 @@ def _propose_or_decline(
     except UnfinishedError as error:
         return NoProposal(error.reason, error.remedy, error.fault)
     except NoProposalError as error:
-        joined = (
-            None
-            if template is not None
-            else join_numbered_texts([(each.name, each.content) for each in files])
-        )
-        found = None if joined is None else _propose_joined(SourceFile(*joined), files, request, known)
+        found = _propose_joined(files, request, known) if template is None else None
         return found or NoProposal(error.reason, error.remedy, error.fault)
 
 
 def _propose_joined(
-    joined: SourceFile,
-    files: Sequence[SourceFile],
-    request: ImportRequest,
-    robots: Sequence[KnownRobot],
+    files: Sequence[SourceFile], request: ImportRequest, robots: Sequence[KnownRobot]
 ) -> ProposedImport | NoProposal | None:
     """Return the proposal for the joined texts of files of one posture each; None if no meaning fits."""
+    joined = join_numbered_texts([(each.name, each.content) for each in files])
+    if joined is None:
+        return None
     try:
-        proposed = _propose_files([joined], request, robots, None)
+        proposed = _propose_files([SourceFile(*joined)], request, robots, None)
     except UnfinishedError as error:
         return NoProposal(error.reason, error.remedy, error.fault)
     except NoProposalError:

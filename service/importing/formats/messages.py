@@ -61,10 +61,7 @@ def _group(
 def _take_out_of_container(kinds: Mapping[str, list[NumberedObject]]) -> dict[str, list[NumberedObject]]:
     """Return messages with the fields of the only object that each of them has, next to its own fields."""
     messages = [message for own in kinds.values() for _, message in own]
-    containers = {
-        tuple(key for key, each in message.items() if isinstance(each, Mapping | list))
-        for message in messages
-    }
+    containers = {tuple(_list_containers(message)) for message in messages}
     container = containers.pop() if len(containers) == 1 else ()
     if len(container) != 1:
         return dict(kinds)

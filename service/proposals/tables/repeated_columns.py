@@ -116,11 +116,8 @@ def _find_metres(table: NumberTable, triple: Triple) -> float:
 
 def _compute_mean(table: NumberTable, triples: Sequence[Triple]) -> FloatArray:
     """Return the means (N, 3) of repeated positions; NaN where no repeat has a number."""
-    readings = np.array([table.table.numbers[:, list(triple)] for triple in triples])
-    is_known = np.isfinite(readings)
-    count = is_known.sum(axis=0)
-    total = np.where(is_known, readings, 0.0).sum(axis=0)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    readings = [table.table.numbers[:, list(triple)] for triple in triples]
+    return np.asarray(np.ma.masked_invalid(readings).mean(axis=0).filled(np.nan))
 
 
 def _average(table: NumberTable, triples_of: Mapping[_Repeated, Sequence[Triple]]) -> NumberTable:
