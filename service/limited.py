@@ -35,7 +35,6 @@ from starlette.types import Message, Scope
 
 from jointstiff.service.api.middleware import KNOWN_ID
 from jointstiff.service.app import create_app
-from jointstiff.service.importing.grid import PACKED_SIGNATURES
 from jointstiff.service.process import (
     FORMAT_VARIABLE,
     REQUEST_ID,
@@ -49,7 +48,7 @@ from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import Queue
 
 LIMITED_BYTES: Final = 256 * 1024
-"""Size above which the child processes a body [bytes]; it processes workbooks and arrays of any size."""
+"""Size above which the child processes a body [bytes]."""
 LIMITED_SECONDS: Final = 60.0
 """Time, and also processor time, that the child may take for one body [s]."""
 LIMITED_MEMORY: Final = 512 * 1024 * 1024
@@ -61,17 +60,17 @@ _PATHS: Final = frozenset(
         "kinematics",
         "measurement-sets",
         "campaigns",
-        "imports",
         "plans",
         "deflections",
         "corrections",
     )
 )
 """Paths of the API whose large request bodies are handled in the child process."""
-_ALWAYS_IN_CHILD: Final = frozenset({"/v1/geometries", "/v1/programs"})
+_ALWAYS_IN_CHILD: Final = frozenset({"/v1/geometries", "/v1/imports", "/v1/programs"})
 """Paths of the API whose request bodies of any size are handled in the child process.
 
-Programs are texts of any origin; the time of a geometry grows with the cube of the number of positions.
+Programs and tables are of any origin, and the robot searches the meaning of a table; the time of a geometry
+grows with the cube of the number of positions.
 """
 CHILDREN: Final = 2
 """Number of children: while a hostile body occupies one child, the other answers other bodies."""
@@ -115,10 +114,7 @@ FORWARDED: Final = TypeAdapter(Forwarded)
 
 def belongs_to_child(path: str, content: bytes) -> bool:
     """Return whether the child must answer a request, given the path and the body of the request."""
-    return path in _ALWAYS_IN_CHILD or (
-        path in _PATHS
-        and (len(content) > LIMITED_BYTES or any(first in content for first in PACKED_SIGNATURES))
-    )
+    return path in _ALWAYS_IN_CHILD or (path in _PATHS and len(content) > LIMITED_BYTES)
 
 
 class Template:

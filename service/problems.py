@@ -178,6 +178,7 @@ EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
         "pandas": "frames",
         "polars": "frames",
         "pyarrow": "tables",
+        "python_calamine": "excel",
         "robotprograms": "programs",
         "typst": "reports",
     }

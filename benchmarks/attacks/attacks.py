@@ -45,9 +45,9 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.service.api.bodies import parse_body
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
-from jointstiff.service.importing.source_files import SourceFile
+from jointstiff.service.imports.answer import import_files
+from jointstiff.service.imports.formats import SourceFile
 from jointstiff.service.problems import problem_from_faults
-from jointstiff.service.resources.imports import import_files
 from jointstiff.simulator.sweeps import TrackedArm
 from tests.support.memory import peak_of
 
@@ -115,7 +115,7 @@ def _imports() -> Section:
     for what, name, content in imports():
         began = time.monotonic()
         files = [SourceFile(name, content)]
-        peak, outcome = peak_of(partial(import_files, files, ImportRequest()))
+        peak, outcome = peak_of(partial(import_files, files, ImportRequest(), None))
         found.append((what, len(content) / 1e6, peak, outcome, time.monotonic() - began))
     return Section(
         title="Memory and time of an import, in a fork",

@@ -1,7 +1,7 @@
 """Usual mistakes of a whole campaign on five makers' arms: is each named by its cause, in one sentence?
 
 Readings are of springs that balance the load, on arms whose links differ from the published ones. Each
-mistake is made in arrays, in data frames and in a file, under forces and, if no load is mistaken, in a
+mistake is made in arrays, in a data frame and in a file, under forces and, if no load is mistaken, in a
 campaign by the arm's own weight. What a person reads are the reasons of the run, or the refusal.
 """
 
@@ -372,60 +372,48 @@ def _tabulate(readings: Readings) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def _enter_frames(readings: Readings) -> js.Campaign:
-    table = _tabulate(readings).set_index("label")
-    joints, forces = table.filter(regex=r"^J\d"), table.filter(regex="^F")
-    unloaded, loaded = table.filter(like=" unloaded "), table.filter(like=" loaded ")
-    return js.Campaign.from_arrays(
-        readings.robot,
-        joints,
-        forces if len(forces.columns) else None,
-        unloaded=unloaded,
-        loaded=loaded if len(loaded.columns) else None,
-        load_point=_to_length(readings),
-        units=readings.units,
-        encoders="motor",
-    )
-
-
-def _enter_file(readings: Readings) -> js.Campaign:
-    return _propose_file(readings).accept().campaign
-
-
-def _propose_file(readings: Readings) -> js.ProposedReadings | js.ImportedReadings:
+def _read_file(readings: Readings) -> js.ImportedReadings:
     with TemporaryDirectory() as folder:
         file = Path(folder) / "readings.csv"
         _tabulate(readings).to_csv(file, sep=";", index=False)
-        return js.read(file, robot=readings.robot, load_point=tuple(_to_length(readings)), encoders="motor")
+        return _read(file, readings)
 
 
-DOORS: Mapping[str, Callable[[Readings], js.Campaign]] = {
+def _read_frame(readings: Readings) -> js.ImportedReadings:
+    return _read(_tabulate(readings), readings)
+
+
+def _read(source: Path | pd.DataFrame, readings: Readings) -> js.ImportedReadings:
+    point = 1e3 * _LOAD_POINT if readings.length == "m" else _LOAD_POINT
+    return js.read(source, robot=readings.robot, load_point=tuple(point), encoders="motor")
+
+
+DOORS: Mapping[str, Callable[[Readings], js.Campaign | js.ImportedReadings]] = {
     "arrays": _enter_arrays,
-    "frames": _enter_frames,
-    "a file": _enter_file,
+    "a frame": _read_frame,
+    "a file": _read_file,
 }
 
-
-_PROPOSED: Final = "proposed"
-"""Code of the sentence by which a proposal names the meaning of a file, where the run has no reason."""
-_TURNED: Final = ("y z x", "a tracker's frame")
-"""Mistakes that turn R0: a proposal names the frame, and turns the readings back."""
-_IN_A_FRAME: Final = "in a frame of the instrument"
-"""Words of a proposal for a file whose positions are not in R0."""
+_ASKED: Final = "asked"
+"""Code of a question or a fault of the import, which shows the readings before there is a campaign."""
 
 
 def list_sentences(door: str, readings: Readings) -> list[tuple[str, str]]:
     """Return code and sentence of each reason that a person reads; a refusal has the code `refused`."""
     options: dict[str, Any] = {"weight": {}} if readings.forces is None else {}
     try:
-        run = js.identify(DOORS[door](readings), **options)
+        entered = DOORS[door](readings)
+        if isinstance(entered, js.ImportedReadings):
+            texts = [*entered.answer.faults, *(question.text for question in entered.questions)]
+            if texts:
+                return [(_ASKED, text) for text in texts]
+            entered = entered.campaign
+        run = js.identify(entered, **options)
     except CampaignError as error:
         return [("refused", f"{error.problem.detail}; {error.problem.remedy}")]
     if run.result is None:
         return [("failed", str(run.error))]
     reasons = run.result.assessment.reasons
-    if door == "a file" and not reasons:
-        return [(_PROPOSED, str(_propose_file(readings)))]
     return [(each.code, f"{each.where or ''} {each.message}; {each.remedy}") for each in reasons]
 
 
@@ -441,8 +429,8 @@ def judge(name: str, arm: str, reasons: list[tuple[str, str]]) -> str:
         return "wrong"
     if not reasons:
         return "silent"
-    if reasons[0][0] == _PROPOSED:
-        return "named" if name in _TURNED and _IN_A_FRAME in reasons[0][1] else "silent"
+    if reasons[0][0] == _ASKED:
+        return _ASKED
     code, sentence = reasons[0]
     is_named = code in codes and all(word.format(arm=arm) in sentence for word in mistake.words)
     return "named" if is_named else "other words"
@@ -472,18 +460,18 @@ def _judge_cases(cases: list[tuple[str, str, str]], *, loaded: bool) -> Section:
             readings = MISTAKES[name].make(readings)
         reasons = list_sentences(door, readings)
         outcome = judge(name, arm, reasons) if name else _judge_right(reasons)
-        if outcome != "named":
+        if outcome not in ("named", _ASKED):
             print(f"{name or 'right readings'}, {arm}, {door}: {outcome}: {reasons}", file=sys.stderr)
         outcomes.setdefault(name or "none", Counter())[outcome] += 1
     right = outcomes.pop("none", Counter())
     every = Counter[str]()
     for each in outcomes.values():
         every.update(each)
-    share = 100 * every["named"] / max(every.total(), 1)
+    share = 100 * (every["named"] + every[_ASKED]) / max(every.total(), 1)
     what = "with forces" if loaded else "without forces"
-    kinds = sum(each["named"] == each.total() for each in outcomes.values())
+    kinds = sum(each["named"] + each[_ASKED] == each.total() for each in outcomes.values())
     figures = (
-        Figure(f"mistakes named by their cause, {what} [%]", share, "at least", _LEAST),
+        Figure(f"mistakes named by their cause, or asked about, {what} [%]", share, "at least", _LEAST),
         Figure.none(f"wrong causes of mistakes, {what}", every["wrong"]),
         Figure.none(f"causes of right readings, {what}", right["wrong"]),
     )
@@ -497,7 +485,5 @@ def _judge_cases(cases: list[tuple[str, str, str]], *, loaded: bool) -> Section:
 
 def _judge_right(reasons: list[tuple[str, str]]) -> str:
     """Return whether the reasons of right readings name a cause."""
-    turned = any(code == _PROPOSED and _IN_A_FRAME in sentence for code, sentence in reasons)
-    return (
-        "wrong" if turned or any(code in (*_CAUSES, "refused", "failed") for code, _ in reasons) else "named"
-    )
+    accusing = (*_CAUSES, "refused", "failed", _ASKED)
+    return "wrong" if any(code in accusing for code, _ in reasons) else "named"

@@ -295,19 +295,17 @@ def _refuse_file(content: bytes) -> None:
     Raises:
         RequestError: names the type of the file.
     """
-    from jointstiff.service.importing.grid import JSON, file_type  # imported only for such a body
-
-    type_of_file = file_type(content)
-    if type_of_file is None or type_of_file == JSON:
-        return
-    remedy = _SEND_FILES
     if content.startswith(_GZIP):
-        remedy = "send the JSON document uncompressed"
-    raise RequestError(f"the body is {type_of_file}, not a JSON document", remedy=remedy, where="body")
+        raise RequestError("the body is compressed", remedy="send the document uncompressed", where="body")
+    if content.startswith(_ZIP):
+        reason = "the body is a workbook or an archive, not a JSON document"
+        raise RequestError(reason, remedy=_SEND_FILES, where="body")
 
 
 _GZIP: Final = b"\x1f\x8b"
 """First bytes of what gzip compressed."""
+_ZIP: Final = b"PK\x03\x04"
+"""First bytes of workbooks and archives."""
 
 
 def _refuse_encoded_twice(content: bytes) -> None:

@@ -46,13 +46,12 @@ from jointstiff.service.api.bodies import (
 from jointstiff.service.api.description import describe_problems
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.jobs import InjectedPost, JobId, JobRoute, Posted
-from jointstiff.service.importing.source_files import SourceFile
+from jointstiff.service.imports.formats import SourceFile
 from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.process.kind import PROCESS
 from jointstiff.service.kinds.program.files import compress_file
 from jointstiff.service.kinds.program.kind import PROGRAM
 from jointstiff.service.problems import NotFoundError, find_path_in_document
-from jointstiff.service.proposals.answers import import_or_propose
 from jointstiff.service.resources.stored import load_job, robot_from_record
 from jointstiff.service.runs.deflection import predict_by_run
 from jointstiff.service.runs.mending import apply_action_to_campaign, fill_in_payload
@@ -83,7 +82,7 @@ BINARY: Final[dict[str, JsonValue]] = {
 _Readings = Annotated[
     list[UploadFile],
     File(
-        description="Tables and lists of points as text or Excel files, each with its file name.",
+        description="Tables (csv, xlsx, xls, ods, json, mat, npz, hdf5, parquet), each with its file name.",
         min_length=1,
         max_length=MAX_FILES,
         examples=[_IMPORT["files"]],
@@ -330,25 +329,26 @@ def _predict_as_json(parts: Parts, body: DeflectionRequest) -> str:
 async def create_import(
     request: Request, parts: InjectedParts, files: _Readings, options: _ImportOptions = _DEFAULTS
 ) -> Response:
-    """Preview files of readings. Nothing is stored.
+    """Read tables of readings by a mapping. Nothing is stored.
 
-    Send the files as fields `files` of a form, and missing information as JSON in a field `options`. If
-    nothing is missing, the answer has the measurement set: add `robot_id` and post the set. Faults have
-    file:line:column and a remedy. A `template` as options refuses files of another form.
+    Send the files as fields `files` of a form, and robot and mapping as JSON in a field `options`. Without
+    `tables` in the mapping, the robot proposes them. Each choice of a question has the mapping to send next.
+    Without questions and faults the answer has the measurement set: add `robot_id` and post the set.
     """
-    # A small Excel file may unpack to a huge one: the limiter keeps threads free for other requests.
     answer = await run_sync(_import_as_json, parts, files, options, limiter=limiter_of_large_work(request))
     return json_response(answer)
 
 
 def _import_as_json(parts: Parts, files: list[UploadFile], options: ImportRequest) -> str:
-    """Read uploaded files of readings; return the preview of the import as JSON text."""
+    """Read uploaded files of readings; return the answer of the import as JSON text."""
+    from jointstiff.service.imports.answer import import_files  # imports the numerics
+
     robot = None if options.robot_id is None else parts.robots.find(options.robot_id, None)
     known = None if robot is None else KnownRobot(robot.model.name, robot, options.robot_id)
     sources = [SourceFile(*read_named_file(file)) for file in files]
     with garbage_collector_paused():
         others = parts.robots.list_confusable_robots()
-        return import_or_propose(sources, options, known, others).model_dump_json()
+        return import_files(sources, options, known, others).model_dump_json()
 
 
 def read_named_file(file: UploadFile) -> tuple[str, bytes]:

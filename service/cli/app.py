@@ -44,9 +44,9 @@ def _build_late_command(name: str) -> Any:  # noqa: ANN401 - Typer's Click is pr
 def _build_function(name: str) -> Callable[..., None]:
     """Return the function of a command of `_LATE_COMMANDS`; what builds it is imported only here."""
     if name == "import":
-        from jointstiff.service.cli.imports import build_import_command
+        from jointstiff.service.cli.imports import import_command
 
-        return build_import_command()
+        return import_command
     if name == "measure":
         from jointstiff.service.cli.measure import build_measure_command
 

@@ -106,7 +106,7 @@ def _build_unit_error(word: str, quantity: str | None) -> MeasurementError:
 class ArrayReadings:
     """Readings of N observations of T targets, in whatever form of arrays a Python program holds them.
 
-    Arrays, lists, columns of pandas or polars, and dictionaries of columns are accepted. A target was not
+    Arrays, lists, and columns of pandas or polars without names are accepted. A target was not
     read in an observation if all of its coordinates are NaN or None there. An observation without any reading
     was not read, and is omitted.
     """
@@ -583,11 +583,11 @@ _LONGEST_SHOWN: Final = 40
 """Most characters of a value that a message shows."""
 _MOST_NAMED: Final = 5
 """Most observations that a message names."""
-_NUMBERS: Final = "give an array, lists of equal lengths, or columns of a data frame"
+_NUMBERS: Final = "give an array, or lists of equal lengths"
 
 
 def to_number_array(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
-    """Convert an array, lists, a data frame or a list of its columns to an array; `name` is for messages.
+    """Convert an array, lists or columns without names to an array; `name` is for messages.
 
     Raises:
         MeasurementError: the value has elements that are not numbers, or infinite.
@@ -627,12 +627,10 @@ def read_numbers(value: Any, name: str, remedy: str) -> FloatArray:  # noqa: ANN
     """Convert the same, with infinite numbers; `name` and `remedy` are for messages.
 
     Raises:
-        MeasurementError: the value has elements that are not numbers.
+        MeasurementError: the value has elements that are not numbers, or names of columns or rows.
     """
+    _refuse_names(value, name)
     try:
-        if isinstance(value, Mapping):
-            value = list(value.values())
-            return np.stack([_to_numbers(column, name) for column in value], axis=1)
         if isinstance(value, list | tuple) and value and all(hasattr(each, "to_numpy") for each in value):
             return np.stack([_to_numbers(column, name) for column in value], axis=1)
         return _to_numbers(value, name)
@@ -643,6 +641,32 @@ def read_numbers(value: Any, name: str, remedy: str) -> FloatArray:  # noqa: ANN
         raise MeasurementError(
             f"`{name}` is not an array of numbers: {error}", where=name, remedy=remedy
         ) from None
+
+
+def _refuse_names(value: Any, name: str) -> None:  # noqa: ANN401 - anything numpy understands
+    """Refuse columns or rows with names, whose order may be another one than the order of an array.
+
+    Numbers in their order, which libraries give columns and rows by default, are no names.
+
+    Raises:
+        MeasurementError: states how to use columns with names.
+    """
+    is_list = isinstance(value, list | tuple)
+    parts = [each for each in value if hasattr(each, "to_numpy")] if is_list else [value]
+    for part in parts:
+        has_names = isinstance(part, Mapping) or getattr(getattr(part, "dtype", None), "names", None)
+        for attribute in ("column_names", "columns", "index"):  # of Arrow, pandas and polars
+            names = getattr(part, attribute, None) if hasattr(part, "to_numpy") else None
+            numbered = [[place, f"column_{place}"] for place in range(0 if names is None else len(names))]
+            if any(own not in usual for own, usual in zip(names or (), numbered, strict=False)):
+                has_names = True
+        if has_names:
+            raise MeasurementError(
+                f"`{name}` has columns or rows with names, which may be in any order",
+                where=name,
+                remedy="give an array without names in the documented order, such as `frame.to_numpy()`; or "
+                "read one frame with all columns by `jointstiff.read(frame, robot=…)`",
+            )
 
 
 _DECIMAL_COMMA: Final = re.compile(

@@ -30,6 +30,10 @@ MOMENT: Final[dict[str, float]] = {
     "lbf.ft": _FOOT * _LBF,
     "lbf.in": _INCH * _LBF,
 }
+COLUMN_UNITS: Final[dict[str, float]] = {
+    **LENGTH, **ANGLE, **FORCE, **MOMENT, "cm": 1e-2, "in": _INCH, "µm": 1e-6, "daN": 10.0
+}  # fmt: skip
+"""Units of columns of files: factors to SI units; masses hang, so that kg is a weight in N."""
 
 
 def to_instrument(sheet: StatedInstrument, length: float) -> Instrument:

@@ -100,7 +100,8 @@ class Campaign(messages.Campaign):
     ) -> Campaign:
         """Make a campaign from arrays: N observations of a robot with n joints, T targets.
 
-        Arrays may be lists, numpy arrays, data frames, or columns of pandas or polars. Give `unloaded` and
+        Arrays may be lists, numpy arrays, or columns of pandas or polars without names; `jointstiff.read`
+        reads a data frame by its columns. Give `unloaded` and
         `loaded` positions, or `deflections`; with `directions`, deflections are lengths along them, as of a
         dial gauge. Unloaded positions alone are for runs with `weight`, which need no force. A target that
         was not read is NaN.
@@ -135,19 +136,15 @@ class Campaign(messages.Campaign):
                 states the array, the place and the remedy.
         """
         from jointstiff.service.conversion.arguments import complete_units
-        from jointstiff.service.library.frames import match_arrays
+        from jointstiff.service.conversion.arrays import ArrayReadings
 
         _refuse_unknown_arguments(header)
         described = robots.robot(robot)
-        with as_campaign_error("robot"):
-            joint_names = list(robots.read_joint_kinds(described))
         with as_campaign_error(""):
             noise = {} if sigma is None else {"noise": {"sigma": _read_sigma(sigma)}}
             _refuse_no_targets(targets)
             stated_units = complete_units(units)
-            arrays = match_arrays(
-                joint_names,
-                stated_units,
+            arrays = ArrayReadings(
                 joints=joints,
                 forces=forces,
                 moments=moments,

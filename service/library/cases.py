@@ -82,7 +82,6 @@ def make_load_cases(
         cases = list(postures)
     else:
         cases = _cases_from_arrays(postures, forces, fields.pop("moments", None), joints, units)
-        states_units = states_units or _has_headers_with_units(postures)
     request = parse_document({**fields, "cases": cases}, DeflectionOptions)
     if not states_units:
         _refuse_doubtful_angles([case.joints for case in request.cases], joints)
@@ -98,24 +97,18 @@ def _cases_from_arrays(
 ) -> list[dict[str, Any]]:
     """Return a load case, as a dictionary for JSON, for each row of an array of postures (N, n).
 
-    Forces and moments are (N, 3), or (3,) for all postures; moments may be None. Columns and rows with names
-    are matched by their names. `units` has the unit of each quantity by name.
+    Forces and moments are (N, 3), or (3,) for all postures; moments may be None. `units` has the unit of each
+    quantity by name.
 
     Raises:
         RequestError: forces are missing, or an angle exceeds two turns.
-        MeasurementError: names do not match.
+        MeasurementError: an array has a wrong shape, or columns with names.
     """
     from jointstiff.service.conversion.arrays import to_number_array, to_vectors
-    from jointstiff.service.library.frames import NameMatcher
 
-    matcher = NameMatcher(list(joints), units)
-    posture_rows = matcher.read_joints(postures, "postures")
-    force_rows = matcher.read_vectors(forces, "forces")
-    moment_rows = matcher.read_vectors(moments, "moments")
-    matcher.align(None)
-    q = to_number_array(posture_rows.values, "postures")
+    q = to_number_array(postures, "postures")
     q = q.reshape(1, -1) if q.ndim == 1 else q
-    if force_rows is None:
+    if forces is None:
         remedy = (
             "give joints and forces as two arrays, `forces` (N, 3) or (3,): predict(run, q, "
             "forces=(0, 0, -500), at=(0, 0, 120))"
@@ -126,19 +119,10 @@ def _cases_from_arrays(
             remedy=remedy,
         )
     _refuse_large_angles(q, joints, units)
-    columns = {"joints": q.tolist(), "force": to_vectors(force_rows.values, len(q), "forces").tolist()}
-    if moment_rows is not None:
-        columns["moment"] = to_vectors(moment_rows.values, len(q), "moments").tolist()
+    columns = {"joints": q.tolist(), "force": to_vectors(forces, len(q), "forces").tolist()}
+    if moments is not None:
+        columns["moment"] = to_vectors(moments, len(q), "moments").tolist()
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-
-
-def _has_headers_with_units(postures: AnyPostures) -> bool:
-    """Return whether columns of postures state their unit, as `J1 [deg]` does; `units` then agrees."""
-    from jointstiff.service.importing.grammar import split_unit
-    from jointstiff.service.library.frames import read_table
-
-    table = read_table(postures, "postures")
-    return table is not None and any(split_unit(str(column.name))[1] for column in table.columns)
 
 
 def _refuse_large_angles(q: FloatArray, joints: Mapping[str, JointKind], units: Mapping[str, str]) -> None:

@@ -70,8 +70,8 @@ if TYPE_CHECKING:
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import PredictFields
     from jointstiff.service.library.correction import Correction, CorrectionCall
-    from jointstiff.service.library.imported import ImportedReadings, ImportFields
     from jointstiff.service.library.measure import LiveMeasurement
+    from jointstiff.service.library.reading import ImportedReadings
     from jointstiff.solver.mechanics.robot import Robot as RobotModel
 
 PATIENCE_SECONDS: Final = 60.0
@@ -254,16 +254,11 @@ class Client(Verbs):
         counts = job.result.model_dump(exclude={"columns", "table"})
         return call.read_answer(robot, CorrectionResult(**counts, columns=name_columns(rows)))
 
-    def import_files(
-        self,
-        *files: str | PathLike[str],
-        robot: Any = None,  # noqa: ANN401 - as of jointstiff.import_files
-        **options: Unpack[ImportFields],
-    ) -> ImportedReadings:
-        """Import files of readings in this process; arguments and result as of `jointstiff.import_files`."""
-        from jointstiff.service.library.imported import import_files
+    def read(self, *files: Any, **stated: Any) -> ImportedReadings:  # noqa: ANN401 - as of jointstiff.read
+        """Read tables of readings in this process; arguments and result as of `jointstiff.read`."""
+        from jointstiff.service.library.reading import read
 
-        return import_files(*files, robot=robot, **options)
+        return read(*files, **stated)
 
     def measure(
         self,
@@ -779,7 +774,7 @@ class AsyncClient:
         process = _as_awaited(Client.process)
         predict = _as_awaited(Client.predict)
         correct = _as_awaited(Client.correct)
-        import_files = _as_awaited(Client.import_files)
+        read = _as_awaited(Client.read)
 
     async def __aenter__(self) -> AsyncClient:
         return self

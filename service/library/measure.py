@@ -37,7 +37,6 @@ from jointstiff.service.conversion.units import FORCE
 from jointstiff.service.library.answers import parse_resource
 from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.campaigns import Campaign
-from jointstiff.service.library.frames import NameMatcher
 from jointstiff.service.live.campaign import MOST_READINGS, Declaration, Entry, LiveCampaign
 from jointstiff.service.live.declaration import Scales, declare_set, read_goal
 from jointstiff.service.live.sources import (
@@ -296,7 +295,6 @@ class LiveMeasurement:
         self._options = cast("LiveOptions", post.open)
         self._scales = Scales.from_units(post.units, robot.robot)
         self._units_of_caller = Scales.from_units(units, robot.robot)
-        self._unit_names = units.model_dump(exclude_none=True)
         self.source, self._wait = source, wait
         self.joint_names, self.joint_kinds = robot.robot.joint_names, robot.robot.joint_kinds
         self._source_thread: SourceThread | None = None
@@ -356,16 +354,12 @@ class LiveMeasurement:
             CampaignError: the reading cannot be right, or another reading has this label.
             RefusedError: the service refuses the reading.
         """
-        units, matcher = self._units_of_caller, NameMatcher(self.joint_names, self._unit_names)
+        units = self._units_of_caller
         with as_campaign_error(""):
-            unloaded = matcher.read_targets(unloaded, "unloaded")
-            loaded = matcher.read_targets(loaded, "loaded")
             if joints is not None:
-                rows = matcher.read_joints(joints)
-                joints = to_number_array(rows.values, "joints") * np.array(units.joints)
-            forces = matcher.read_vectors(force, "force")
-            if forces is not None:
-                force = to_number_array(forces.values, "force") * units.force
+                joints = to_number_array(joints, "joints") * np.array(units.joints)
+            if force is not None:
+                force = to_number_array(force, "force") * units.force
         return self._add_observation_in_si(
             _scale_positions(unloaded, units.length),
             _scale_positions(loaded, units.length),

@@ -10,7 +10,6 @@ from pydantic import ValidationError
 
 from jointstiff.schemas.motion import MotionLog
 from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.importing.grammar import split_unit
 from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.robots import read_joint_kinds, robot
 from jointstiff.service.problems import as_campaign_error
@@ -78,7 +77,8 @@ def _build_log(
     # Encoder → joint → positions
     encoders: dict[str, dict[str, list[float]]] = {"motor": {}, "link": {}}
     for header, values in columns.items():
-        encoder, _, joint_text = split_unit(header)[0].partition("_")
+        name = header.partition("[")[0].strip()
+        encoder, _, joint_text = name.partition("_")
         joint = _find_name(joint_text, list(kinds), header) if encoder in encoders else None
         if joint is None:
             continue
@@ -144,7 +144,7 @@ def _find_period(columns: Mapping[str, FloatArray]) -> float:
         RequestError: the unit of the times is not known.
     """
     for header, values in columns.items():
-        if split_unit(header)[0] not in ("t", "time"):
+        if header.partition("[")[0].strip() not in ("t", "time"):
             continue
         steps = parse_unit_factor(header, _TIMES) * np.diff(values)
         period = float(np.mean(steps)) if len(steps) else 0.0

@@ -41,11 +41,10 @@ if TYPE_CHECKING:
     from jointstiff.service.library.client import AsyncClient, Client
     from jointstiff.service.library.correction import Correction
     from jointstiff.service.library.here import Here, predict
-    from jointstiff.service.library.imported import ImportedReadings, import_files
     from jointstiff.service.library.many import identify_many
     from jointstiff.service.library.measure import measure
     from jointstiff.service.library.motion_logs import read_log
-    from jointstiff.service.library.reading import ProposedReadings, read
+    from jointstiff.service.library.reading import ImportedReadings, read
     from jointstiff.service.library.rehearse import Rehearsal, rehearse
     from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun
     from jointstiff.service.library.robots import robot
@@ -80,7 +79,6 @@ _HOMES = {
     "Noise": "schemas.measurement",
     "PlanOptions": "schemas.plan",
     "Prediction": "service.library.results",
-    "ProposedReadings": "service.library.reading",
     "ProcessOptions": "schemas.process",
     "ProgramOptions": "schemas.program",
     "RefusedError": "service.problems",
@@ -88,10 +86,9 @@ _HOMES = {
     "RunOptions": "schemas.options",
     "TabledRun": "service.library.results",
     "Units": "schemas.measurement",
-    "ImportedReadings": "service.library.imported",
+    "ImportedReadings": "service.library.reading",
     "RobotTrend": "service.library.results",
     "identify_many": "service.library.many",
-    "import_files": "service.library.imported",
     "load": "service.library.saved",
     "measure": "service.library.measure",
     "Rehearsal": "service.library.rehearse",
@@ -122,7 +119,6 @@ __all__ = [
     "Prediction",
     "ProcessOptions",
     "ProgramOptions",
-    "ProposedReadings",
     "RefusedError",
     "Rehearsal",
     "RobotDocument",
@@ -139,7 +135,6 @@ __all__ = [
     "geometry",
     "identify",
     "identify_many",
-    "import_files",
     "load",
     "map",
     "measure",

@@ -1,162 +1,133 @@
-"""Readings from files whose columns the robot explains: a proposal, its acceptance, and the campaign."""
+"""Readings from files or data frames: the mapping of their columns, and the campaign with their robot."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import Any, Unpack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
-from jointstiff.schemas.imports import ImportRequest
-from jointstiff.schemas.meaning import TableMeaning
+from jointstiff.schemas.imports import ImportAnswer, ImportQuestion, ImportRequest
+from jointstiff.schemas.imports import Mapping as ImportMapping
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.importing.source_files import read_sources
-from jointstiff.service.library.calls import explain_calls
+from jointstiff.service.imports.answer import import_files, import_tables
+from jointstiff.service.imports.formats import read_sources, table_from_columns
+from jointstiff.service.imports.show import show
 from jointstiff.service.library.campaigns import Campaign
-from jointstiff.service.library.imported import ImportedReadings, ImportFields
-from jointstiff.service.problems import (
-    CampaignError,
-    FilesError,
-    as_campaign_error,
-    http_problem,
-    naming_missing_file,
-    problem_from_error,
-)
+from jointstiff.service.library.here import Here
+from jointstiff.service.problems import as_campaign_error, naming_missing_file
 from jointstiff.service.process import one_thread
-from jointstiff.service.proposals.frames import is_in_another_frame, propose_frame
-from jointstiff.service.proposals.options import OPTIONS_OF_COLUMNS, OPTIONS_OF_NAMES
-from jointstiff.service.proposals.proposed_import import NoProposal, ProposedImport
-from jointstiff.service.proposals.search import propose_import
-from jointstiff.service.resources.documents import parse_document, read_robot
-from jointstiff.service.resources.imports import import_files, lack_meaning
-from jointstiff.service.resources.known_robots import catalogue_robots
+from jointstiff.service.resources.documents import parse_document, read_document, read_robot
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.robot import KnownRobot
 
+if TYPE_CHECKING:
+    from jointstiff.service.library.results import TabledRun
 
-class ProposedReadings:
-    """Proposal of the robot for the meaning of files; `print` shows the proposal in a sentence."""
+Vector = Sequence[float]
 
-    def __init__(self, proposed: ProposedImport, robot: RobotDocument, fields: ImportFields) -> None:
-        """Keep a proposal with its robot, and the statements about the readings."""
-        self._proposed, self._robot, self._fields = proposed, robot, fields
+
+class ImportedReadings:
+    """Readings with the mapping of their columns; `print` shows the tables with a role above each column."""
+
+    def __init__(self, answer: ImportAnswer, robot: RobotDocument | None) -> None:
+        """Keep the answer of an import, with the robot that was measured."""
+        self.answer, self.robot = answer, robot
 
     def __str__(self) -> str:
-        """Return the proposal in words, and the question that the numbers cannot decide."""
-        return self._proposed.text
+        """Return the tables with the roles of their columns, and the next question."""
+        return show(self.answer)
 
     __repr__ = __str__
 
     @property
-    def robot(self) -> RobotDocument:
-        """Robot that fits."""
-        return self._robot
+    def mapping(self) -> ImportMapping:
+        """Mapping that was proposed or applied: edit it, and pass it to `read`."""
+        return self.answer.mapping
 
     @property
-    def residual(self) -> float:
-        """Median distance of the positions from their places by the robot [mm]; NaN without positions."""
-        return 1e3 * self._proposed.proposal.residual
-
-    @property
-    def next_residual(self) -> float:
-        """Median distance of the best other meaning [mm]; infinite if no other meaning fits to 300 mm."""
-        return 1e3 * self._proposed.proposal.next_residual
-
-    @property
-    def doubt(self) -> str:
-        """Question that the numbers cannot decide; empty without one."""
-        return self._proposed.proposal.doubt
-
-    @property
-    def meaning(self) -> TableMeaning | None:
-        """Columns, units, targets and states of the proposal; None of displacements without positions."""
-        return self._proposed.meaning
-
-    def accept(self, *, despite_doubt: bool = False, **statements: Any) -> ImportedReadings:  # noqa: ANN401
-        """Import the readings as the proposal says.
-
-        Args:
-            despite_doubt: accept a proposal with a question that the numbers cannot decide.
-            statements: what no file contains, such as `encoders` or `load_point` of `import_files`.
-
-        Raises:
-            RequestError: the proposal has a doubt.
-            CampaignError: a statement is not valid, or the readings are refused.
-        """
-        if self.doubt and not despite_doubt:
-            raise RequestError(
-                f"the numbers cannot decide: {self.doubt}",
-                where="files",
-                remedy="check the axes and the signs of the joints, or state the robot; then call "
-                "`accept(despite_doubt=True)`",
-            )
-        fields = self._proposed.request.model_dump(exclude_unset=True) | self._fields | statements
-        request = parse_document({**fields, **self._list_cleared()}, ImportRequest)
-        try:
-            answer = self._proposed.accept(request)
-        except FilesError as error:
-            raise CampaignError(problem_from_error(error)) from error
-        return ImportedReadings.model_validate(dict(answer)).with_robot(self._robot)
-
-    def _list_cleared(self) -> dict[str, Any]:
-        """Return options that the written table does not need: of columns, names, and a force that it has."""
-        request = self._proposed.request.model_dump()
-        replaced = {"force": None} if request["force"] is None and self._fields.get("force") else {}
-        return {name: request[name] for name in (*OPTIONS_OF_COLUMNS, *OPTIONS_OF_NAMES)} | replaced
+    def questions(self) -> list[ImportQuestion]:
+        """Questions that only a person answers; each choice has the mapping after it."""
+        return self.answer.questions
 
     @property
     def campaign(self) -> Campaign:
-        """Campaign of the accepted readings, if nothing is missing and the proposal has no doubt."""
-        return self.accept().campaign
+        """Campaign of the readings and their robot.
+
+        Raises:
+            CampaignError: a question or a fault is open, no robot was stated, or the files have no loads.
+        """
+        with as_campaign_error("files"):
+            return self._build_campaign()
+
+    def _build_campaign(self) -> Campaign:
+        """Return the campaign; errors as of `campaign`, as RequestError."""
+        answer = self.answer
+        open_texts = [*answer.faults, *(question.text for question in answer.questions)]
+        if open_texts:
+            remedy = "answer it in the mapping: read(…, mapping=…), or state encoders, load_point or force"
+            raise RequestError(open_texts[0], where="files", remedy=remedy)
+        if answer.measurement_set is None:
+            remedy = "use `jointstiff.geometry(readings.answer.geometry)` or `jointstiff.gearbox(file)`"
+            raise RequestError("the files have no loads", where="files", remedy=remedy)
+        if self.robot is None:
+            raise RequestError("the readings have no robot", where="robot", remedy="state `robot` in `read`")
+        return Campaign(robot=self.robot, measurement_set=answer.measurement_set)
+
+    def identify(self, **options: Any) -> TabledRun:  # noqa: ANN401 - options of a run
+        """Identify the joint stiffnesses of the readings; arguments as of `jointstiff.identify`."""
+        return Here().identify(self.campaign, **options)
 
 
 @one_thread()
 @naming_missing_file()
-@explain_calls
 def read(
-    *files: str | PathLike[str],
+    *files: Any,  # noqa: ANN401 - paths or data frames
     robot: Any = None,  # noqa: ANN401 - as of a campaign
-    **options: Unpack[ImportFields],
-) -> ProposedReadings | ImportedReadings:
-    """Read files of readings: by the names of their columns, or else by a proposal of the robot.
+    mapping: ImportMapping | Mapping[str, Any] | str | PathLike[str] | None = None,
+    encoders: Literal["motor", "secondary"] | None = None,
+    load_point: Vector | None = None,
+    force: Vector | None = None,
+    name: str | None = None,
+    **stated: Any,  # noqa: ANN401 - further fields of the mapping
+) -> ImportedReadings:
+    """Read tables of readings by a mapping, by documented headers, or by a proposal of the robot.
 
     Args:
-        files: tables of joints and positions; text, Excel or arrays. Headers may be missing or unknown.
-        robot: measured robot: a document, a file, or an arm of the catalogue; None tries the whole catalogue.
-        options: statements about the readings, as in `import_files`.
-
-    Returns:
-        The readings, if names explain all columns, in R0. Otherwise a proposal: `print` shows the proposal in
-        words, `.accept()` returns the readings, `.campaign` their campaign.
+        files: paths of tables (csv, xlsx, xls, ods, json, mat, npz, hdf5, parquet), or data frames.
+        robot: measured robot: a document, a file, or an arm of the catalogue.
+        mapping: what the columns mean: a message, a document, or a file that `jointstiff import` wrote.
+        encoders: encoders that close the position loop.
+        load_point: (3,) in the flange frame [mm].
+        force: (3,) on the robot in R0 [N], if no column has the force.
+        name: name of the measurement set.
+        stated: further fields of the mapping, such as `load_point_target` or `noise`.
 
     Raises:
-        CampaignError: neither names nor a robot explain the columns, or an option is not valid.
+        CampaignError: a file is no table, or an argument is not valid.
     """
-    request = parse_document(dict(options), ImportRequest)
-    sources = read_sources(files)
     document = _find_robot(robot)
-    robots = _prepare_robots(document)
-    try:
-        answer = import_files(sources, request, robots[0].robot if document is not None else None)
-    except FilesError as error:
-        if not lack_meaning(sources, request, robots[0].robot if document is not None else None):
-            raise CampaignError(problem_from_error(error)) from error
-        proposed = propose_import(sources, request, robots)
-        if isinstance(proposed, NoProposal):
-            if proposed.remedy:
-                raise CampaignError(http_problem(422, proposed.reason, proposed.remedy)) from error
-            problem = problem_from_error(error)
-            detail = f"{problem.detail}; the robot explains no columns either: {proposed.reason}"
-            raise CampaignError(problem.model_copy(update={"detail": detail})) from error
-        found = document or nominal_robot(find_arm(proposed.known.name, "robot"))
-        return ProposedReadings(proposed, found, options)
-    if document is not None and is_in_another_frame(answer):
-        turned = propose_frame(sources, request, robots[0], answer)
-        if turned is not None:
-            return ProposedReadings(turned, document, options)
-    readings = ImportedReadings.model_validate(dict(answer))
-    return readings if document is None else readings.with_robot(document)
+    if isinstance(mapping, str | PathLike):
+        mapping = read_document(Path(mapping), ImportMapping)
+    base = (
+        mapping.model_dump(exclude_unset=True) if isinstance(mapping, ImportMapping) else dict(mapping or {})
+    )
+    given = {"encoders": encoders, "load_point": load_point, "force": force}
+    fields = base | {key: value for key, value in given.items() if value is not None} | stated
+    request = parse_document({"mapping": fields} | ({"name": name} if name else {}), ImportRequest)
+    with as_campaign_error("robot"):
+        known = None if document is None else KnownRobot(document.name, prepare_robot(document).robot)
+    with as_campaign_error("files"):
+        if any(hasattr(file, "columns") for file in files):
+            tables = [
+                table_from_columns(f"frame {number}", {str(key): list(frame[key]) for key in frame.columns})
+                for number, frame in enumerate(files, 1)
+            ]
+            answer = import_tables(tables, request, known)
+        else:
+            answer = import_files(read_sources(files), request, known)
+    return ImportedReadings(answer, document)
 
 
 def _find_robot(robot: Any) -> RobotDocument | None:  # noqa: ANN401 - as of a campaign
@@ -170,15 +141,3 @@ def _find_robot(robot: Any) -> RobotDocument | None:  # noqa: ANN401 - as of a c
     if isinstance(robot, str | PathLike):
         return read_robot(str(robot))
     return parse_document(robot, RobotDocument)
-
-
-def _prepare_robots(document: RobotDocument | None) -> Sequence[KnownRobot]:
-    """Return the robots to try: the stated one, or the catalogue.
-
-    Raises:
-        CampaignError: the document is no valid robot.
-    """
-    if document is None:
-        return list(catalogue_robots())
-    with as_campaign_error("robot"):
-        return [KnownRobot(document.name, prepare_robot(document).robot)]

@@ -14,7 +14,6 @@ from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.library.here import restore_job
-from jointstiff.service.library.imported import ImportedReadings
 from jointstiff.service.library.rehearse import Rehearsal
 from jointstiff.service.library.results import Prediction, Presented, RobotTrend
 from jointstiff.service.problems import CampaignError, http_problem, naming_missing_file
@@ -43,7 +42,6 @@ LoadedKind = Literal[
     "prediction",
     "rehearsal",
     "trend",
-    "imported",
     "campaign",
 ]
 """Kind of a file that `load` reads."""
@@ -53,7 +51,7 @@ _MAX_BYTES: Final = 4 * MAX_SET_BYTES  # a run, its campaign, and the places of 
 
 def _list_classes() -> Mapping[str, type[Presented]]:
     """Return the classes of results that are no jobs, by the `kind` in their files."""
-    classes = (ImportedReadings, Prediction, Rehearsal, RobotTrend)
+    classes = (Prediction, Rehearsal, RobotTrend)
     return {each._saved_kind: each for each in classes}
 
 
@@ -81,8 +79,6 @@ def load(path: str | PathLike[str], kind: Literal["prediction"]) -> Prediction: 
 def load(path: str | PathLike[str], kind: Literal["rehearsal"]) -> Rehearsal: ...
 @overload
 def load(path: str | PathLike[str], kind: Literal["trend"]) -> RobotTrend: ...
-@overload
-def load(path: str | PathLike[str], kind: Literal["imported"]) -> ImportedReadings: ...
 @overload
 def load(path: str | PathLike[str], kind: Literal["campaign"]) -> Campaign: ...
 @explain_calls

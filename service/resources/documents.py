@@ -283,13 +283,8 @@ def _explain_text(content: bytes, error: MalformedError, name: str) -> Problem:
             f"`jointstiff import FILE --robot {file}` reads them"
         )
         return http_problem(422, f"{name} is a URDF, not a campaign", remedy)
-    # Imported only for such a file.
-    from jointstiff.service.importing.grid import file_type
-
     if any(sign.encode() in content for sign in _SIGNS_OF_TABLES):
         return http_problem(422, f"{name} is a table that jointstiff printed, not a document", _GIVE_CAMPAIGN)
-    if type_of_file := file_type(content):
-        return http_problem(422, f"{name} is {type_of_file}, not a JSON document", _IMPORT_HINT)
     correction = f"to correct a robot program use `jointstiff compensate CAMPAIGN {shlex.quote(name)}`"
     remedy = f"{_IMPORT_HINT}; {correction}"
     return http_problem(422, f"{name} is a text, not a JSON document", remedy)
@@ -355,7 +350,7 @@ def read_urdf_file(path: Path, base: str | None = None, flange: str | None = Non
             ) from None
         # Owners of robots name files of xacro `.urdf`, too.
         if path.suffix.lower() == ".xacro" or "<xacro:" in urdf:
-            from jointstiff.service.importing.expansion import expand_xacro
+            from jointstiff.service.conversion.xacro import expand_xacro
 
             urdf = expand_xacro(path)
     with as_campaign_error("robot"):

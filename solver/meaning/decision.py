@@ -216,16 +216,15 @@ def explains_by_rounding(interpretation: Interpretation, typical: float) -> bool
     Positions by exact joints differ by the rounding of the positions, whatever their frame. Positions by
     rounded joints differ by about the joints' rounding, and are in R0: a tracker has a frame of its own. What
     differs otherwise, or farther than half a step of each joint allows, is a reading, even of an arm that
-    differs from its model by noise alone. So are positions whose names tell a state of load: a controller
-    does not know the load's effect.
+    differs from its model by noise alone.
 
     Args:
         interpretation: joints of the positions, and the frame of the positions.
         typical: median distance of the positions [m].
     """
     are_exact = typical < _ROUNDINGS * interpretation.point_rounding + _EXACT
-    if are_exact or interpretation.are_measured:
-        return are_exact
+    if are_exact:
+        return True
     are_within = interpretation.share_by_rounding >= _LEAST_BY_ROUNDING
     is_possible = are_within and interpretation.fit.frame.is_base and typical < NEAR_MODEL
     rounding = interpretation.joint_rounding

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.meaning.table import (
     AngleUnit,
     JointColumns,
@@ -25,6 +25,7 @@ _MOST_GROUPED: Final = 16
 """Most rows of a table for each posture."""
 _LARGEST_RADIANS: Final = 6.6
 _LARGEST_DEGREES: Final = 720.0
+_LARGEST_MILLIMETRES: Final = 50_000.0
 _LARGEST_SLIDE: Final = 20.0
 """Position of a prismatic joint from which the position is in mm; smaller positions are in m."""
 _STEPS: Final = (1, 2, 4)
@@ -120,38 +121,30 @@ def _are_equal(first: JointCounting, second: JointCounting) -> bool:
     return bool(same_matrix and np.allclose(first.offset, second.offset))
 
 
-def find_windows(table: Table, n: int) -> list[tuple[int, ...]]:
-    """Return the runs of n columns that can be the joints, from base to flange or in reverse order.
+def find_windows(table: Table, prismatic: BoolArray) -> list[tuple[int, ...]]:
+    """Return the runs of columns that can be the joints, from base to flange or in reverse order.
 
-    At least three columns of a run must change, or all of fewer joints. If the headers name the joints, only
-    these columns are returned.
+    A joint has a number in each row, none larger than an angle or a length; a few damaged numbers may be
+    larger. At least three columns of a run must change, or all of fewer joints.
+
+    Args:
+        table: numbers of a file.
+        prismatic: (n,) which joints of the robot slide.
     """
-    if len(table.joints) == n:
-        return [table.joints]
-    is_moving = find_moving_columns(table.numbers)
-    can_be_joint = _find_possible_joints(table)
-    least_moving = min(3, n)
+    n = len(prismatic)
+    is_moving = np.array(find_moving_columns(table.numbers))
+    is_complete = np.asarray(np.isfinite(table.numbers).all(axis=0))
+    size = np.asarray(np.nanpercentile(np.abs(np.nan_to_num(table.numbers)), _ORDINARY, axis=0))
+    largest = np.where(prismatic, _LARGEST_MILLIMETRES, _LARGEST_DEGREES)
     windows: list[tuple[int, ...]] = []
-    for first in range(len(can_be_joint) - n + 1):
-        window = tuple(range(first, first + n))
-        all_can_be_joints = all(can_be_joint[column] for column in window)
-        moving_count = sum(is_moving[column] for column in window)
-        if all_can_be_joints and moving_count >= least_moving:
-            windows += [window, window[::-1]]
+    for first in range(len(size) - n + 1):
+        forward = tuple(range(first, first + n))
+        columns = list(forward)
+        if not is_complete[columns].all() or is_moving[columns].sum() < min(3, n):
+            continue
+        directions = (forward, forward[::-1])
+        windows += [window for window in directions if bool((size[list(window)] <= largest).all())]
     return windows
-
-
-def _find_possible_joints(table: Table) -> list[bool]:
-    """Return for each column whether it can be a joint: a number in each row, none larger than an angle.
-
-    A few damaged numbers may be larger. Columns that a header names otherwise are no joints.
-    """
-    is_complete = np.isfinite(table.numbers).all(axis=0)
-    size = np.nanpercentile(np.abs(np.nan_to_num(table.numbers)), _ORDINARY, axis=0)
-    can_be_joint: list[bool] = (is_complete & (size <= _LARGEST_DEGREES)).tolist()
-    for column in table.others:
-        can_be_joint[column] = False
-    return can_be_joint
 
 
 def find_repeats(table: Table, window: Sequence[int]) -> list[RowGroups]:
@@ -164,8 +157,6 @@ def find_repeats(table: Table, window: Sequence[int]) -> list[RowGroups]:
     bound = find_joint_noise(joints)
     ungrouped = RowGroups()
     groupings = [ungrouped]
-    if not table.is_grouped:
-        return groupings
     for rows_of_posture in range(2, _MOST_GROUPED + 1):
         posture_count, rest = divmod(len(joints), rows_of_posture)
         if rest or posture_count < _LEAST_POSTURES:
@@ -248,28 +239,17 @@ def _find_angle_units(angles: FloatArray) -> list[AngleUnit]:
 
 
 def find_triples(table: Table) -> list[tuple[int, int, int]]:
-    """Return the columns that can be x, y and z: three columns at equal distances; two or more change.
-
-    Columns that headers or a person name as x, y and z of a target belong to no other triple.
-    """
+    """Return the columns that can be x, y and z: three columns at equal distances; two or more change."""
     is_moving = find_moving_columns(table.numbers)
     has_numbers = np.isfinite(table.numbers).mean(axis=0) > _LEAST_KNOWN
-    named = {column for triple in table.points for column in triple}
-    excluded = table.others | set(table.joints) | named
     _, column_count = table.size
-    is_filled = np.isfinite(table.numbers).mean(axis=0) > 0.0
-    triples = [
-        triple
-        for triple in table.points
-        if not table.others & set(triple) and all(is_filled[column] for column in triple)
-    ]
+    triples = []
     for step in _STEPS:
         for first in range(column_count - 2 * step):
             triple = (first, first + step, first + 2 * step)
-            is_free = not excluded & set(triple)
             all_have_numbers = all(has_numbers[column] for column in triple)
             moving_count = sum(is_moving[column] for column in triple)
-            if is_free and all_have_numbers and moving_count >= 2:
+            if all_have_numbers and moving_count >= 2:
                 triples.append(triple)
     return triples
 

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.meaning.budget import Budget
 from jointstiff.solver.meaning.decision import (
     LARGEST_PART,
     LARGEST_RESIDUAL,
@@ -27,11 +28,9 @@ from jointstiff.solver.meaning.hypotheses import build_joints, build_points
 from jointstiff.solver.meaning.kinematics import FlangeModel
 from jointstiff.solver.meaning.refinement import FramePlacement, RigidFit, fit_frame, fit_targets
 from jointstiff.solver.meaning.search import (
-    MOST_INTERPRETATIONS,
     REFINED_ROWS,
     Interpretation,
     choose_rows,
-    count_hypotheses,
     find_interpretations,
 )
 from jointstiff.solver.meaning.table import JointColumns, LengthUnit, PointColumns, Table
@@ -113,20 +112,21 @@ class Proposals:
     readings: tuple[Interpretation, ...]  #: all readings that were compared, the smallest residual first
 
 
-def propose(tables: Sequence[Table], robots: Iterable[KnownRobot]) -> Proposals:
+def propose(tables: Sequence[Table], robots: Iterable[KnownRobot], budget: Budget | None = None) -> Proposals:
     """Find the meaning of tables: the robot whose joints move targets as the columns say (method.md §17).
 
     Args:
         tables: numbers of files, the joints in one of them.
         robots: robots that may have been measured.
+        budget: fits and time of this search and others; None for a budget of its own.
+
+    Raises:
+        BudgetExceeded: too many columns may be joints or positions.
     """
-    known_robots = list(robots)
-    if count_hypotheses(tables, known_robots) > MOST_INTERPRETATIONS:
-        return Proposals(None, "too many columns may be joints or positions: name the joints", ())
     # Cells without a number are NaN, and a target without any position has neither median nor deviation.
     with np.errstate(invalid="ignore", divide="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        interpretations = find_interpretations(tables, known_robots)
+        interpretations = find_interpretations(tables, robots, budget or Budget())
         decision = decide(interpretations)
         if decision.best is None:
             return Proposals(None, decision.reason, tuple(interpretations))

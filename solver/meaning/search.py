@@ -13,13 +13,13 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.meaning.budget import FITS_OF_REFINEMENT, Budget
 from jointstiff.solver.meaning.hypotheses import (
     JointHypothesis,
     PointHypothesis,
     build_joints,
     build_points,
     find_repeats,
-    find_triples,
     find_windows,
     list_countings,
 )
@@ -41,13 +41,11 @@ _REFINED_OF_WORDS: Final = 6
 """Of these, the interpretations with the same columns of joints, unit and way of counting."""
 _GOOD: Final = 8e-3
 """Residual [m] of a linear fit that needs no search without rows that may be damaged."""
-MOST_INTERPRETATIONS: Final = 1_500_000
-"""Interpretations that are compared at most, in some ten seconds."""
+_FITS_OF_SUBSETS: Final = 1_500_000
+"""Fits of subsets of the rows at most: a budget of their own."""
 _LEAST_POSTURES: Final = 3
 _SAME_JOINTS: Final = 1e-4
 """Difference of joints in two tables, as a part of their movement, up to which the joints are the same."""
-_INTERPRETATIONS_OF_PAIR: Final = 14
-"""Interpretations of columns of joints and of positions: units and ways of counting."""
 
 
 NEAR_MODEL: Final = 1.5e-4
@@ -69,7 +67,6 @@ class Interpretation:
     point_rounding: float  #: typical distance by which rounding of the positions moves a position [m]
     #: fraction of the positions that rounding may have moved so far; 1 if farther off, or not in R0
     share_by_rounding: float = 1.0
-    are_measured: bool = False  #: whether the positions are readings in a state of load by their names
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,34 +83,44 @@ class _Candidate:
         return self.linear.rank
 
 
-def find_interpretations(tables: Sequence[Table], robots: Iterable[KnownRobot]) -> list[Interpretation]:
+def find_interpretations(
+    tables: Sequence[Table], robots: Iterable[KnownRobot], budget: Budget
+) -> list[Interpretation]:
     """Return the interpretations of tables that are worth a comparison, the smallest residual first.
 
     All interpretations are screened by linear fits; the best of these are refined.
+
+    Raises:
+        BudgetExceeded: too many columns may be joints or positions.
     """
     searches = [search for known in robots for search in _list_searches(tables, known)]
     kept = []
-    for search, candidates in zip(searches, _screen(searches), strict=True):
+    for search, candidates in zip(searches, _screen(searches, budget), strict=True):
         kept += [(candidate.rank, search, candidate) for candidate in _keep_best(candidates)]
     kept.sort(key=itemgetter(0))
-    interpretations = [search.refine(candidate) for _, search, candidate in kept[:_REFINED_OF_ALL]]
+    interpretations = []
+    for _, search, candidate in kept[:_REFINED_OF_ALL]:
+        budget.spend(FITS_OF_REFINEMENT)
+        interpretations.append(search.refine(candidate))
     interpretations.sort(key=lambda interpretation: interpretation.fit.residual)
     return interpretations
 
 
-def _screen(searches: Sequence[_Search]) -> list[list[_Candidate]]:
+def _screen(searches: Sequence[_Search], budget: Budget) -> list[list[_Candidate]]:
     """Return for each search the interpretations that fit by a linear fit.
 
     If no robot has a good interpretation in all rows, subsets of the rows are tried: one damaged position
     moves a fit by least squares, and a subset without damaged positions fits.
     """
+    hypothesis_count = sum(len(search.joints) * len(search.points) for search in searches)
+    budget.spend(hypothesis_count)
     candidates_of_searches = [search.screen_all_rows() for search in searches]
     all_candidates = chain.from_iterable(candidates_of_searches)
     if any(candidate.rank < _GOOD for candidate in all_candidates):
         return candidates_of_searches
-    hypothesis_count = sum(len(search.joints) * len(search.points) for search in searches)
-    most_subsets = MOST_INTERPRETATIONS // max(hypothesis_count, 1)
+    most_subsets = _FITS_OF_SUBSETS // max(hypothesis_count, 1)
     for search, candidates in zip(searches, candidates_of_searches, strict=True):
+        budget.spend()
         candidates.extend(search.screen_subsets(most_subsets))
     return candidates_of_searches
 
@@ -127,7 +134,7 @@ def _list_searches(tables: Sequence[Table], known: KnownRobot) -> Iterator[_Sear
     table_of_name = {table.name: table for table in tables}
     joints_of_earlier_tables: list[FloatArray] = []
     for table in tables:
-        windows = find_windows(table, known.robot.n)
+        windows = find_windows(table, known.robot.prismatic)
         new_windows = _leave_out_repeated(table, windows, joints_of_earlier_tables)
         for groups, windows_of_groups in _group_windows(table, new_windows).items():
             rows = choose_rows(table.size[0] // groups.count, REFINED_ROWS)
@@ -176,17 +183,6 @@ def _are_same_joints(first: FloatArray, second: FloatArray) -> bool:
     largest = _SAME_JOINTS * np.ptp(first)
     first_rows_differ = np.abs(first[0] - second[0]).max() > largest  # spares most comparisons of all rows
     return not first_rows_differ and bool(np.abs(first - second).max() <= largest)
-
-
-def count_hypotheses(tables: Sequence[Table], robots: Sequence[KnownRobot]) -> int:
-    """Return how many interpretations a search would compare, at most."""
-    triple_count = sum(len(find_triples(table)) for table in tables)  # columns that can be x, y and z
-    robots_of_size = Counter(known.robot.n for known in robots)
-    window_count = 0  # columns that can be the joints, for each robot
-    for table in tables:
-        for joint_count, robot_count in robots_of_size.items():
-            window_count += len(find_windows(table, joint_count)) * robot_count
-    return window_count * triple_count * _INTERPRETATIONS_OF_PAIR
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,17 +246,15 @@ class _Search:
         fit = fit_frame(rotation, place, points, candidate.linear.matrix, targets)
         reach = float(np.median(np.linalg.norm(place, axis=1)))
         rounding = self._find_rounding(candidate, fit.frame.scale)
-        columns = candidate.points.columns
         return Interpretation(
             known=self.known,
             joints=candidate.joints.columns,
-            points=columns,
+            points=candidate.points.columns,
             fit=fit,
             movement=fit.frame.scale * _measure_largest_deviation(points),
             joint_rounding=rounding.move_by_joints(reach),
             point_rounding=rounding.move_by_coordinates(),
             share_by_rounding=self._measure_share(candidate, fit, rounding),
-            are_measured=self.tables[columns.table].measured.issuperset(columns.columns),
         )
 
     def _measure_share(self, candidate: _Candidate, fit: RigidFit, rounding: _Rounding) -> float:

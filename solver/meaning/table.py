@@ -32,13 +32,6 @@ class Table:
 
     name: str  #: name of the file
     numbers: FloatArray  #: (N, m) in the unknown units of the file; NaN for a cell without a number
-    joints: tuple[int, ...] = ()  #: columns that are joints by their names, from base to flange
-    others: frozenset[int] = frozenset()  #: columns that are neither joints nor positions by their names
-    points: tuple[
-        tuple[int, int, int], ...
-    ] = ()  #: columns that headers or a person name as x, y and z of a target
-    measured: frozenset[int] = frozenset()  #: columns that are readings in a state of load by their names
-    is_grouped: bool = True  #: whether rows with the same joints may be one posture
 
     @property
     def size(self) -> tuple[int, int]:

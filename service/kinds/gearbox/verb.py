@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.gearbox import GearboxRequest
-from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.kinds.gearbox.kind import GEARBOX
 from jointstiff.service.kinds.verb import (
@@ -93,8 +92,8 @@ def _read_table(file: Path, robot: Any) -> dict[str, Any]:  # noqa: ANN401 - as 
         OSError: the file cannot be read.
     """
     from jointstiff.service.conversion.prepared import prepare_robot
-    from jointstiff.service.importing.source_files import read_sources
-    from jointstiff.service.resources.imports import import_files
+    from jointstiff.service.imports.formats import read_files, read_sources
+    from jointstiff.service.imports.weight_step import is_weight_step, read_weight_step
 
     model = None
     if robot is not None:
@@ -103,14 +102,17 @@ def _read_table(file: Path, robot: Any) -> dict[str, Any]:  # noqa: ANN401 - as 
         with as_campaign_error("robot"):
             model = prepare_robot(document).robot
     try:
-        answer = import_files(read_sources([file]), ImportRequest(), model)
+        table, *_ = read_files(read_sources([file]))
+        if not is_weight_step(table):
+            reason = f"'{file.name}' has no columns of motor and link angles"
+            remedy = (
+                "name columns `motor [deg]` and `link [deg]`; or use `jointstiff import` for other readings"
+            )
+            raise CampaignError(http_problem(422, reason, remedy))
+        step = read_weight_step(table, () if model is None else model.joint_names)
     except FilesError as error:
         raise CampaignError(problem_from_error(error)) from error
-    if answer.weight_step is None:
-        reason = f"'{file.name}' has no columns of motor and link angles"
-        remedy = "name columns `motor [deg]` and `link [deg]`; or use `jointstiff import` for other readings"
-        raise CampaignError(http_problem(422, reason, remedy))
-    return answer.weight_step.model_dump(mode="json")
+    return step.model_dump(mode="json")
 
 
 describe_verb(gearbox, GEARBOX)

@@ -1,0 +1,46 @@
+"""An import as text: the tables with a role above each column, what the robot says, and the next question."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from jointstiff.schemas.imports import Cell, ImportAnswer, TableView
+
+_MOST_COLUMNS = 40
+_MOST_LETTERS = 16
+
+
+def show(answer: ImportAnswer) -> str:
+    """Return the tables, what the robot says, faults, findings, and the first question."""
+    lines = [line for table in answer.tables for line in _show_table(table)]
+    lines += filter(None, [answer.sentence])
+    lines += [f"! {fault}" for fault in answer.faults]
+    lines += [f"! {finding.message}; {finding.remedy}" for finding in answer.findings or ()]
+    for question in answer.questions[:1]:
+        lines.append(f"? {question.text}")
+        lines += [f"  {number}: {choice.text}" for number, choice in enumerate(question.choices, 1)]
+    if answer.measurement_set is not None:
+        lines.append(f"complete: {len(answer.measurement_set.observations)} observations")
+    elif answer.geometry is not None:
+        lines.append(f"complete: {len(answer.geometry.poses or ())} unloaded poses")
+    elif answer.weight_step is not None:
+        lines.append(f"complete: a weight step in {len(answer.weight_step.observations)} postures")
+    return "\n".join(lines)
+
+
+def _show_table(table: TableView) -> Iterator[str]:
+    """Yield the name of a table, and lines with the ids, roles, headers and first cells of its columns."""
+    yield f"{table.name}, {table.row_count} rows"
+    columns = [
+        [column.id, column.role, column.header, *map(_shorten, column.cells)]
+        for column in table.columns[:_MOST_COLUMNS]
+    ]
+    widths = [max(len(cell) for cell in column) for column in columns]
+    for row in zip(*columns, strict=True):
+        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+
+
+def _shorten(cell: Cell) -> str:
+    if cell is None:
+        return ""
+    return f"{cell:g}" if isinstance(cell, float) else cell[:_MOST_LETTERS]

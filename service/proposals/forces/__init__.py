@@ -1,1 +1,0 @@
-"""Forces of the postures: their columns, units and axes, and the weights that hang."""

@@ -1,1 +1,0 @@
-"""Tables of numbers whose columns have no known meaning yet, with their rows in one order."""
