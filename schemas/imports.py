@@ -6,9 +6,9 @@ it, and the same document reads further files of the same form. Nothing is store
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal, Self
 
-from pydantic import Field, StrictBool
+from pydantic import Field, StrictBool, model_validator
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Quantity, Vector3
 from jointstiff.schemas.finding import Finding
@@ -43,6 +43,19 @@ RowOrder = Literal["rows", "in turn", "in blocks"]
 ColumnUnit = Literal[
     "deg", "rad", "m", "mm", "cm", "in", "µm", "N", "daN", "kN", "kgf", "lbf", "kg", "N.m", "N.mm", "kN.m"
 ]
+LENGTH_UNITS: Final[tuple[ColumnUnit, ...]] = ("mm", "m", "cm", "in", "µm")
+FORCE_UNITS: Final[tuple[ColumnUnit, ...]] = ("N", "daN", "kN", "kgf", "lbf", "kg")
+UNITS_OF_ROLE: Final[dict[RoleName, tuple[ColumnUnit, ...]]] = {
+    "joints": ("deg", "rad", *LENGTH_UNITS),
+    "position": LENGTH_UNITS,
+    "displacement": LENGTH_UNITS,
+    "value": LENGTH_UNITS,
+    "uncertainty": LENGTH_UNITS,
+    "force": FORCE_UNITS,
+    "load": FORCE_UNITS,
+    "mass": FORCE_UNITS,
+    "moment": ("N.m", "N.mm", "kN.m"),
+}
 Cell = float | str | None
 _Text = Annotated[str, Field(max_length=256)]
 
@@ -88,6 +101,12 @@ class Role(Message):
         description="Word of a cell → state, target, both, `ignore`, axis, or the size of a load.",
         examples=[{"ohne": "unloaded", "mit": "loaded"}],
     )
+
+    @model_validator(mode="after")
+    def _check_unit(self) -> Self:
+        if self.unit is not None and self.unit not in UNITS_OF_ROLE.get(self.role, ()):
+            raise ValueError(f"the role {self.role} cannot be in {self.unit}")
+        return self
 
 
 class TableMapping(Message):

@@ -17,6 +17,13 @@ from jointstiff.schemas.measurement import Grounds, MeasurementSetDocument, Nois
 from jointstiff.service.cli import options as cli
 
 _WEIGHT: Final = re.compile(r"(\d+(?:\.\d+)?)\s*kg")
+_OPTION_OF: Final = {
+    "encoders": "--encoders",
+    "load_point": "--load-point",
+    "force": "--force",
+    "flange_targets": "--flange-target",
+}
+"""Field of a question → option that answers the question."""
 _TRUTHS: Final = {"true": True, "false": False}
 
 
@@ -111,7 +118,9 @@ def import_command(
     _print(answer, as_json=as_json)
     inputs: list[object] = [*files, mapping]
     if answer.questions or answer.faults:
-        cli.warn("nothing was written: answer the question, or correct the mapping")
+        fields = [question.field for question in answer.questions[:1] if question.field in _OPTION_OF]
+        option = f" by {_OPTION_OF[fields[0]]}" if fields else ""
+        cli.warn(f"nothing was written: answer the question{option}, or correct the mapping")
         raise typer.Exit(2)
     if save_mapping is not None:
         cli.refuse_existing(save_mapping, overwrite=overwrite, inputs=inputs)
@@ -204,8 +213,6 @@ def _reply(answer: ImportAnswer, *, asks: bool) -> ImportMapping | None:
         reply = typer.prompt("x,y,z", err=True)
         vector = _parse_force(reply) if question.field == "force" else cli.parse_vector(reply, unit="mm")
         return answer.mapping.model_copy(update={question.field: vector})
-    what = "--flange-target" if question.field == "flange_targets" else "--mapping FILE, with the roles"
-    cli.warn(f"state {what} (docs/import.md)")
     return None
 
 

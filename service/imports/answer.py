@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
+import numpy as np
+
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.imports import (
+    FORCE_UNITS,
     SHOWN_ROWS,
     ImportAnswer,
     ImportChoice,
@@ -34,7 +37,6 @@ from jointstiff.service.imports.tables import Table, TableError, split_words
 from jointstiff.service.imports.template import find_template
 from jointstiff.service.imports.texts import EncodingError
 from jointstiff.service.imports.weight_step import is_weight_step, read_weight_step
-from jointstiff.service.imports.writing import FORCE_UNITS
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.mechanics.robot import KnownRobot
 
@@ -234,7 +236,7 @@ def _ask(mapping: Mapping) -> Iterator[ImportQuestion]:
                         text=unit,
                         mapping=replace_role(mapping, number, role.model_copy(update={"unit": unit})),
                     )
-                    for unit in (*FORCE_UNITS, "kg")
+                    for unit in FORCE_UNITS
                 ]
                 text = f"in which unit are the {role.role}s in columns {role.columns}?"
                 yield ImportQuestion(text=text, choices=choices)
@@ -256,8 +258,8 @@ def _ask_statements(
         if missing:
             text = f"where on the flange are the targets {', '.join(missing)} [mm]?"
             yield ImportQuestion(text=text, field="flange_targets")
-    elif mapping.force is not None and any(mapping.force):
-        text = "a force is stated, but no position is under load: which columns are?"
+    elif any(force.any() for force in (*readings.forces.values(), np.array(mapping.force or 0.0))):
+        text = "there is a force, but no position is under load: which columns are?"
         yield ImportQuestion(text=text, field="tables")
     if mapping.encoders is None and (is_loaded or by_weight):
         choices = [

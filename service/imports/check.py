@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Final
 
 import numpy as np
@@ -76,6 +77,15 @@ def check(readings: Readings, mapping: Mapping, robot: Robot | None) -> Check:
         along = [each for each in deflections if each.work > 0.0]
         sentences.append(f"{len(along)} of {len(deflections)} deflections are along their force")
         faults += _find_wrong_deflections(deflections)
+    read = {(key.posture, key.target) for key in readings.list_keys()}
+    targets = dict.fromkeys(target for _, target in read)
+    missing = [
+        f"{posture} {target}"
+        for posture, target in product(readings.joints, targets)
+        if (posture, target) not in read
+    ]
+    if missing:
+        sentences.append(f"{len(missing)} targets were not read ({', '.join(missing[:_SHOWN])})")
     return Check("; ".join(sentences), faults, far)
 
 

@@ -20,6 +20,8 @@ from jointstiff.service.problems import reword_fault
 from jointstiff.solver.arrays import FloatArray
 
 _STATES: Final = ("unloaded", "loaded", "unloaded_after")
+_DIGITS: Final = 10
+"""Decimals of numbers, so that a number is written as in the file after two conversions."""
 _LEAST_SIGMA: Final = 5e-7
 """Standard uncertainty [m] in place of a stated 0."""
 
@@ -70,7 +72,7 @@ def _find_angle_unit(mapping: Mapping) -> str:
 def _list_observations(readings: Readings, mapping: Mapping) -> Iterator[dict[str, Any]]:
     """Yield an observation for each load of each posture that was read."""
     targets_of: dict[str, list[str]] = {}
-    for key in (*readings.positions, *readings.displacements, *(key for key, _ in readings.gauges)):
+    for key in readings.list_keys():
         targets = targets_of.setdefault(key.posture, [])
         if key.target not in targets:
             targets.append(key.target)
@@ -94,12 +96,12 @@ def _list_observations(readings: Readings, mapping: Mapping) -> Iterator[dict[st
 def _write_joints(readings: Readings, posture: str, mapping: Mapping) -> list[float]:
     """Return the joints of a posture in mm and in the files' unit of angle."""
     factors = np.where(readings.slides, 1e-3, ANGLE[_find_angle_unit(mapping)])
-    return cast("list[float]", (readings.joints[posture] / factors).tolist())
+    return cast("list[float]", np.round(readings.joints[posture] / factors, _DIGITS).tolist())
 
 
 def _write(vector: FloatArray | None, unit: float = 1e-3) -> list[float] | None:
     """Return a vector in a unit, in mm by default."""
-    return None if vector is None else cast("list[float]", (vector / unit).tolist())
+    return None if vector is None else cast("list[float]", np.round(vector / unit, _DIGITS).tolist())
 
 
 def _list_readings(

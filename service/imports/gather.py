@@ -15,13 +15,23 @@ from typing import Final, cast, get_args
 
 import numpy as np
 
-from jointstiff.schemas.imports import Mapping, PointState, Role, RoleName, RowPoint, State, TableMapping
+from jointstiff.schemas.imports import (
+    LENGTH_UNITS,
+    Mapping,
+    PointState,
+    Role,
+    RoleName,
+    RowPoint,
+    State,
+    TableMapping,
+)
 from jointstiff.service.imports.mapping import find_roles, get_factor, list_columns, read_table
 from jointstiff.service.imports.tables import Table, TableError, as_word
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.hypotheses import list_countings, number_postures
 from jointstiff.solver.mechanics.robot import Robot
 
+_VECTORS: Final = frozenset(("position", "displacement", "force", "moment"))
 _AXES: Final = {"x": 0, "y": 1, "z": 2, "1": 0, "2": 1, "3": 2}
 _LARGEST_SPREAD: Final = 1e-4
 """Distance [m] of a repeated reading from the mean, at most: five times a tracker's noise."""
@@ -29,7 +39,6 @@ _SAME_JOINTS: Final = 3e-4
 """Difference of joints [rad or m] of rows of one posture, at most: rounding to 0.01° and noise."""
 _COVERAGE: Final = 1.96
 """Factor from the standard uncertainty of a coordinate to U95; a U95 of a point is of three coordinates."""
-_LENGTHS: Final = frozenset(("m", "mm", "cm", "in"))
 
 
 @dataclass(frozen=True)
@@ -66,10 +75,13 @@ class Readings:
         """Names of the targets, in the order of their readings."""
         return list(dict.fromkeys(key.target for key in self.positions))
 
+    def list_keys(self) -> list[Key]:
+        """Return the keys of all readings."""
+        return [*self.positions, *self.displacements, *(key for key, _ in self.gauges)]
+
     def list_loads(self, posture: str) -> list[float | None]:
         """Return the loads of a posture, each of which makes an observation."""
-        keys = [*self.positions, *self.displacements, *(key for key, _ in self.gauges)]
-        loaded = [key.load for key in keys if key.posture == posture and key.state == "loaded"]
+        loaded = [key.load for key in self.list_keys() if key.posture == posture and key.state == "loaded"]
         return list(dict.fromkeys(loaded)) or [None]
 
     def find_position(self, posture: str, target: str, state: State, load: float | None) -> FloatArray | None:
@@ -146,7 +158,7 @@ def _refuse_strangers(readings: Readings) -> None:
     Raises:
         TableError: names the first of these postures.
     """
-    keys = [*readings.positions, *readings.displacements, *(key for key, _ in readings.gauges)]
+    keys = readings.list_keys()
     strangers = sorted({key.posture for key in keys} - readings.joints.keys())
     if strangers:
         shown = ", ".join(strangers[:3])
@@ -179,6 +191,10 @@ class _Part:
             TableError: a cell is no number, or a vector has a gap.
         """
         columns = [self.table.column(name) for name in list_columns(role)]
+        if role.role in _VECTORS and role.axis is None and len(columns) != len("xyz"):
+            reason = f"the role {role.role} has {len(columns)} columns ({role.columns})"
+            remedy = "give x, y and z, or state the `axis` of a single column"
+            raise TableError(reason, where=self.table.name, remedy=remedy)
         for column in columns:
             for row, cell in enumerate(column.cells, 1):
                 if isinstance(cell, str):
@@ -243,7 +259,7 @@ class _Part:
         if not roles:
             return
         joints = np.hstack([self.read(role) for role in roles])
-        slides = tuple(role.unit in _LENGTHS for role in roles for _ in list_columns(role))
+        slides = tuple(role.unit in LENGTH_UNITS for role in roles for _ in list_columns(role))
         if robot is not None and slides != tuple(robot.prismatic.tolist()):
             kinds = ["mm" if slides else "deg" for slides in robot.prismatic]
             reason = f"the joints of the robot are in {', '.join(kinds)}"

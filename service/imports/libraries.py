@@ -158,6 +158,16 @@ def _read_parquet(content: bytes) -> dict[str, Any]:
     }
 
 
+def _list_fields(arrays: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield name and array of each variable, and of each field of an array of records."""
+    for name, value in arrays.items():
+        fields = getattr(getattr(value, "dtype", None), "names", None)
+        if fields is None:
+            yield name, value
+        else:
+            yield from ((field, value[field]) for field in fields)
+
+
 def _tabulate(arrays: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     """Yield a table of the arrays of each length, side by side; further axes become columns.
 
@@ -166,7 +176,7 @@ def _tabulate(arrays: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     """
     arrays_of_length: dict[int, list[tuple[str, Any]]] = defaultdict(list)
     size = 0
-    for name, value in arrays.items():
+    for name, value in _list_fields(arrays):
         array = np.squeeze(np.asarray(value))
         size += array.nbytes
         if size > _MAX_BYTES:

@@ -32,11 +32,6 @@ _ALIKE: Final = 0.8
 """Fraction of the targets on which the force does work of one sign, if the order of the states is clear."""
 _AS_FIRST: Final = 0.3
 """Movement of a third state from the first, as a part of the deflection, below which the load was gone."""
-_ONE_DIRECTION: Final = 1e-3
-"""Second singular value of vectors, as a part of the first, up to which they have one direction."""
-_PARALLEL: Final = 0.95
-"""Median cosine of vectors that may be the same force."""
-_SAME_VECTOR: Final = 0.99
 _DEFLECTIONS: Final[tuple[tuple[ColumnUnit, float], ...]] = (("mm", 1e-3), ("µm", 1e-6), ("m", 1.0))
 _SIZES: Final = (2e-5, 2e-2)
 """Sizes [m] of displacements under load."""
@@ -160,31 +155,6 @@ class ForceEvidence:
                 best, least = columns, left
         return best
 
-    def list_others(self, force: Columns | None) -> Iterator[Columns]:
-        """Yield vectors that no role reads and that look like forces: a person says whether they are.
-
-        They are parallel to the force, or all along one direction, or their springs explain the deflections.
-        """
-        pairs = list(self._pair_states())
-        known = self._read_force(force) if force is not None else self.stated
-        read = set() if force is None else {(force.table, column) for column in force.columns}
-        for columns in self._list_vectors():
-            rows = self._read_force(columns)
-            own = {(columns.table, column) for column in columns.columns}
-            if own & read or self._are_known(rows):
-                continue
-            sizes = np.linalg.svd(rows, compute_uv=False)
-            is_one_direction = sizes[1] < _ONE_DIRECTION * sizes[0]
-            is_parallel = known is not None and measure_parallel(rows, known) > _PARALLEL
-            explains = bool(pairs) and self._measure(rows, pairs) < _EXPLAINED
-            if is_one_direction or is_parallel or explains:
-                read |= own
-                yield columns
-
-    def changes_along_force(self, changes: FloatArray) -> bool:
-        """Return whether vectors (N, 3) change along the stated force from one state to the other."""
-        return self.stated is not None and measure_parallel(changes, self.stated) > _PARALLEL
-
     def find_displacements(self, force: Columns | None) -> tuple[Columns, ColumnUnit] | None:
         """Return columns and unit of displacements under load, if each target was read in one state only."""
         rows = self._read_force(force) if force is not None else self.stated
@@ -223,16 +193,6 @@ class ForceEvidence:
                 is_complete = len(rows) == len(self.q) and bool(np.isfinite(rows).all() and rows.any())
                 if is_free and is_complete and (is_once or not only_once):
                     yield columns
-
-    def _are_known(self, rows: FloatArray) -> bool:
-        """Return whether vectors are positions that are read, in whatever unit, or their deflections."""
-        in_base = rows @ self.proposal.frame.rotation.T
-        known = [shift for _, shift in self._pair_states()]
-        centred = in_base - in_base.mean(axis=0)
-        places = [each.positions - each.positions.mean(axis=0) for each in self.proposal.readings]
-        return any(measure_parallel(in_base, shift) > _SAME_VECTOR for shift in known) or any(
-            measure_parallel(centred, place) > _SAME_VECTOR for place in places
-        )
 
     def _measure(self, forces: FloatArray, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> float:
         """Return the part of the squared deflections that forces (3,) or (N, 3) of any sign leave."""
@@ -273,14 +233,6 @@ def _is_weight(rows: FloatArray) -> bool:
     return bool(
         (rows[..., 2] < 0.0).all() and np.abs(rows[..., :2]).max() <= 1e-2 * np.abs(rows[..., 2]).min()
     )
-
-
-def measure_parallel(rows: FloatArray, others: FloatArray) -> float:
-    """Return the median absolute cosine of vectors (N, 3) and others, (N, 3) or (3,); 0 without any."""
-    products = np.abs(np.einsum("ni,ni->n", rows, np.broadcast_to(others, rows.shape)))
-    sizes = np.broadcast_to(np.linalg.norm(rows, axis=1) * np.linalg.norm(others, axis=-1), products.shape)
-    is_known = sizes > 0.0
-    return float(np.median(products[is_known] / sizes[is_known])) if is_known.any() else 0.0
 
 
 def _find_unit(numbers: FloatArray) -> ColumnUnit | None:

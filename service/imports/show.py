@@ -1,4 +1,4 @@
-"""An import as text: the tables with a role above each column, what the robot says, and the next question."""
+"""An import as text: a line for each column with its role, what the robot says, and the next question."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from jointstiff.schemas.imports import Cell, ImportAnswer, TableView
 
-_MOST_COLUMNS = 40
+_MOST_COLUMNS = 64
 _MOST_LETTERS = 16
 
 
@@ -29,15 +29,17 @@ def show(answer: ImportAnswer) -> str:
 
 
 def _show_table(table: TableView) -> Iterator[str]:
-    """Yield the name of a table, and lines with the ids, roles, headers and first cells of its columns."""
+    """Yield the name of a table, and for each column its letter, role, header and first cells."""
     yield f"{table.name}, {table.row_count} rows"
-    columns = [
-        [column.id, column.role, column.header, *map(_shorten, column.cells)]
+    lines = [
+        [column.id, column.role or "-", column.header, *map(_shorten, column.cells)]
         for column in table.columns[:_MOST_COLUMNS]
     ]
-    widths = [max(len(cell) for cell in column) for column in columns]
-    for row in zip(*columns, strict=True):
-        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+    widths = [max(map(len, cells)) for cells in zip(*lines, strict=True)]
+    for line in lines:
+        yield "  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+    if len(table.columns) > _MOST_COLUMNS:
+        yield f"  and {len(table.columns) - _MOST_COLUMNS} more columns"
 
 
 def _shorten(cell: Cell) -> str:

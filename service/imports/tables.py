@@ -151,20 +151,23 @@ def build_table(name: str, headers: Sequence[str], rows: Sequence[Sequence[Cell]
         raise TableError(f"the table has more than {limits}", where=name, remedy="split the file")
     columns = []
     for index in range(width):
-        header = headers[index] if index < len(headers) else ""
+        header = " ".join(headers[index].split()) if index < len(headers) else ""
         cells = tuple(row[index] if index < len(row) else None for row in rows)
-        _refuse_long_texts(name, (header, *cells))
+        _refuse_other_texts(name, (header, *cells))
         if any(cell is not None for cell in cells):
             columns.append(_split_units(Column(letter(index), header, cells)))
     return Table(name, tuple(columns))
 
 
-def _refuse_long_texts(name: str, cells: Sequence[Cell]) -> None:
-    """Refuse a text longer than names are.
+def _refuse_other_texts(name: str, cells: Sequence[Cell]) -> None:
+    """Refuse a text that is longer than names are, or cannot be printed.
 
     Raises:
-        TableError: a text is too long.
+        TableError: there is such a text.
     """
+    if any(isinstance(cell, str) and not cell.isprintable() for cell in cells):
+        reason = "a cell has characters that cannot be printed"
+        raise TableError(reason, where=name, remedy="state the `encoding` of the file, or correct the cell")
     if any(isinstance(cell, str) and len(cell) > MAX_CELL_LENGTH for cell in cells):
         reason = f"a cell has more than {MAX_CELL_LENGTH} characters"
         raise TableError(reason, where=name, remedy="remove texts that are no names")

@@ -1,17 +1,28 @@
 """The documented headers: a table with them is its own mapping, without a robot (docs/import.md).
 
-Headers are `label`, `target`, `state`, `J1 [deg]`, `P10 loaded x [mm]`, `P10 dx [mm]`, `P10 loaded U95 [mm]`,
-`Fx [N]`, `Mx [N.m]` and `mass [kg]`.
+Headers are `label`, `target`, `state`, `J1 [deg]`, `P10 loaded x [mm]`, `P10 dx [mm]`, `P10 along x [mm]`,
+`P10 loaded U95 [mm]`, `Fx [N]`, `Mx [N.m]` and `mass [kg]`. A plan's list also has `load point x [mm]`.
 """
 
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from typing import Final, Literal, NamedTuple, cast, get_args
 
-from jointstiff.schemas.imports import ColumnUnit, Doubt, Mapping, Role, RoleName, State, TableMapping
+from jointstiff.schemas.fields import Vector3
+from jointstiff.schemas.imports import (
+    UNITS_OF_ROLE,
+    ColumnUnit,
+    Doubt,
+    Mapping,
+    Role,
+    RoleName,
+    State,
+    TableMapping,
+)
 from jointstiff.service.imports.mapping import name_columns
 from jointstiff.service.imports.tables import Column, Table, group_forms
 
@@ -25,11 +36,12 @@ _PATTERNS: Final[tuple[tuple[RoleName, re.Pattern[str]], ...]] = (
     ("label", re.compile("label", re.IGNORECASE)),
     ("target", re.compile("target", re.IGNORECASE)),
     ("state", re.compile("state", re.IGNORECASE)),
-    ("joints", re.compile(r"J(?P<number>\d+)", re.IGNORECASE)),
+    ("ignore", re.compile("anchor|remark", re.IGNORECASE)),  # columns of a plan's list
+    ("joints", re.compile(r"(?:J|joint_)(?P<number>\d+)", re.IGNORECASE)),
     ("force", re.compile(r"F(?P<axis>[xyz])", re.IGNORECASE)),
     ("moment", re.compile(r"M(?P<axis>[xyz])", re.IGNORECASE)),
     ("mass", re.compile("mass", re.IGNORECASE)),
-    ("displacement", re.compile(r"(?:(?P<target>.+?)[ _])?d(?P<axis>[xyz])")),
+    ("displacement", re.compile(r"(?:(?P<target>.+?)[ _])?(?:d|along )(?P<axis>[xyz])")),
     (
         "uncertainty",
         re.compile(rf"(?:(?P<target>.+?)[ _])?(?:(?P<state>{_STATES})[ _])?U95(?:[ _](?P<axis>[xyz]))?"),
@@ -40,6 +52,7 @@ _PATTERNS: Final[tuple[tuple[RoleName, re.Pattern[str]], ...]] = (
     ),
 )
 """Role → form of the header without its unit."""
+_LOAD_POINT: Final = tuple(f"load point {axis} [mm]" for axis in "xyz")
 _VECTORS: Final = frozenset(("joints", "force", "moment", "displacement", "uncertainty", "position"))
 
 
@@ -60,8 +73,9 @@ class _Header(NamedTuple):
 
     @property
     def is_complete(self) -> bool:
-        """Return whether the header states the unit that its role needs."""
-        return self.unit is not None or self.role in ("label", "target", "state")
+        """Return whether the header states a unit of its role, if the role needs a unit."""
+        units = UNITS_OF_ROLE.get(self.role)
+        return self.unit is None if units is None else self.unit in units
 
 
 def read_unit(header: str) -> ColumnUnit | None:
@@ -96,13 +110,15 @@ def find_template(tables: Sequence[Table], stated: Mapping) -> Mapping | None:
     parts, unread = [], []
     for group in group_forms(tables):
         columns = [column for column in group[0].columns if column.is_own]
+        load_point = _find_load_point(columns)
+        if load_point is not None:
+            stated = stated.model_copy(update={"load_point": stated.load_point or load_point})
+            columns = [column for column in columns if column.header not in _LOAD_POINT]
         headers = [_read_header(column.header) for column in columns]
         known = [(column, header) for column, header in zip(columns, headers, strict=True) if header]
-        roles = list(_list_roles(known))
-        if any(not header.is_complete for _, header in known) or not any(
-            role.role in _VECTORS for role in roles
-        ):
+        if not _are_complete([header for _, header in known]):
             return None
+        roles = list(_list_roles(known))
         unread += [column for column, header in zip(columns, headers, strict=True) if header is None]
         parts.append(TableMapping(table=[table.name for table in group], roles=roles))
     roles_found = {role.role for part in parts for role in part.roles}
@@ -119,6 +135,32 @@ def find_template(tables: Sequence[Table], stated: Mapping) -> Mapping | None:
         listed = ", ".join(f"{column.id} ({column.header or 'no header'})" for column in unread)
         doubts.append(Doubt(about="columns", text=f"columns {listed} are not read: is this right?"))
     return stated.model_copy(update={"tables": parts, "doubts": doubts})
+
+
+def _are_complete(headers: Sequence[_Header]) -> bool:
+    """Return whether headers have their units, each only once, joints from 1, and no vector lacks an axis."""
+    vectors = [header for header in headers if header.role in _VECTORS]
+    joints = sorted(header.number for header in headers if header.role == "joints")
+    axes_of: dict[tuple[object, ...], set[str | None]] = defaultdict(set)
+    for header in vectors:
+        if header.role in ("position", "moment"):
+            axes_of[header.role, header.target, header.state].add(header.axis)
+    return (
+        bool(vectors)
+        and len({header[:3] + header[4:] for header in headers}) == len(headers)
+        and all(header.is_complete for header in headers)
+        and joints == list(range(1, len(joints) + 1))
+        and all(len(axes) == len("xyz") for axes in axes_of.values())
+    )
+
+
+def _find_load_point(columns: Sequence[Column]) -> Vector3 | None:
+    """Return the load point [mm] that a plan's list has in each row; None for other columns."""
+    found = {column.header: set(column.cells) for column in columns if column.header in _LOAD_POINT}
+    if len(found) < len(_LOAD_POINT) or any(len(numbers) > 1 for numbers in found.values()):
+        return None
+    x, y, z = (found[header].pop() for header in _LOAD_POINT)
+    return cast("Vector3", (x, y, z))
 
 
 def _list_roles(known: Sequence[tuple[Column, _Header]]) -> Iterator[Role]:

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from jointstiff.schemas.imports import Cell
-from jointstiff.service.imports.tables import Column, NumberWithUnit, Table, TableError, build_table
+from jointstiff.schemas.imports import MAX_COLUMNS, Cell
+from jointstiff.service.imports.tables import (
+    MAX_CELL_LENGTH,
+    Column,
+    NumberWithUnit,
+    Table,
+    TableError,
+    build_table,
+)
 
 _BYTE_ORDER_MARKS: Final = (
     (b"\xef\xbb\xbf", "utf-8-sig"),
@@ -18,6 +26,7 @@ _BYTE_ORDER_MARKS: Final = (
     (b"\xfe\xff", "utf-16"),
 )
 MAX_LINES: Final = 400_000
+MAX_LINE_LENGTH: Final = MAX_COLUMNS * MAX_CELL_LENGTH
 _NUMBER: Final = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
 _NUMBER_WITH_UNIT: Final = re.compile(r"([-+]?\d+(?:\.\d+)?)\s?(°|mm|cm|µm|m|in|deg|rad|k?N|kg)", re.ASCII)
 _GROUPED: Final = {
@@ -43,7 +52,14 @@ class Dialect(NamedTuple):
 
 _DIALECTS: Final = (
     *(Dialect("\t", "."), Dialect(";", "."), Dialect(";", ","), Dialect("\t", ",")),
-    *(Dialect("|", "."), Dialect("|", ","), Dialect(",", "."), Dialect("", "."), Dialect("", ",")),
+    *(
+        Dialect("|", "."),
+        Dialect("|", ","),
+        Dialect(",", "."),
+        Dialect(",", ","),
+        Dialect("", "."),
+        Dialect("", ","),
+    ),
 )
 """Delimiters and decimal marks, the usual ones first."""
 PLAIN: Final = Dialect("", ".")
@@ -74,7 +90,7 @@ def decode(name: str, content: bytes, encoding: str | None = None) -> str:
 
 def parse_cell(text: str, dialect: Dialect = PLAIN) -> Cell:
     """Return a cell as a number, a word or nothing."""
-    text = text.strip()
+    text = " ".join(text.split())
     if text.lower() in _EMPTY:
         return None
     number = text.replace("\u2212", "-")
@@ -82,7 +98,7 @@ def parse_cell(text: str, dialect: Dialect = PLAIN) -> Cell:
         number = number.replace("." if dialect.mark == "," else ",", "")
     if dialect.mark == ",":
         number = "" if "." in number else number.replace(",", ".")
-    if _NUMBER.fullmatch(number):
+    if _NUMBER.fullmatch(number) and math.isfinite(float(number)):
         return float(number)
     match = _NUMBER_WITH_UNIT.fullmatch(number)
     return NumberWithUnit.of(float(match[1]), match[2], text) if match else text
@@ -97,6 +113,9 @@ def read_text(name: str, text: str) -> list[Table]:
     lines = text.splitlines()
     if len(lines) > MAX_LINES:
         raise TableError(f"the file has more than {MAX_LINES:,} lines", where=name, remedy="split the file")
+    if any(len(line) > MAX_LINE_LENGTH for line in lines):
+        reason = f"a line has more than {MAX_LINE_LENGTH:,} characters"
+        raise TableError(reason, where=name, remedy="remove texts that are no names")
     dialect = _choose_dialect([line for line in lines if line.strip()])
     return list(split_in_tables(name, [_split(line, dialect) for line in lines]))
 
@@ -139,8 +158,9 @@ def _cut(line: str, dialect: Dialect) -> list[str]:
 
 
 def _split(line: str, dialect: Dialect) -> tuple[Cell, ...]:
-    """Return the cells of a line, without empty ones at its end."""
-    return trim([parse_cell(text, dialect) for text in _cut(line, dialect)])
+    """Return the cells of a line, without empty ones at its end; a comment with numbers is no row."""
+    cells = trim([parse_cell(text, dialect) for text in _cut(line, dialect)])
+    return () if _COMMENT.match(line) and _count_numbers(cells) else cells
 
 
 def trim(cells: list[Cell]) -> tuple[Cell, ...]:
@@ -156,6 +176,7 @@ class _Run:
 
     words: list[tuple[Cell, ...]]
     rows: list[tuple[Cell, ...]]
+    is_apart: bool  # whether words or blank lines are above
 
     @property
     def width(self) -> int:
@@ -250,15 +271,27 @@ def _describe_parts(parts: Sequence[_Part]) -> Iterator[Column]:
 
 
 def _find_runs(lines: Iterable[tuple[Cell, ...]]) -> list[_Run]:
-    """Return the runs of rows with numbers; a line of words ends a run."""
+    """Return the runs of rows with numbers; a line of words ends a run.
+
+    One or two short rows directly below a run are rows of which a part is lost, and stay in the run.
+    """
     runs: list[_Run] = []
     words: list[tuple[Cell, ...]] = []
+    is_apart = True
     for cells in lines:
         if not _count_numbers(cells):
             words += [cells] if cells else []
+            is_apart = True
         elif runs and not words and runs[-1].accepts(cells):
             runs[-1].rows.append(cells)
+            is_apart = False
         else:
-            runs.append(_Run(words, [cells]))
-            words = []
-    return runs
+            runs.append(_Run(words, [cells], is_apart))
+            words, is_apart = [], False
+    joined: list[_Run] = []
+    for run in runs:
+        if not run.is_apart and len(run.rows) < _LEAST_ROWS and run.width < joined[-1].width:
+            joined[-1].rows += run.rows
+        else:
+            joined.append(run)
+    return joined

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.imports import (
+    FORCE_UNITS,
     ColumnUnit,
     Doubt,
     Mapping,
@@ -30,11 +31,11 @@ from jointstiff.service.imports.loads import (
 )
 from jointstiff.service.imports.mapping import find_roles, list_columns, name_columns
 from jointstiff.service.imports.structure import Pivot
+from jointstiff.service.imports.tables import Column, Table
 from jointstiff.service.imports.template import read_unit
 from jointstiff.solver.meaning.proposal import Proposal, TargetReading
 from jointstiff.solver.mechanics.robot import KnownRobot
 
-FORCE_UNITS: Final[tuple[ColumnUnit, ...]] = ("N", "kN", "daN", "kgf", "lbf")
 _LOAD: Final = re.compile(r"(\d+(?:\.\d+)?)\s*(N|daN|kN|kgf|lbf|kg)?(?![^\W_])")
 """Size of a load in a word, with a unit."""
 _STATES: Final[tuple[State, ...]] = ("unloaded", "loaded", "unloaded_after")
@@ -104,7 +105,8 @@ def write_mapping(found: Finding, stated: Mapping) -> Mapping:
         parts[load.pivot] = parts[load.pivot].model_copy(update={"roles": [*roles, load.role]})
     if any(role.words for part in parts for role in find_roles(part, "load", "mass")):
         writer.doubts = [doubt for doubt in writer.doubts if doubt.about != "states"]
-    writer.add_doubts(parts, force)
+    writer.add_doubts(parts)
+    parts = [each for part in parts for each in _split_files(part)]
     frame = None
     if not found.proposal.is_in_base_frame:
         x, y, z = (1e3 * found.proposal.frame.origin).tolist()
@@ -319,66 +321,67 @@ class _Writer:
             header = pivot.structure.table.column(key).header
             yield _write_key(key, points, header) if own else Role(columns=key, role="ignore")
 
-    def add_doubts(self, parts: Sequence[TableMapping], force: Columns | None) -> None:
-        """Add a doubt for tables, columns and rows that no role reads, and that may be readings or loads."""
-        pivots = self.found.layout.pivots
-        unread = [
-            pivot.structure.table.name
-            for pivot, part in zip(pivots, parts, strict=True)
-            if not find_roles(part, *_NUMBERS)
-        ]
-        unread += self._list_unread(parts, force)
-        for role in (role for part in parts for role in part.roles):
-            words = [word for word, meaning in role.words.items() if meaning == "ignore"]
-            if words:
-                unread.append(f"rows with {', '.join(words)} in column {role.columns}")
+    def add_doubts(self, parts: Sequence[TableMapping]) -> None:
+        """Add a doubt for tables, columns and rows that no role reads."""
+        unread = []
+        for pivot, part in zip(self.found.layout.pivots, parts, strict=True):
+            table = pivot.structure.table
+            if find_roles(part, *_NUMBERS):
+                unread += _list_unread(table, part)
+            else:
+                unread.append(table.name)
+            for role in part.roles:
+                words = [word for word, meaning in role.words.items() if meaning == "ignore"]
+                if words:
+                    unread.append(f"rows with {', '.join(words)} in column {role.columns}")
         if unread:
             text = f"not read: {'; '.join(unread)[:1_000]}: is this right?"
             self.doubts.append(Doubt(about="columns", text=text))
 
-    def _list_unread(self, parts: Sequence[TableMapping], force: Columns | None) -> Iterator[str]:
-        """Yield columns of numbers that no role reads, and that may be forces, loads or further readings."""
-        layout = self.found.layout
-        read = {
-            (i, name) for i, part in enumerate(parts) for role in part.roles for name in list_columns(role)
-        }
 
-        def describe(pivot: int, columns: list[str]) -> str:
-            """Return the name of columns that were not read yet, and note them as read."""
-            read.update((pivot, name) for name in columns)
-            return (
-                f"{name_columns(columns)} ({layout.pivots[pivot].structure.table.column(columns[0]).header})"
-            )
+def _list_unread(table: Table, part: TableMapping) -> Iterator[str]:
+    """Yield neighbouring columns without a role: of numbers, and of words of which rows have the same."""
+    read = {name for role in part.roles for name in list_columns(role)}
+    unread: list[Column] = []
+    for column in table.columns:
+        count = len(set(column.words))
+        may_mean = column.is_numeric or 1 < count < table.row_count
+        is_unread = column.is_own and may_mean and not any(_is_part(name, column.id) for name in read)
+        if is_unread:
+            unread.append(column)
+        if unread and (not is_unread or column is table.columns[-1]):
+            yield f"{name_columns([each.id for each in unread])} ({unread[0].header or 'no header'})"
+            unread = []
 
-        for columns in self.evidence.list_others(force):
-            sources = [layout.sources[columns.table][column] for column in columns.columns]
-            if not any((source.pivot, source.column) in read for source in sources):
-                yield describe(sources[0].pivot, [source.column for source in sources])
-        for number in range(len(layout.pivots)):
-            for own in self._list_likely_loads(number):
-                if not any((number, name) in read for name in own):
-                    yield describe(number, own)
 
-    def _list_likely_loads(self, number: int) -> Iterator[list[str]]:
-        """Yield columns of a table that change with the force, have its unit, or have few sizes from 0 up."""
-        pivot = self.found.layout.pivots[number]
-        free = self._list_free(number)
-        for run in zip(free, free[1:], free[2:], strict=False):
-            if self._changes_by_force(number, run):
-                yield [pivot.columns[i] for i in run]
-        for i in free:
-            if _may_be_load(pivot, i):
-                yield [pivot.columns[i]]
+def _is_part(name: str, column: str) -> bool:
+    """Return whether a role names a column, or a part of its words."""
+    return name.split(".")[0] == column
 
-    def _changes_by_force(self, number: int, run: Sequence[int]) -> bool:
-        """Return whether vectors beside the rows change along the force from one state to the other."""
-        layout = self.found.layout
-        for first, second in pair_readings(self.found.proposal):
-            if self._are_other_rows(first, second) and self._sources(first)[0].pivot == number:
-                changes = layout.read_beside(second, run) - layout.read_beside(first, run)
-                if self.evidence.changes_along_force(changes):
-                    return True
-        return False
+
+def _split_files(part: TableMapping) -> Iterator[TableMapping]:
+    """Yield a part for each file whose name alone tells target and state, so that each has its own roles."""
+    key = next((role for role in part.roles if role.columns == "file"), None)
+    if key is None or key.role not in ("state", "target", "point"):
+        yield part
+        return
+    for table in part.table:
+        meaning = key.words.get(table, table)
+        target, _, last = meaning.rpartition(" ")
+        is_state = last in _STATES
+        point = RowPoint.model_validate(
+            {"target": (target if is_state else meaning) or None, "state": last if is_state else None}
+        )
+        roles = [_add_point(role, point) for role in part.roles if role is not key]
+        if meaning != "ignore":
+            yield part.model_copy(update={"table": [table], "roles": roles})
+
+
+def _add_point(role: Role, point: RowPoint) -> Role:
+    """Return a role of positions with the target and the state of a file."""
+    if role.role not in ("position", "value"):
+        return role
+    return role.model_copy(update={"target": role.target or point.target, "state": role.state or point.state})
 
 
 def _list_table_names(pivot: Pivot) -> list[str]:
@@ -391,16 +394,7 @@ def _list_table_names(pivot: Pivot) -> list[str]:
 def _find_force_unit(pivot: Pivot, column: str) -> ColumnUnit | None:
     """Return the unit of force or mass that a header has in brackets; None for another unit, or none."""
     unit = read_unit(pivot.structure.table.column(column).header)
-    return unit if unit in (*FORCE_UNITS, "kg") else None
-
-
-def _may_be_load(pivot: Pivot, i: int) -> bool:
-    """Return whether a column has a unit of force or mass, or few sizes that begin at zero."""
-    if _find_force_unit(pivot, pivot.columns[i]):
-        return True
-    numbers = pivot.numbers[:, :, i]
-    sizes = np.unique(numbers[np.isfinite(numbers)])
-    return bool(1 < len(sizes) <= max(2, len(numbers) // 3) and sizes[0] == 0.0)
+    return unit if unit in FORCE_UNITS else None
 
 
 def _write_key(key: str, points_of: dict[str, list[RowPoint]], header: str) -> Role:
@@ -423,10 +417,9 @@ def _write_key(key: str, points_of: dict[str, list[RowPoint]], header: str) -> R
     if differ_in_state:
         words = {word: (p[0].state or "ignore") if p else "ignore" for word, p in points_of.items()}
         return Role(columns=key, role="state", words=words)
-    if differ_in_target:
-        return Role(
-            columns=key, role="target", words={word: "ignore" for word, p in points_of.items() if not p}
-        )
+    if differ_in_target or not all(points_of.values()):
+        words = {word: "ignore" for word, p in points_of.items() if not p}
+        return Role(columns=key, role="target", words=words)
     return Role(columns=key, role="ignore")
 
 

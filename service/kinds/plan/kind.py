@@ -310,7 +310,6 @@ def _make_planned_cells(reading: PlannedReading, result: PlanResult) -> dict[str
     for axis, part in zip("xyz", result.load_point, strict=True):
         row[f"load point {axis} [mm]"] = round(1e3 * part, 3)
     row["anchor"] = None if reading.anchor is None else reading.anchor + 1
-    row["validation"] = int(reading.held_out)
     return row
 
 

@@ -9,13 +9,11 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from support.campaigns import estimate, prepare
 from support.examples import examples
-from support.importing_samples import CAMPAIGN, MM, sources_of
 from support.readings import by_gauges, triads
 from support.refusals import refused
 
 from jointstiff import identify, plan
 from jointstiff.schemas.finding import AdvisedAction
-from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observation, Reading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
@@ -23,7 +21,6 @@ from jointstiff.service.conversion.measurements import to_common_uncertainty, to
 from jointstiff.service.conversion.prepared import prepare_robot, prepare_set
 from jointstiff.service.conversion.readings import ReadingArrays, compute_content_hash
 from jointstiff.service.kinds.plan.kind import make_campaign_to_fill_in, readings_sheet
-from jointstiff.service.resources.imports import ImportRefusedError, import_files
 from jointstiff.service.resources.inputs import InMemoryInputs
 from jointstiff.service.runs.mending import apply_action_to_campaign
 from jointstiff.service.tables.files import csv_text
@@ -146,7 +143,7 @@ ALONG = {"target": "P11", "displacement": 1e-4, "direction": [0.0, 0.0, 1.0]}
         ),
         ({"noise": None}, {"readings": [STATED]}, {"readings": [STATED, ALONG]}, "observations[2].readings"),
         (
-            {"units": MM},
+            {"units": {"length": "mm", "angle": "deg", "force": "N"}},
             {},
             {"moment": [0, 0, 1]},
             "the unit of the moment in observation 'c03' is ambiguous",
@@ -334,37 +331,6 @@ def test_no_order_of_directions_hides_a_joint_from_a_plan(directions):
     found = plan(robot, load=load, candidates=700, directions=directions, **options)
     assert found.error is None
     assert "joint_1" not in found.result.left_out
-
-
-class TestImport:
-    HEADER = "label;J1 [deg];J2 [deg];Fx [N];Fy [N];Fz [N];tip along x [mm];tip along z [mm]\n"
-
-    def test_beside_uncertainties_of_a_tracker(self):
-        columns = [
-            f"P {state} {kind}{axis} [mm]"
-            for state in ("unloaded", "loaded")
-            for kind in ("", "U95 ")
-            for axis in "xyz"
-        ]
-        header = self.HEADER.replace("tip along x [mm]", ";".join(columns))
-        row = "a;1;2;0;0;-100;1;2;3;.01;.01;.01;1;2;4;.01;.01;.01;-0.5\n"
-        asked = {
-            "encoders": "motor",
-            "load_point": (0.0, 0.0, 100.0),
-            "flange_targets": {"tip": (1.0, 2.0, 3.0)},
-            "noise": {"sigma": 0.002},
-        }
-        answer = import_files(sources_of(("a.csv", header + row)), ImportRequest.model_validate(asked))
-        assert answer.missing == []
-        tracker, gauge = answer.measurement_set.observations[0].readings
-        assert tracker.unloaded_covariance is not None
-        assert gauge.displacement == -0.5
-
-    def test_no_target_or_another_state_is_refused(self):
-        for header in ("along z [mm]", "tip unloaded along z [mm]"):
-            files = sources_of(("a.csv", f"label;{header}\na;1\n"))
-            with pytest.raises(ImportRefusedError, match="along an axis"):
-                import_files(files, ImportRequest())
 
 
 coordinate = st.floats(-1e12, 1e12, allow_nan=False)
@@ -595,15 +561,3 @@ def test_a_ground_that_is_not_stated_changes_no_hash():
     assert content(force="cell", tared=False) != content(force="cell")
     named = header.model_copy(update={"load_point_target": "hook"})
     assert compute_content_hash(named, readings) != compute_content_hash(header, readings)
-
-
-def test_lengths_of_an_import_are_converted_and_its_grounds_are_kept():
-    stated = {
-        "encoders": "motor",
-        "load_point": (0.0, 0.0, 0.12),
-        "noise": {"sigma": 2e-5, "load_point": 2e-3, "grounds": {"load_point": "tracker"}},
-        "length_unit": "m",
-    }
-    answer = import_files(sources_of(("a.csv", CAMPAIGN)), ImportRequest.model_validate(stated))
-    found = answer.measurement_set.noise.model_dump(exclude_unset=True)
-    assert found == {"sigma": 0.02, "load_point": 2.0, "grounds": {"load_point": "tracker"}}

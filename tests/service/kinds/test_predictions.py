@@ -9,13 +9,13 @@ from support.api import post, posted
 
 from jointstiff import identify
 from jointstiff.schemas.deflection import DeflectionResult
-from jointstiff.schemas.imports import ImportRequest
+from jointstiff.schemas.imports import ImportRequest, Mapping
 from jointstiff.schemas.plan import Plan, PlanRequest, Surroundings
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.service.importing.source_files import SourceFile
+from jointstiff.service.imports.answer import import_files
+from jointstiff.service.imports.formats import SourceFile
 from jointstiff.service.kinds.plan.kind import _readings_table, readings_sheet
 from jointstiff.service.kinds.plan.work import _order_reflector_directions
-from jointstiff.service.resources.imports import import_files
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, robot_document, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
@@ -122,16 +122,13 @@ def test_the_list_is_filled_in_and_dropped_back(parts, robot):
     writer.writeheader()
     writer.writerows(rows)
     file = SourceFile("readings.csv", text.getvalue().encode())
-    answer = import_files([file], ImportRequest(encoders="motor"))
-    assert answer.missing == []
+    answer = import_files([file], ImportRequest(mapping=Mapping(encoders="motor")), None)
+    assert answer.questions == []
     held_out = [each.label for each in plan.result.readings if each.held_out]
-    assert answer.leave_out == held_out != []
-    assert (
-        f"observations held out from the fit, to check the fit: {', '.join(held_out)}" in answer.assumptions
-    )
+    assert [row["label"] for row in rows if row["label"].startswith("v")] == held_out != []
     campaign = {"robot": robot_document(default_arm()), "measurement_set": answer.measurement_set}
     campaign["measurement_set"] = answer.measurement_set.model_dump(mode="json", exclude_unset=True)
-    run = identify(campaign | {"run": {"leave_out": answer.leave_out}}, elasticity="joints")
+    run = identify(campaign | {"run": {"leave_out": held_out}}, elasticity="joints")
     assert run.request.leave_out == held_out
     assert not {each.observation for each in run.result.residuals} & set(held_out)
     truth = dict(zip(default_arm().joint_names, default_arm().stiffnesses, strict=True))

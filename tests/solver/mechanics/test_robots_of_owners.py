@@ -11,8 +11,8 @@ import pytest
 
 import jointstiff as js
 from jointstiff.schemas.robot import RobotDocument
+from jointstiff.service import child
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.importing import child
 from jointstiff.service.problems import CampaignError
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.mechanics.urdf import read_urdf, write_urdf
