@@ -40,10 +40,10 @@ jobs = [
     js.plan("campaign.json", readings=6),
 ]
 cases = js.predict(run, "examples/postures.csv", load_point=(0.0, 0.0, 120.0)).cases
-imported = js.import_files("examples/readings.csv", encoders="motor", load_point=(0.0, 0.0, 120.0))
+imported = js.read("examples/readings.csv", encoders="motor", load_point=(0.0, 0.0, 120.0))
 for name in ("model.mjcf", "model.csv", "report.html"):
     run.save(name)
-print(json.dumps([[job.state for job in jobs], len(cases) > 0, imported.files[0].file]))
+print(json.dumps([[job.state for job in jobs], len(cases) > 0, imported.answer.tables[0].name]))
 """
 EXTRAS = {
     "serve": "service",

@@ -544,8 +544,8 @@ def test_a_live_campaign_is_measured_alike(backend, sources, measured_here, form
 def test_files_are_imported_alike(backend):
     stated = {"encoders": "motor", "load_point": (0, 0, 120)}
     for options in (stated, stated | {"robot": "KUKA KR 210 R2700 extra"}):
-        answer = backend.import_files(EXAMPLES / "readings.csv", **options)
-        assert answer == js.import_files(EXAMPLES / "readings.csv", **options)
+        answer = backend.read(EXAMPLES / "readings.csv", **options).answer
+        assert answer == js.read(EXAMPLES / "readings.csv", **options).answer
         assert len(answer.measurement_set.observations) == 12
 
 
@@ -562,8 +562,8 @@ def test_what_a_reason_advises_is_applied_alike(backend):
 
 
 def test_every_verb_is_tested_and_every_backend_has_it(backend):
-    tested = {*VERBS, "geometry", "gearbox", "measure", "import_files"}
-    without_service = {"robot", "identify_many", "load", "read", "read_log", "rehearse", "datasets"}
+    tested = {*VERBS, "geometry", "gearbox", "measure", "read"}
+    without_service = {"robot", "identify_many", "load", "read_log", "rehearse", "datasets"}
     verbs = {name for name in js.__all__ if name.islower()} - without_service
     assert tested == {room.command for room in ROOMS.values()} | verbs
     assert all(callable(getattr(backend, verb)) for verb in tested)

@@ -35,7 +35,6 @@ CALLS = {
     "identify": lambda _, text: js.identify(text),
     "load": lambda _, text: js.load(text),
     "read": lambda _, text: js.read(text),
-    "import_files": lambda _, text: js.import_files(text),
     "compensate": lambda run, text: js.compensate(run, text, accuracy_option="off", **FORCE),
     "loads": lambda run, text: js.compensate(run, "a.src", accuracy_option="off", loads=text),
     "process": lambda run, text: js.process(run, text, **FORCE),

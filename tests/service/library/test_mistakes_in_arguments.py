@@ -247,7 +247,7 @@ def test_the_load_of_a_plan_is_stated_in_the_words_of_the_terminal(document):
 
 
 def test_files_in_a_list_are_given_one_by_one(tmp_path):
-    answer = refused(js.import_files, ["a.csv", "b.csv"])
+    answer = refused(js.read, ["a.csv", "b.csv"])
     assert "`list` in place of the name of a file; remedy: give each file as an argument of its own" in answer
 
 

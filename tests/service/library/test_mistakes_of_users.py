@@ -518,7 +518,7 @@ MISSING = {
     "campaign": js.identify,
     "result": js.load,
     "robot": lambda path: js.robot(path.with_suffix(".urdf")),
-    "readings": js.import_files,
+    "readings": js.read,
     "table": lambda path: js.predict(simulate_campaign(default_arm(), configurations=8), path),
 }
 
@@ -570,19 +570,6 @@ def test_an_option_is_named_only_where_it_exists(document):
 def test_no_number_and_no_nothing_is_a_robot(source):
     with pytest.raises(js.CampaignError, match=r"robot.source: .* describes no robot; remedy: give a file,"):
         js.robot(source)
-
-
-def test_an_import_states_the_payload_as_other_verbs_do(document, tmp_path):
-    axes = [f"J{j} [deg]" for j in range(1, 7)] + [f"F{axis} [N]" for axis in "xyz"]
-    targets = [f"P {state} {axis} [mm]" for state in ("unloaded", "loaded") for axis in "xyz"]
-    file = tmp_path / "table.csv"
-    file.write_text(",".join([*axes, *targets]) + "\n" + ",".join(["0", "-20", "30", "0", "45", *"0" * 3,
-                    "-800", *"100", *"101", *"102"][: len(axes + targets)]))  # fmt: skip
-    stated = {"encoders": "motor", "load_point": AT, "payload": 310, "by_order": True}
-    imported = js.import_files(file, robot=document["robot"], **stated)
-    assert imported.robot.payload == 310
-    with pytest.raises(js.CampaignError, match="payload: the robot is unknown; remedy: give `robot`, too"):
-        js.import_files(file, **stated)
 
 
 TYPES = {

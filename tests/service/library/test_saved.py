@@ -70,9 +70,6 @@ def results_of(backend, document):
         "program": backend.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
         "process": backend.process(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE, turns=4),
         "prediction": run.predict(POSTURES, FORCE, at=(0, 0, 120)),
-        "imported": backend.import_files(
-            EXAMPLES / "readings.csv", encoders="motor", load_point=(0, 0, 120), robot=document["robot"]
-        ),
         "fleet": backend.fleet(run),
     }
 
@@ -312,19 +309,6 @@ def test_the_names_of_a_result_are_ours(in_process):
         names = dir(result)
         assert {"plot", "save", "summary", "to_frame"} <= set(names), name
         assert not [each for each in names if each.startswith("model_") or each in {"copy", "dict", "json"}]
-
-
-def test_imported_readings_are_a_campaign(in_process, document):
-    readings = in_process["imported"]
-    assert repr(readings).startswith("<ImportedReadings: readings.csv: ")
-    assert len(repr(readings)) < 150
-    assert readings.campaign.robot.name == document["robot"]["name"]
-    assert readings.identify(method="complete_pose").result == (
-        js.identify(readings.campaign, method="complete_pose").result
-    )
-    alone = js.import_files(EXAMPLES / "readings.csv", encoders="motor")
-    with pytest.raises(Exception, match="the readings have no robot"):
-        _ = alone.campaign
 
 
 def test_a_trend_of_an_earlier_version_is_read(by_client, tmp_path):

@@ -14,7 +14,6 @@ from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
 from jointstiff.service.kinds.verb import import_verb
 from jointstiff.service.library.cases import PredictFields, make_load_cases
-from jointstiff.service.library.imported import ImportFields
 from jointstiff.service.tables.packed import unpack_sheet
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -237,7 +236,6 @@ def test_every_function_with_numbers_takes_units():
     for function in (js.robot, js.measure, js.Campaign.from_arrays):
         assert inspect.signature(function).parameters["units"].default is None, function
     assert "units" in PredictFields.__annotations__
-    assert "units" in ImportFields.__annotations__
 
 
 def test_rows_of_a_robot_are_in_mm_and_deg():
