@@ -656,9 +656,8 @@ def _refuse_names(value: Any, name: str) -> None:  # noqa: ANN401 - anything num
     for part in parts:
         has_names = isinstance(part, Mapping) or getattr(getattr(part, "dtype", None), "names", None)
         for attribute in ("column_names", "columns", "index"):  # of Arrow, pandas and polars
-            names = getattr(part, attribute, None) if hasattr(part, "to_numpy") else None
-            numbered = [[place, f"column_{place}"] for place in range(0 if names is None else len(names))]
-            if any(own not in usual for own, usual in zip(names or (), numbered, strict=False)):
+            names = list(getattr(part, attribute, ())) if hasattr(part, "to_numpy") else []
+            if any(name not in (place, f"column_{place}") for place, name in enumerate(names)):
                 has_names = True
         if has_names:
             raise MeasurementError(

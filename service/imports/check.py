@@ -18,10 +18,12 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.kinematics import FlangeModel
 from jointstiff.solver.mechanics.robot import Robot
 
-_LARGEST_RESIDUAL: Final = 5e-3
-"""Median distance [m] of positions from where a nominal robot puts their targets: twice what arms have."""
+_LARGEST_RESIDUAL: Final = 2e-2
+"""Median distance [m] of positions from where a nominal robot puts their targets: arms with wrong zeros."""
 _FAR: Final = 1e-2
-"""Distance [m] from which a position does not belong to its joints."""
+"""Distance [m] from which a position may not belong to its joints."""
+_FAR_OF_MEDIAN: Final = 5.0
+"""The same distance as a multiple of the median distance."""
 _LEAST_ALONG: Final = 0.7
 """Fraction of the deflections along their force below which states or force are wrong."""
 _AGAINST: Final = 0.3
@@ -57,8 +59,9 @@ def check(readings: Readings, mapping: Mapping, robot: Robot | None) -> Check:
     far: list[FarPosition] = []
     if robot is not None and readings.positions:
         distances = _measure_distances(readings, mapping, robot)
-        far = [_describe_far(key, distance) for key, distance in distances.items() if distance > _FAR]
         residual = float(np.median(list(distances.values())))
+        limit = max(_FAR, _FAR_OF_MEDIAN * residual)
+        far = [_describe_far(key, distance) for key, distance in distances.items() if distance > limit]
         near = len(distances) - len(far)
         sentences.append(f"{near} of {len(distances)} positions fit the robot to {1e3 * residual:.2g} mm")
         if residual > _LARGEST_RESIDUAL:
