@@ -12,7 +12,6 @@ from jointstiff.schemas.imports import ImportAnswer
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.library.here import Here
 from jointstiff.service.library.results import Presented, TabledRun
@@ -181,7 +180,6 @@ class ImportedReadings(Presented, ImportAnswer):
 
 @naming_missing_file()
 @one_thread()
-@explain_calls
 def import_files(
     *files: str | PathLike[str],
     robot: Any = None,  # noqa: ANN401 - as of a campaign

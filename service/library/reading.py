@@ -12,7 +12,6 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.importing.source_files import read_sources
-from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.library.imported import ImportedReadings, ImportFields
 from jointstiff.service.problems import (
@@ -113,7 +112,6 @@ class ProposedReadings:
 
 @one_thread()
 @naming_missing_file()
-@explain_calls
 def read(
     *files: str | PathLike[str],
     robot: Any = None,  # noqa: ANN401 - as of a campaign

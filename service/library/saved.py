@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Final, Literal, get_args, overload
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.history.raising import recognize_kind
 from jointstiff.service.kinds.rooms import ROOMS
-from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.library.here import restore_job
 from jointstiff.service.library.imported import ImportedReadings
@@ -85,7 +84,6 @@ def load(path: str | PathLike[str], kind: Literal["trend"]) -> RobotTrend: ...
 def load(path: str | PathLike[str], kind: Literal["imported"]) -> ImportedReadings: ...
 @overload
 def load(path: str | PathLike[str], kind: Literal["campaign"]) -> Campaign: ...
-@explain_calls
 def load(path: str | PathLike[str], kind: LoadedKind | None = None) -> Any:
     """Read a result that `save("….json")` wrote, or a campaign file.
 
