@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, get_args, overload
 
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
-from jointstiff.service.history.raising import recognize_kind
 from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.library.here import restore_job
@@ -116,8 +115,8 @@ def load(path: str | PathLike[str], kind: LoadedKind | None = None) -> Any:
         document = json.loads(content)
     except (ValueError, RecursionError):
         document = None
-    if recognized := recognize_kind(document):
-        document = {"kind": recognized} | document
+    if isinstance(document, dict) and {"cases", "model_error_postures"} <= document.keys():
+        document = {"kind": "prediction"} | document
     is_result = isinstance(document, dict) and "kind" in document
     found = document["kind"] if is_result else "campaign"
     # The error for a file that has neither names the kind of file, or its faults

@@ -83,8 +83,6 @@ export interface RestoreReport {
   tables: Record<string, TableReport>;
   /** Fields without a place in this version, with the number of documents. */
   dropped: Record<string, number>;
-  /** Tables without a place in this version, with the number of lines. */
-  unplaced: Record<string, number>;
   /** Tables that only the terminal restores, with the number of lines. */
   left_out: Record<string, number>;
   /** Why the restore ended early. */
