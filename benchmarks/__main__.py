@@ -120,7 +120,7 @@ BENCHMARKS = {
         "attacks.attacks", "hostile bodies, connections, many posts; a quarter of an hour", in_parts=True
     ),
     "connections": Benchmark(
-        "attacks.slow_connections", "silent and slow connections to a service without a proxy; a minute"
+        "attacks.slow_connections", "silent and slow connections to a service without a proxy; four minutes"
     ),
     "hostile": Benchmark(
         "attacks.hostile_requests",

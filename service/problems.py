@@ -994,40 +994,6 @@ def _find_meant_name(error: Mapping[str, Any], parameters: Sequence[str]) -> str
     return find_similar_name(unknown_name, known_names)
 
 
-_WORDS_OF_NAMES: Final = MappingProxyType(
-    {
-        "cancelled": "abort cancel stop",
-        "database": "database_url db db_url dsn",
-        "cursor": "next next_cursor offset page page_token start_after",
-        "confidence": "alpha ci confidence_interval confidence_level level significance",
-        "delimiter": "sep separator",
-        "details": "debug verbose verbosity",
-        "kind": "type",
-        "leave_out": "drop exclude excluded omit skip",
-        "limit": "count page_size per_page pagesize size",
-        "load": "force mass payload weight",
-        "load_point": "at attachment_point force_point point_of_application",
-        "loss": "robust",
-        "options": "config config_file options_file params settings",
-        "output": "out outfile output_file output_path save_as",
-        "overwrite": "clobber force_overwrite replace",
-        "positive": "constrained constraint nonnegative",
-        "priors": "prior",
-        "resampling": "bootstrap",
-        "robot": "arm model robot_model urdf",
-        "seed": "random_seed random_state rng",
-        "state": "status",
-        "server": "address base_url endpoint host service url",
-        "sigma": "noise std uncertainty",
-        "sort": "order order_by orderby sort_by sortby",
-        "stiffness_bounds": "bounds",
-        "tool": "tcp tool_frame",
-        "weighting": "weight_matrix weights",
-        "yes": "assume_yes no_input non_interactive",
-    }
-)
-"""Name of an option or field → words of other packages for the same thing."""
-NAMES_ELSEWHERE: Final = {word: name for name, words in _WORDS_OF_NAMES.items() for word in words.split()}
 _FEWEST_LETTERS: Final = 4
 """Least number of letters of a misspelt name: `tol` and `tool` are two words."""
 _SPELLED_ALIKE: Final = 0.81
@@ -1035,14 +1001,9 @@ _SPELLED_ALIKE: Final = 0.81
 
 
 def find_similar_name(unknown: str, known: Iterable[str]) -> str | None:
-    """Return the known name that an unknown name means: a word of other packages, or a misspelt name.
-
-    None if no known name has a similar meaning: a name with a few letters in common is no help.
-    """
+    """Return the known name that is misspelt in an unknown name; None if no known name is similar."""
     names = list(known)
     name = unknown.casefold().replace("-", "_")
-    if NAMES_ELSEWHERE.get(name) in names:
-        return NAMES_ELSEWHERE[name]
     if not _FEWEST_LETTERS <= len(name) <= _LONGEST_NAME or unknown in names:
         return None
     # People seldom mistype the first letter, which tells `points` from `joints`, and `port` from `report`.
@@ -1050,38 +1011,6 @@ def find_similar_name(unknown: str, known: Iterable[str]) -> str | None:
     exchanged = [each for each in names if sorted(each) == sorted(name)]
     similar = exchanged or get_close_matches(name, names, n=1, cutoff=_SPELLED_ALIKE)
     return similar[0] if similar else None
-
-
-_WORDS_OF_VERBS: Final = MappingProxyType(
-    {
-        "identify": "analyse analyze calculate calibrate calibration compute estimate evaluate fit "
-        "identification joint_stiffness optimise optimize regress run solve start stiffness train",
-        "compare": "comparison diff difference ratio versus",
-        "compensate": "compensation offline_compensation program",
-        "correct": "correction correct_poses",
-        "fleet": "batch identify_all",
-        "gearbox": "backlash gear gears weight_step",
-        "geometry": "dh kinematic_calibration kinematics",
-        "import": "convert csv excel load load_csv open parse read read_csv read_excel upload",
-        "map": "compliance_map heatmap stiffness_map work_area",
-        "measure": "acquire live record",
-        "plan": "design doe optimal_design planning schedule",
-        "predict": "apply deflect deflection deflections forecast prediction predict_deflection",
-        "process": "machining milling",
-        "rehearse": "rehearsal validate",
-        "report": "pdf print summary",
-        "robots": "arms catalog catalogue list",
-        "serve": "api daemon server service web",
-    }
-)
-"""Command → words of other packages for the same work, where these are no commands here."""
-_VERBS_ELSEWHERE: Final = {word: verb for verb, words in _WORDS_OF_VERBS.items() for word in words.split()}
-
-
-def find_verb(word: str) -> str | None:
-    """Return the command that a word means, such as `identify` for `fit`; None for an unknown word."""
-    name = word.casefold().replace("-", "_")
-    return name if name in _WORDS_OF_VERBS else _VERBS_ELSEWHERE.get(name)
 
 
 _BELONGS_TO_SET: Final = frozenset(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import hashlib
 import os
@@ -14,7 +15,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 import uvicorn
 from fastapi import FastAPI
@@ -22,14 +23,14 @@ from sqlalchemy import make_url
 from starlette.types import ASGIApp
 from uvicorn.config import LOGGING_CONFIG
 
-from jointstiff.service.api.connections import ConnectionLimits, Connections, count_by_address
+from jointstiff.service.api.connections import Deadlines, TimedConnection
 from jointstiff.service.app import create_app
 from jointstiff.service.archive.serving import ServedArchives
 from jointstiff.service.limited import LimitedChildren, Template
 from jointstiff.service.problems import ServiceError, StoreError
 from jointstiff.service.process import LogFormat, give_memory_back, jointstiff_version, set_log_format
 from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
-from jointstiff.service.security.admission import MAX_HEADER_BYTES, AccessPolicy
+from jointstiff.service.security.admission import MAX_HEADER_BYTES, AccessPolicy, is_loopback
 from jointstiff.service.security.keys import Keyring
 from jointstiff.service.settings import Settings
 from jointstiff.service.store.database import refuse_in_memory
@@ -62,6 +63,10 @@ _BACKLOG: Final = 128
 When no file descriptor is free, asyncio tries this number of times a second to accept a connection, and
 writes each failure to the log.
 """
+_PROXY: Final = (
+    "note: put Caddy in front (docker/Caddyfile): it encrypts, and ends connections that are slow or do not "
+    "read their answers"
+)
 _NO_ACCESS_CONTROL: Final = (
     "warning: no access control: everyone who reaches this address can read, post and delete, unless a "
     "proxy prevents it"
@@ -180,6 +185,8 @@ def _announce(settings: Settings, policy: AccessPolicy, address: str) -> None:
         markup=False,
         soft_wrap=True,
     )
+    if not is_loopback(settings.host):
+        _say(_PROXY)
     if policy.access == "none":
         _say(_NO_ACCESS_CONTROL)
 
@@ -201,9 +208,7 @@ def _configure_server(app: FastAPI, settings: Settings, listeners: Sequence[sock
     served_app: ASGIApp = app
     if len(listeners) > 1:
         served_app = app.state.metrics.serve_on_port(app, _port_of(listeners[1]))
-    limits = ConnectionLimits(per_address=settings.connections_per_address)
-    connections = Connections(limits, count_by_address(os.environ.get(PROXIES_VARIABLE)))
-    return configure_uvicorn(served_app, connections, settings.log_format)
+    return configure_uvicorn(served_app, settings.log_format)
 
 
 def _tune_interpreter() -> None:
@@ -226,17 +231,15 @@ def _raise_limit_of_open_files() -> None:
     resource.setrlimit(resource.RLIMIT_NOFILE, (limit, hard_limit))
 
 
-def configure_uvicorn(
-    app: ASGIApp, connections: Connections, log_format: LogFormat = LogFormat.TEXT
-) -> uvicorn.Config:
-    """Return the configuration of uvicorn for an application with limited connections."""
+def configure_uvicorn(app: ASGIApp, log_format: LogFormat = LogFormat.TEXT) -> uvicorn.Config:
+    """Return the configuration of uvicorn for an application whose requests arrive in their time."""
     return uvicorn.Config(
-        app,
+        Deadlines(app),
         log_level="warning",
         log_config=None if log_format is LogFormat.JSON else LOGGING_CONFIG,
         access_log=False,
         server_header=False,
-        http=connections.make_protocol(),
+        http=cast("type[asyncio.Protocol]", TimedConnection),
         h11_max_incomplete_event_size=MAX_HEADER_BYTES,
         ws="none",
         backlog=_BACKLOG,

@@ -106,16 +106,6 @@ class Settings:
             "metrics."
         ),
     ] = "127.0.0.1"
-    connections_per_address: Annotated[
-        int,
-        typer.Option(
-            min=1,
-            max=65_536,
-            metavar="NUMBER",
-            help="Greatest number of connections from one address; this machine and the proxies that "
-            "FORWARDED_ALLOW_IPS names are not counted.",
-        ),
-    ] = 50
     log_format: LogLines = LogFormat.TEXT
     require_key: Annotated[
         bool,

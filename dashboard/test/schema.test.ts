@@ -78,16 +78,6 @@ describe("what is typed for a value of the API", () => {
     expect(codecOf({ type: "array", items: { $ref: "x/Row" } }, ALL)).toBeNull();
     expect(plain({ anyOf: [{ $ref: "x/Row" }, { type: "null" }] }, ALL).nullable).toBe(true);
   });
-  it("has the fields of the messages of which it is made", () => {
-    const all = { Options: { properties: { draws: { type: "integer" } } } };
-    const request = { allOf: [{ $ref: "x/Options" }], properties: { name: { type: "string" } } };
-    expect(Object.keys(plain(request, all).properties ?? {})).toEqual(["draws", "name"]);
-  });
-  it("may be null where the type names null, too", () => {
-    const { type, nullable, maxLength } = plain({ type: ["string", "null"], maxLength: 9 }, ALL);
-    expect([type, nullable, maxLength]).toEqual(["string", true, 9]);
-    expect(codec({ type: ["array", "null"], items: NUMBER }).read("1, 2")).toEqual([1, 2]);
-  });
   it("is found where it was not understood, and posted as it was typed", () => {
     const document = { goal: [{ a: 1 }, { unread: "1 x" }] };
     expect(unreadIn(document)).toBe("1 x");

@@ -32,46 +32,17 @@ def operations_page(document: Node) -> str:
     by_tag: defaultdict[str, list[str]] = defaultdict(list)
     for path, operations in document["paths"].items():
         for verb, operation in operations.items():
-            answers = operation["responses"].items()
-            stated = operation | {
-                "parameters": [_resolved(one, document) for one in operation.get("parameters", ())],
-                "responses": {status: _resolved(one, document) for status, one in answers},
-            }
-            by_tag[operation["tags"][0]].append(_operation(verb, path, stated))
+            by_tag[operation["tags"][0]].append(_operation(verb, path, operation))
     intro = _OPERATIONS.format(version=document["info"]["version"], problem=_link("Problem"))
     sections = (f"## {tag.capitalize()}\n\n" + "\n".join(parts) for tag, parts in by_tag.items())
     return "\n".join((intro, *sections))
-
-
-def _resolved(node: Node, document: Node) -> Node:
-    """Return a parameter or an answer, or the one among the components that it refers to."""
-    if "$ref" not in node:
-        return node
-    _, _, kind, name = node["$ref"].split("/")
-    shared: Node = document["components"][kind][name]
-    return shared
 
 
 def messages_page(document: Node) -> str:
     """Return the page of all messages, in alphabetical order."""
     schemas = document["components"]["schemas"]
     names = sorted(schemas, key=str.lower)
-    return "\n".join(
-        (_MESSAGES, *(_message(name, _with_inherited(schemas[name], schemas)) for name in names))
-    )
-
-
-def _with_inherited(schema: Node, schemas: Node) -> Node:
-    """Return the schema of a message with the fields of the messages in its `allOf`."""
-    parts = [
-        _with_inherited(schemas[one["$ref"].rpartition("/")[2]] if "$ref" in one else one, schemas)
-        for one in schema.get("allOf", ())
-    ]
-    parts.append(schema)
-    return schema | {
-        "properties": {name: value for part in parts for name, value in part.get("properties", {}).items()},
-        "required": [name for part in parts for name in part.get("required", ())],
-    }
+    return "\n".join((_MESSAGES, *(_message(name, schemas[name]) for name in names)))
 
 
 def _operation(verb: str, path: str, operation: Node) -> str:
@@ -84,7 +55,7 @@ def _operation(verb: str, path: str, operation: Node) -> str:
             _default(one, one["schema"]),
             one.get("description", ""),
         )
-        for one in operation["parameters"]
+        for one in operation.get("parameters", ())
     ]
     answers = [(status, _kinds(one), one["description"]) for status, one in operation["responses"].items()]
     parts = [
@@ -126,9 +97,6 @@ def _kinds(response: Node) -> str:
 
 
 def _kind(media: str, schema: Node) -> str:
-    items = schema.get("properties", {}).get("items", {})
-    if "items" in items:  # a page, which is no message of its own
-        return f"page of {_type(items['items'])}"
     return _type(schema) if "$ref" in schema else f"`{media}`"
 
 
@@ -141,15 +109,12 @@ def _message(name: str, schema: Node) -> str:
     return f"({_anchor(name)})=\n## {name}\n\n{described}\n\n{table}"
 
 
-def _fields(schema: Node, prefix: str = "") -> Iterator[tuple[str, ...]]:
-    """Yield a row of the table for each field, and after it rows for the fields of a message in it."""
+def _fields(schema: Node) -> Iterator[tuple[str, ...]]:
+    """Yield a row of the table for each field."""
     required = schema.get("required", ())
     for field, one in schema.get("properties", {}).items():
         default = "*required*" if field in required else _default({}, one)
-        yield f"`{prefix}{field}`", _type(one), one.get("unit", ""), default, _text(one)
-        for part in (one, one.get("items", {}), *one.get("anyOf", ())):
-            if "properties" in part:
-                yield from _fields(part, f"{prefix}{field}.")
+        yield f"`{field}`", _type(one), one.get("unit", ""), default, _text(one)
 
 
 def _text(schema: Node) -> str:
@@ -169,8 +134,6 @@ def _type(schema: Node) -> str:
     """Return the type of a field in words, with its bounds."""
     if "$ref" in schema:
         return _link(schema["$ref"].rpartition("/")[2])
-    if isinstance(types := schema.get("type"), list):
-        return " or ".join(_type({**schema, "type": one}) if one != "null" else one for one in types)
     if alternatives := schema.get("anyOf") or schema.get("oneOf"):
         return " or ".join(dict.fromkeys(map(_type, alternatives)))
     if "const" in schema or "enum" in schema:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Final, cast
 
@@ -16,10 +16,11 @@ from fastapi.responses import StreamingResponse
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
+from starlette.routing import BaseRoute, Match, Mount
+from starlette.types import Scope
 
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job
-from jointstiff.service.api.addresses import advise_address, advise_method
 from jointstiff.service.jobs import Parts
 from jointstiff.service.problems import ServiceError, http_problem, problem_from_error, problem_from_faults
 from jointstiff.service.process import REQUEST_ID
@@ -182,6 +183,25 @@ def query_names(dependant: Dependant) -> Iterator[str]:
         yield from query_names(part)
 
 
+_METHODS: Final = ("DELETE", "GET", "PATCH", "POST", "PUT")
+"""Methods that routes may have; HEAD and OPTIONS are answered for all of them."""
+
+
+def list_methods(routes: Iterable[BaseRoute], scope: Scope) -> list[str]:
+    """Return the methods that are answered at the address of a request; none at an unknown address."""
+    if scope["path"] == "*":
+        return list(_METHODS)
+    answered = set[str]()
+    for route in routes:
+        # Mounts are static files, for GET only.
+        methods = ("GET",) if isinstance(route, Mount) else _METHODS
+        for method in methods:
+            match, _ = route.matches({**scope, "method": method})
+            if match is Match.FULL:
+                answered.add(method)
+    return sorted(answered)
+
+
 async def refuse_unknown_parameters(request: Request) -> None:
     """Refuse query parameters that would be ignored: those that the route does not know, and repeated ones.
 
@@ -220,10 +240,11 @@ async def _answer_failure(request: Request, error: Exception) -> Response:
             return answer_problem(problem_from_faults(error.errors(), _list_query_parameters(request)))
         case HTTPException(status_code=404) if "endpoint" not in request.scope:
             reason = f"there is no address {request.url.path}"
-            return answer_problem(http_problem(404, reason, advise_address(request)))
+            return answer_problem(http_problem(404, reason, "GET /openapi.json describes all addresses"))
         case HTTPException(status_code=405):
             reason = f"there is no method {request.method} at the address {request.url.path}"
-            return answer_problem(http_problem(405, reason, advise_method(request)))
+            methods = list_methods(request.app.routes, request.scope)
+            return answer_problem(http_problem(405, reason, f"send {' or '.join(methods)}"))
         case HTTPException():
             # In the HTTPExceptions that this service raises, the detail has the form "REASON; REMEDY".
             reason, *own_remedy = str(error.detail).split("; ", 1)

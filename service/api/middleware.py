@@ -18,8 +18,13 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from jointstiff.service.api.addresses import list_methods
-from jointstiff.service.api.answers import ANSWER_HEADERS, REQUEST_ID_HEADER, answer_error, answer_problem
+from jointstiff.service.api.answers import (
+    ANSWER_HEADERS,
+    REQUEST_ID_HEADER,
+    answer_error,
+    answer_problem,
+    list_methods,
+)
 from jointstiff.service.api.health import Metrics
 from jointstiff.service.problems import StoreError, http_problem
 from jointstiff.service.process import ACCESS_LOGGER, REQUEST_ID

@@ -2,5 +2,5 @@
 
 `manifest.json` names the layout, and for each file its lines, bytes and SHA-256. Each line of a file is a
 JSON object: the columns of a row, and its documents as JSON. `writing.py` writes archives of every layout
-from 0009 on, `restoring.py` restores them into a database of today's layout.
+from 0018 on, `restoring.py` restores them into a database of today's layout.
 """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import MappingProxyType
 from typing import Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -22,10 +21,7 @@ RESTORED: Final = (
     "idempotency_keys",
     "audit",
 )
-"""Tables that are restored, in this order: a row comes after the rows to which it refers."""
-OF_EARLIER_LAYOUTS: Final = ("trend_notes", "authorisations", "webhooks", "deliveries")
-"""Tables of layout 0009 that no later layout has; an archive keeps their rows for readers."""
-ARCHIVED: Final = RESTORED + OF_EARLIER_LAYOUTS
+"""Tables of an archive, in this order: a row comes after the rows to which it refers."""
 LEFT_OUT: Final = frozenset(
     {
         *("alembic_version", "heartbeats", "job_steps", "wrong_keys", "bridges"),  # of the moment
@@ -35,14 +31,9 @@ LEFT_OUT: Final = frozenset(
 )
 """Tables that an archive leaves out, as it does the tables of the queue: open jobs are queued anew."""
 DERIVED: Final = frozenset(
-    {
-        *("sequence", "words", "robot_name", "measurement_set_name", "summary", "trend", "numbers"),
-        "first_set_id",  # of layout 0009: equal to `measurement_set_id`
-    }
+    {"sequence", "words", "robot_name", "measurement_set_name", "summary", "trend", "numbers"}
 )
 """Columns that an archive leaves out, because they are derived from documents and other rows."""
-SECRETS: Final = MappingProxyType({"access_keys": "key_hash", "webhooks": "secret"})
-"""Table → its secret column: hashes of keys are archived on request, secrets of webhooks never."""
 
 MOST_FILES: Final = 40
 MOST_DIRECTORY_BYTES: Final = 64 * 1024

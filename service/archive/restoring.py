@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 import sqlalchemy as sa
 from pydantic import ValidationError
 
-from jointstiff.service.archive.form import OF_EARLIER_LAYOUTS, RESTORED, file_of
+from jointstiff.service.archive.form import RESTORED, file_of
 from jointstiff.service.archive.reading import Archive, read_archive
 from jointstiff.service.archive.rows import BUILDERS
 from jointstiff.service.problems import DamagedError, MissingDatabaseError
@@ -75,7 +75,6 @@ class Restored:
     layout: str  # of the archive
     tables: dict[str, TableOutcome] = field(default_factory=dict)
     dropped: Counter[str] = field(default_factory=Counter)  # field without a place → number of documents
-    unplaced: dict[str, int] = field(default_factory=dict)  # table without a place → number of lines
     left_out: dict[str, int] = field(default_factory=dict)  # table that was not requested → number of lines
 
     @property
@@ -124,9 +123,6 @@ def restore_archive(
         for table in restored.tables:
             _restore_table(archive, table, target, restored, watch)
             notify(_describe(table, restored.tables[table], dry_run=dry_run))
-        for table in OF_EARLIER_LAYOUTS:
-            if file_of(table) in archive.manifest.files:
-                restored.unplaced[table] = _count_lines(archive, table)
         return restored
 
 

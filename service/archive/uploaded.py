@@ -49,7 +49,6 @@ class Report(BaseModel):
     layout: str = ""
     tables: dict[str, TableReport] = Field(default_factory=dict)
     dropped: dict[str, int] = Field(default_factory=dict)  # field without a place → number of documents
-    unplaced: dict[str, int] = Field(default_factory=dict)  # table without a place → number of lines
     left_out: dict[str, int] = Field(default_factory=dict)  # table restored at the terminal → number of lines
     reason: str | None = None  # why the restore ended early
     remedy: str | None = None
@@ -63,7 +62,6 @@ def make_report(restored: Restored, *, done: bool) -> Report:
         layout=restored.layout,
         tables=tables,
         dropped=dict(restored.dropped),
-        unplaced=restored.unplaced,
         left_out=restored.left_out,
     )
 

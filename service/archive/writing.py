@@ -1,4 +1,4 @@
-"""Writing of archives, of databases of every layout from 0009 on; the database is not changed."""
+"""Writing of archives, of databases of every layout from 0018 on; the database is not changed."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def write_archive(
     """Write all records of a database to a zip file.
 
     Args:
-        url: URL of the database, of any layout from 0009 on.
+        url: URL of the database, of any layout from 0018 on.
         path: file to write; it must not exist.
         keys: what the archive has of access keys.
         notify: function that is called with a sentence for each file.
@@ -63,7 +63,7 @@ def write_archive(
         raise StoreError(f"{path} exists already", "give the name of a new file")
     part = path.with_name(f"{path.name}.part")
     try:
-        with read_snapshot(url, form.ARCHIVED) as snapshot:
+        with read_snapshot(url, form.RESTORED) as snapshot:
             _refuse_unknown_layout(snapshot.layout)
             descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
             with os.fdopen(descriptor, "wb") as target:
@@ -82,7 +82,7 @@ def write_stream(url: str, target: BinaryIO, keys: Keys = "names") -> Archived:
     """Write all records of a database to a stream, as `write_archive` writes them to a file.
 
     Args:
-        url: URL of the database, of any layout from 0009 on.
+        url: URL of the database, of any layout from 0018 on.
         target: stream, such as a pipe.
         keys: what the archive has of access keys.
 
@@ -93,7 +93,7 @@ def write_stream(url: str, target: BinaryIO, keys: Keys = "names") -> Archived:
         StoreError: the database has no layout that can be archived.
         OSError: the stream cannot be written.
     """
-    with read_snapshot(url, form.ARCHIVED) as snapshot:
+    with read_snapshot(url, form.RESTORED) as snapshot:
         _refuse_unknown_layout(snapshot.layout)
         return _write_zip(target, snapshot, keys, lambda _: None)
 
@@ -155,9 +155,7 @@ def _name_entry(name: str) -> zipfile.ZipInfo:
 def _make_lines(snapshot: Snapshot, table: str, keys: Keys, damaged: list[str]) -> Iterator[bytes]:
     """Yield a line for each row of a table."""
     version = min(number_of(snapshot.layout), SCHEMA)  # of documents: a later layout may have changed none
-    secret = form.SECRETS.get(table)
-    if keys == "hashes" and table == "access_keys":
-        secret = None
+    secret = "key_hash" if table == "access_keys" and keys == "names" else None
     for row in snapshot.rows(table):
         try:
             values = _convert_row(row, version, secret)
@@ -208,8 +206,6 @@ def _convert_value(name: str, value: Any) -> Any:  # noqa: ANN401 - any type of 
         content = bytes(value)
         if name == "arrays":
             return describe_arrays(content if content.startswith(b"PK") else decompress(content))
-        if name in ("pdf", "page"):  # an authorised report of layout 0009
-            return content.hex()
         return from_json(read_text(content))
     if isinstance(value, str) and name in _DOCUMENTS and value:
         return from_json(value)

@@ -33,7 +33,7 @@ def archive(
 ) -> None:
     """Write all records of a database to a zip file of JSON lines, which every language reads.
 
-    The database may have any layout from 0009 on, and is not changed. Services may go on meanwhile.
+    The database may have any layout from 0018 on, and is not changed. Services may go on meanwhile.
     """
     from jointstiff.service.archive.writing import write_archive
 
@@ -84,6 +84,3 @@ def _print_outcome(restored: Restored) -> None:
         typer.echo("fields without a place in this version, which remain in the archive (documents):")
         for name, count in sorted(restored.dropped.items()):
             typer.echo(f"  {name} ({count})")
-    for table, lines in restored.unplaced.items():
-        if lines:
-            typer.echo(f"{table}: this version has no place for {lines} records, which remain in the archive")

@@ -60,18 +60,11 @@ def name_meant_command(error: Any, words: Sequence[str], commands: Sequence[str]
         words: words of the command line; the first is no command.
         commands: names of the commands.
     """
-    from jointstiff.service.problems import find_verb
-
     if not isinstance(getattr(error, "message", None), str) or not words or words[0] in commands:
         return
     unknown = f"No such command {words[0]!r}"
-    verb = find_verb(words[0])
     if words[0] in {"help", "version"}:
         error.message = f"{unknown}. Did you mean 'jointstiff --{words[0]}'?"
-    elif words[0] in {"trend", "history"}:
-        error.message = f"{unknown}. The trend of a robot is on its page: `jointstiff serve`"
-    elif verb in commands:
-        error.message = f"{unknown}. Did you mean '{verb}'?"
     elif Path(words[0]).is_file():
         error.message = f"{unknown}: it is a file. Give the command first: jointstiff identify {words[0]}"
 
@@ -169,8 +162,7 @@ def _name_meant_option(
     Without either, name the list of the command's options. What is stated for an import is in the campaign
     afterwards, so that no later command has an option for it.
     """
-    from jointstiff.service.kinds.rooms import ROOMS
-    from jointstiff.service.problems import NAMES_ELSEWHERE, find_similar_name
+    from jointstiff.service.problems import find_similar_name
 
     flag = error.option_name
     stated = flag.lstrip("-")
@@ -185,9 +177,6 @@ def _name_meant_option(
         return
     words = {name.lstrip("-").replace("-", "_"): name for name in own}
     similar = find_similar_name(stated, words)
-    meant = "--" + NAMES_ELSEWHERE.get(stated, stated)
-    has_campaign = command in {room.command for room in ROOMS.values()}
-    flag = meant if has_campaign and meant in _STATED_IN_CAMPAIGN else flag
     having = [name for name, known in flags.items() if flag in known]
     if similar is not None:
         error.possibilities = [words[similar]]
@@ -247,14 +236,12 @@ def _name_meant_field(error: Any, command: str | None) -> bool:  # noqa: ANN401 
     """
     from jointstiff.service.cli.fields import field_options, option_flag
     from jointstiff.service.kinds.rooms import ROOMS, import_kind
-    from jointstiff.service.problems import NAMES_ELSEWHERE
 
     kind_name = next((name for name, room in ROOMS.items() if room.command == command), None)
     if kind_name is None:
         return False
     message_class = import_kind(kind_name).options
-    stated = error.option_name.lstrip("-").replace("-", "_")
-    name = NAMES_ELSEWHERE.get(stated, stated)
+    name = error.option_name.lstrip("-").replace("-", "_")
     if name not in message_class.model_fields:
         return False
     if name in dict(field_options(message_class)):

@@ -4,23 +4,11 @@ from __future__ import annotations
 
 from copy import deepcopy
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, Final
 
 from jointstiff.service.history.paths import remove
 from jointstiff.service.history.steps import JOBS, NEWEST, OLDEST, STEPS
 
-_MARKS: Final = MappingProxyType(
-    {
-        "variant_of": "run",
-        "run_ids": "comparison",
-        "sweeps": "geometry",
-        "criterion": "plan",
-        "grid": "map",
-        "accuracy_option": "program",
-    }
-)
-"""Field of a request → kind of its job, in documents of version 9, which do not state their kind."""
 _RECORDED: Final = "document"
 """Entry of the versions in a job's provenance: version of the document as the job was computed."""
 
@@ -50,10 +38,8 @@ def raise_document(kind: str, document: dict[str, Any], version: int | None) -> 
         raised = _take_steps(kind, deepcopy(document), version or 0)
     except (LookupError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"the document is no {kind} of version {version or OLDEST}") from error
-    if kind in JOBS:
-        raised.document.setdefault("kind", kind)
-        if version is not None:
-            _note_version(raised.document, version)
+    if kind in JOBS and version is not None:
+        _note_version(raised.document, version)
     return raised
 
 
@@ -73,18 +59,6 @@ def _take_steps(kind: str, document: dict[str, Any], version: int) -> Raised:
             if was_there:
                 dropped.append(f"{kind}: {path}")
     return Raised(document, tuple(dropped))
-
-
-def recognize_kind(document: Any) -> str | None:  # noqa: ANN401 - any JSON
-    """Return the kind of a job or a prediction that does not state it, as of version 9; None for others."""
-    if not isinstance(document, dict):
-        return None
-    if "cases" in document and "model_error_postures" in document:
-        return "prediction"
-    request = document.get("request")
-    if not isinstance(request, dict) or "provenance" not in document:
-        return None
-    return next((kind for mark, kind in _MARKS.items() if mark in request), None)
 
 
 def _note_version(job: dict[str, Any], version: int) -> None:

@@ -323,7 +323,7 @@ class _Writer:
 
     def add_doubts(self, parts: Sequence[TableMapping]) -> None:
         """Add a doubt for tables, columns and rows that no role reads."""
-        unread = []
+        unread: list[str] = []
         for pivot, part in zip(self.found.layout.pivots, parts, strict=True):
             table = pivot.structure.table
             if find_roles(part, *_NUMBERS):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from inspect import signature
 from math import inf, nan
 from os import PathLike
 from pathlib import Path
@@ -16,9 +15,8 @@ from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run
 from jointstiff.service.library import robots
-from jointstiff.service.library.calls import CallError, explain_calls
 from jointstiff.service.library.robots import plain_fields
-from jointstiff.service.problems import as_campaign_error, find_similar_name, http_problem, require_folder
+from jointstiff.service.problems import as_campaign_error, require_folder
 from jointstiff.service.process import one_thread
 from jointstiff.service.resources.documents import parse_document, read_campaign
 from jointstiff.solver.errors import MeasurementError
@@ -50,32 +48,12 @@ class Campaign(messages.Campaign):
 
     _assumed: tuple[str, ...] = PrivateAttr(default=())  # what was assumed without a statement
 
-    if not TYPE_CHECKING:
-
-        def __new__(cls, *arguments: object, **_: object) -> Campaign:
-            """Make an empty object; arguments by position are those of another constructor.
-
-            Raises:
-                CallError: an argument is given by position.
-            """
-            if arguments:
-                raise CallError(
-                    http_problem(
-                        422,
-                        "Campaign() has no arguments by position",
-                        "read a file by `Campaign.read(path)`, or make a campaign of arrays by "
-                        "`Campaign.from_arrays(robot, joints, forces, unloaded=…, loaded=…, load_point=…)`",
-                    )
-                )
-            return super().__new__(cls)
-
     @classmethod
     def from_message(cls, campaign: messages.Campaign) -> Campaign:
         """Return a campaign message as an object of this class, which can be saved and checked."""
         return campaign if isinstance(campaign, cls) else cls.model_validate(dict(campaign))
 
     @classmethod
-    @explain_calls
     def from_arrays(
         cls,
         robot: object,
@@ -138,7 +116,6 @@ class Campaign(messages.Campaign):
         from jointstiff.service.conversion.arguments import complete_units
         from jointstiff.service.conversion.arrays import ArrayReadings
 
-        _refuse_unknown_arguments(header)
         described = robots.robot(robot)
         with as_campaign_error(""):
             noise = {} if sigma is None else {"noise": {"sigma": _read_sigma(sigma)}}
@@ -240,23 +217,6 @@ def _prepare(campaign: Campaign) -> PreparedSet:
 
     inputs = InMemoryInputs()
     return inputs.measured(add_campaign(inputs, campaign), "measurement_set")
-
-
-def _refuse_unknown_arguments(header: Mapping[str, object]) -> None:
-    """Refuse an argument of `from_arrays` that is neither a parameter nor a field of a measurement set.
-
-    Raises:
-        CallError: there is such an argument.
-    """
-    arguments = [name for name in signature(Campaign.from_arrays).parameters if name != "header"]
-    known = [*arguments, *MeasurementSetDocument.model_fields]
-    for name in header:
-        if name in known:
-            continue
-        similar = find_similar_name(name, known)
-        remedy = f"give `{similar}` in its place" if similar else f"the arguments are {', '.join(arguments)}"
-        problem = http_problem(422, f"from_arrays() has no argument `{name}`", remedy)
-        raise CallError(problem.model_copy(update={"where": name}))
 
 
 def _read_sigma(sigma: object) -> float:

@@ -1,18 +1,16 @@
-"""Clients of the service, for notebooks and the command line, and for programs that await."""
+"""Client of the service, for notebooks and the command line."""
 
 from __future__ import annotations
 
-import asyncio
 import json
 import os
 import re
-import threading
 import time
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Concatenate, Final, Generic, ParamSpec, TypeVar, Unpack, cast
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, Unpack, cast
 from urllib.parse import quote
 from uuid import uuid4
 
@@ -28,11 +26,10 @@ from jointstiff.schemas.robot import Robot, RobotDocument, RobotSummary
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.kinds.rooms import ROOMS, import_kind
+from jointstiff.service.kinds.rooms import import_kind
 from jointstiff.service.kinds.verb import Cancel, JobMonitor, OnProgress, import_verb, merge_options
 from jointstiff.service.library import results
 from jointstiff.service.library.answers import foreign_answer_error, parse_problem, parse_resource
-from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.campaigns import Campaign, extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
 from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, make_presented_class
@@ -183,7 +180,6 @@ class Client(Verbs):
         """Check that the service answers; later requests are then repeated while there is no answer."""
         self.send("GET", "/health")
 
-    @explain_calls
     def predict(
         self,
         run: Any,  # noqa: ANN401 - a run, or a campaign
@@ -273,7 +269,6 @@ class Client(Verbs):
 
         return measure(robot, goal, source, client=self, **options)
 
-    @explain_calls
     def identify(
         self,
         campaign: AnyCampaign | Run,
@@ -738,102 +733,3 @@ def _no_answer_problem(address: object, error: Exception) -> Problem:
     if "WRONG_VERSION_NUMBER" in str(error):
         remedy = "the service has no encryption of its own: write the address with http://, not https://"
     return http_problem(503, f"no answer from {address}: {error}", remedy)
-
-
-if TYPE_CHECKING:
-    Arguments = ParamSpec("Arguments")
-
-    def _as_awaited(
-        verb: Callable[Concatenate[Client, Arguments], Value],
-    ) -> Callable[Concatenate[AsyncClient, Arguments], Coroutine[Any, Any, Value]]:
-        """Return a method of `Client` as a coroutine method, for type checkers."""
-
-
-class AsyncClient:
-    """Client of a service for asyncio: `run = await client.identify("campaign.json")`.
-
-    Its arguments and methods are those of `Client`; `list` of a collection is iterated by `async for`. If a
-    task is cancelled while it awaits a method for work, the job in the service is cancelled, too.
-    `on_progress` is called in another thread. Methods of results that use the network, such as a report, are
-    awaited by `client.call(run.report, "report.pdf")`.
-    """
-
-    def __init__(self, url: str, key: str | None = None, **options: Any) -> None:  # noqa: ANN401 - of Client
-        """Make a client; arguments as of `Client`."""
-        self._client = Client(url, key, **options)
-
-    if TYPE_CHECKING:  # by __getattr__
-        identify = _as_awaited(Client.identify)
-        compare = _as_awaited(Client.compare)
-        geometry = _as_awaited(Client.geometry)
-        gearbox = _as_awaited(Client.gearbox)
-        plan = _as_awaited(Client.plan)
-        map = _as_awaited(Client.map)
-        fleet = _as_awaited(Client.fleet)
-        compensate = _as_awaited(Client.compensate)
-        process = _as_awaited(Client.process)
-        predict = _as_awaited(Client.predict)
-        correct = _as_awaited(Client.correct)
-        read = _as_awaited(Client.read)
-
-    async def __aenter__(self) -> AsyncClient:
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        self._client.close()
-
-    async def call(
-        self,
-        function: Callable[..., Value],
-        *arguments: Any,  # noqa: ANN401 - of the function
-        **options: Any,  # noqa: ANN401 - of the function
-    ) -> Value:
-        """Call a function that uses the network in another thread; await and return its value."""
-        return await asyncio.to_thread(function, *arguments, **options)
-
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - of Client
-        """Return a method of `Client` as a coroutine function, or a collection whose methods are awaited."""
-        value = getattr(self._client, name)
-        if isinstance(value, Collection):
-            return _AsyncCollection(value)
-        is_verb = any(room.command == name for room in ROOMS.values())
-        return _run_in_thread(value, cancellable=is_verb) if callable(value) else value
-
-
-class _AsyncCollection:
-    """Collection of `Client` whose methods are awaited."""
-
-    def __init__(self, collection: Collection[Any, Any]) -> None:
-        self._collection = collection
-
-    async def list(self, **filters: str) -> AsyncIterator[Any]:
-        """Yield summaries of the resources, newest first."""
-        # Each page is requested in another thread; `end_mark` is returned after the last summary.
-        summaries, end_mark = self._collection.list(**filters), object()
-        while (summary := await asyncio.to_thread(next, summaries, end_mark)) is not end_mark:
-            yield summary
-
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - of the collection
-        return _run_in_thread(getattr(self._collection, name), cancellable=False)
-
-
-def _run_in_thread(function: Callable[..., Any], *, cancellable: bool) -> Callable[..., Any]:
-    """Return a coroutine function that calls a function in another thread.
-
-    A cancellable function takes an argument `cancel`, and ends early when its task is cancelled.
-    """
-
-    async def call(*arguments: Any, **options: Any) -> Any:  # noqa: ANN401 - of the function
-        """Call the function in another thread and return its value; when cancelled, let it end early."""
-        # Cancelling a task does not stop its thread: the function stops itself when `cancel` returns true.
-        task_ended = threading.Event()
-        if cancellable:
-            options.setdefault("cancel", task_ended.is_set)
-        try:
-            return await asyncio.to_thread(function, *arguments, **options)
-        except asyncio.CancelledError:
-            task_ended.set()
-            raise
-
-    call.__name__, call.__doc__ = getattr(function, "__name__", "call"), function.__doc__
-    return call

@@ -19,7 +19,6 @@ from jointstiff.service.kinds.rooms import import_kind
 from jointstiff.service.kinds.verb import JobMonitor
 from jointstiff.service.kinds.work import carry_out, make_failed_job, new_job
 from jointstiff.service.library import results
-from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.campaigns import add_campaign, extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
 from jointstiff.service.library.restoring import parse_job
@@ -365,7 +364,6 @@ def attach_campaign(run: Run, campaign: messages.Campaign) -> TabledRun:
     return cast("TabledRun", results.attach_origin(run, Here(campaign)))
 
 
-@explain_calls
 def predict(
     run: TabledRun | AnyCampaign,
     postures: AnyPostures,

@@ -20,7 +20,6 @@ from jointstiff.schemas.run import Campaign, Run, RunRequest
 from jointstiff.service.kinds.verb import Cancel, JobMonitor, OnProgress
 from jointstiff.service.kinds.width import CancelledWorkError, map_in_order, refuse_no_executor
 from jointstiff.service.kinds.work import make_failed_job
-from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.campaigns import extract_run_options
 from jointstiff.service.library.here import Here
 from jointstiff.service.library.results import TabledRun
@@ -42,7 +41,6 @@ if TYPE_CHECKING:
 _OPTIONS = frozenset(RunOptions.model_fields)
 
 
-@explain_calls
 def identify_many(
     campaigns: Iterable[AnyCampaign | TabledRun],
     /,

@@ -35,7 +35,6 @@ from jointstiff.service.conversion.prepared import (
 )
 from jointstiff.service.conversion.units import FORCE
 from jointstiff.service.library.answers import parse_resource
-from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.live.campaign import MOST_READINGS, Declaration, Entry, LiveCampaign
 from jointstiff.service.live.declaration import Scales, declare_set, read_goal
@@ -663,7 +662,6 @@ class LiveMeasurement:
         self._confirmed = True
 
 
-@explain_calls
 def measure(
     robot: Any,  # noqa: ANN401 - a robot, a campaign, or a run
     /,

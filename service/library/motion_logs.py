@@ -10,7 +10,6 @@ from pydantic import ValidationError
 
 from jointstiff.schemas.motion import MotionLog
 from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.robots import read_joint_kinds, robot
 from jointstiff.service.problems import as_campaign_error
 from jointstiff.service.runs.deflection import parse_unit_factor
@@ -29,7 +28,6 @@ _TIMES: Final = {"s": 1.0, "ms": 1e-3}
 _EXAMPLE: Final = "`t [s]`, `motor_1 [deg]`, …, `link_1 [deg]`, …"
 
 
-@explain_calls
 def read_log(
     file: str | Path,
     /,

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.library import datasets
     from jointstiff.service.library.campaigns import Campaign
-    from jointstiff.service.library.client import AsyncClient, Client
+    from jointstiff.service.library.client import Client
     from jointstiff.service.library.correction import Correction
     from jointstiff.service.library.here import Here, predict
     from jointstiff.service.library.many import identify_many
@@ -64,7 +64,6 @@ if TYPE_CHECKING:
     process = _here.process
 
 _HOMES = {
-    "AsyncClient": "service.library.client",
     "Campaign": "service.library.campaigns",
     "CampaignComparison": "schemas.comparison",
     "CampaignError": "service.problems",
@@ -101,7 +100,6 @@ _HOMES = {
 """Module of each public name that does not belong to a kind of work."""
 
 __all__ = [
-    "AsyncClient",
     "Campaign",
     "CampaignComparison",
     "CampaignError",
@@ -167,11 +165,6 @@ if not TYPE_CHECKING:  # a misspelt name is an error in an editor
 
         if any(room.command == name for room in ROOMS.values()):
             return getattr(import_module("jointstiff.service.library.here").Here(), name)
-        from jointstiff.service.problems import find_verb
-
-        verb = {"import": "read"}.get(find_verb(name) or "", find_verb(name))
-        if verb in __all__ and not name.startswith("_"):
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}. Did you mean: {verb!r}?")
         module = sys.modules[__name__]  # for Python's own suggestion of a name
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=module)
 

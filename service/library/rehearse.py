@@ -13,7 +13,6 @@ from jointstiff.schemas.plan import Plan, PlanResult
 from jointstiff.schemas.rehearsal import RehearsalResult
 from jointstiff.schemas.run import Campaign, RunResult
 from jointstiff.service.kinds.plan.kind import make_campaign_to_fill_in
-from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.here import Here, restore_job, use_saved
 from jointstiff.service.library.results import Presented, TabledRun
 from jointstiff.service.library.robots import prepare_once
@@ -87,7 +86,6 @@ class Rehearsal(Presented, RehearsalResult):
         return draw_figure([chart], style=style)
 
 
-@explain_calls
 def rehearse(
     source: Any,  # noqa: ANN401 - a campaign, a run or a plan
     /,

@@ -23,7 +23,6 @@ from jointstiff.schemas.trend import Trend
 from jointstiff.service.kinds import verb
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.rooms import import_kind
-from jointstiff.service.library.attributes import find_attribute
 from jointstiff.service.library.campaigns import Campaign, extract_run_options
 from jointstiff.service.library.restoring import describe_contents, parse_job, parse_message, with_version
 from jointstiff.service.problems import require_folder
@@ -189,25 +188,6 @@ class Presented(ABC):
             RefusedError: the service that did the work does not answer, or has deleted the campaign.
         """
         return with_version({"kind": self._saved_kind}) | self._message.model_dump(mode="json")
-
-    if not TYPE_CHECKING:  # for a type checker, a result has no other attributes than those that it declares
-
-        def __getattr__(self, name: str) -> object:
-            """Return a private attribute of pydantic; else name the attribute that is meant.
-
-            Raises:
-                AttributeError: the result has no such attribute.
-            """
-            try:
-                return super().__getattr__(name)
-            except AttributeError:
-                if name.startswith("_"):
-                    raise
-                reason = f"a {type(self).__name__.removeprefix('Tabled')} has no `{name}`"
-                known = dir(self)
-                meant = find_attribute(name, [*known, "model_dump"])
-                remedy = f"use one of {', '.join(known)}" if meant is None else f"use `{meant}`"
-                raise AttributeError(f"{reason}; remedy: {remedy}", name=name, obj=self) from None
 
     def __dir__(self) -> list[str]:
         """Return the fields and the methods of the result, without those that pydantic adds."""

@@ -13,7 +13,6 @@ from pydantic import PrivateAttr
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.robot import JointMap, RobotDocument
-from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.problems import CampaignError, as_campaign_error
 from jointstiff.service.process import one_thread
 from jointstiff.service.resources.documents import URDF_ENDINGS, parse_document, read_robot, read_urdf_file
@@ -114,7 +113,6 @@ def _prepare_cached(robot: str) -> PreparedRobot:
     return prepare_robot(RobotDocument.model_validate_json(robot))
 
 
-@explain_calls
 def robot(
     source: object,
     *,

@@ -9,9 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, get_args, overload
 
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
-from jointstiff.service.history.raising import recognize_kind
 from jointstiff.service.kinds.rooms import ROOMS
-from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.library.here import restore_job
 from jointstiff.service.library.rehearse import Rehearsal
@@ -81,7 +79,6 @@ def load(path: str | PathLike[str], kind: Literal["rehearsal"]) -> Rehearsal: ..
 def load(path: str | PathLike[str], kind: Literal["trend"]) -> RobotTrend: ...
 @overload
 def load(path: str | PathLike[str], kind: Literal["campaign"]) -> Campaign: ...
-@explain_calls
 def load(path: str | PathLike[str], kind: LoadedKind | None = None) -> Any:
     """Read a result that `save("….json")` wrote, or a campaign file.
 
@@ -114,8 +111,8 @@ def load(path: str | PathLike[str], kind: LoadedKind | None = None) -> Any:
         document = json.loads(content)
     except (ValueError, RecursionError):
         document = None
-    if recognized := recognize_kind(document):
-        document = {"kind": recognized} | document
+    if isinstance(document, dict) and {"cases", "model_error_postures"} <= document.keys():
+        document = {"kind": "prediction"} | document
     is_result = isinstance(document, dict) and "kind" in document
     found = document["kind"] if is_result else "campaign"
     # The error for a file that has neither names the kind of file, or its faults

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 from types import MethodType
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.service.kinds.verb import import_verb
-from jointstiff.service.library.calls import explain_calls
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.comparison import verb as of_comparison
@@ -45,12 +43,6 @@ if TYPE_CHECKING:
         """Return a verb as a method that returns its result with tables, plots and files."""
 
 
-@cache
-def _explain_verb(kind: str) -> Callable[..., Any]:
-    """Return the verb of a kind, which explains calls with wrong arguments."""
-    return explain_calls(import_verb(kind))
-
-
 class Verbs:
     """Base class with a method for each kind of work, imported when it is first used."""
 
@@ -72,4 +64,4 @@ class Verbs:
             kind = next((kind for kind, room in ROOMS.items() if room.command == name), None)
             if kind is None:
                 raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
-            return MethodType(_explain_verb(kind), self)
+            return MethodType(import_verb(kind), self)

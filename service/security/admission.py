@@ -89,7 +89,11 @@ def find_refusal(policy: AccessPolicy, scope: Scope) -> Problem | None:
     """
     lines_bytes = sum(len(name) + len(value) + _LINE_BYTES for name, value in scope["headers"])
     if len(scope["path"]) + len(scope["query_string"]) + lines_bytes > MAX_HEADER_BYTES:
-        return make_header_problem()
+        return http_problem(
+            431,
+            f"the header exceeds {MAX_HEADER_BYTES // 1024} KiB",
+            "send fewer or shorter headers and cookies",
+        )
     headers = Headers(scope=scope)
     hosts = headers.getlist("host")
     match = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
@@ -107,13 +111,6 @@ def find_refusal(policy: AccessPolicy, scope: Scope) -> Problem | None:
             403, "a page of another site requested a change", "use the service's own page, or a program"
         )
     return None
-
-
-def make_header_problem() -> Problem:
-    """Return the problem of a header larger than `MAX_HEADER_BYTES`."""
-    return http_problem(
-        431, f"the header exceeds {MAX_HEADER_BYTES // 1024} KiB", "send fewer or shorter headers and cookies"
-    )
 
 
 def _is_own_page(headers: Headers, host: str, scheme: str) -> bool:

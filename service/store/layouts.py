@@ -81,12 +81,6 @@ def refuse_unusable(layout: str, dialect: str) -> None:
             "install the newer version of Jointstiff that upgraded the database, or restore the copy that "
             "was made before the upgrade",
         )
-    if can_archive(layout):
-        raise StoreError(
-            reason,
-            "bring its records over: `jointstiff archive FILE.zip --database URL`, then `jointstiff restore "
-            "FILE.zip --database NEW_URL`; the database is not changed",
-        )
     raise StoreError(
         reason,
         f"save the database with `{save_command}` and open it with the version that wrote it, or give a new "

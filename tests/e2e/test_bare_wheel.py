@@ -136,7 +136,6 @@ def test_a_command_without_its_extra_names_it(command, bare, place):
 
 NAMES = {
     "js.Client": ("Client", "client"),
-    "js.AsyncClient": ("AsyncClient", "client"),
     "run.plot()": ("plot", "plot"),
     "run.to_frame()": ("to_frame", "frames"),
     "run.save('model.xlsx')": ("an Excel workbook", "excel"),

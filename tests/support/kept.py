@@ -16,6 +16,7 @@ import sqlite3
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from datetime import UTC, datetime
@@ -54,6 +55,33 @@ LISTS: Final = (
     "jobs?deleted=true",
 )
 """Lists whose first page is an answer."""
+
+
+NUMBERS: Final = sorted({path.name[:4] for path in FOLDER.iterdir()})
+"""Layouts of which there are dumps."""
+
+
+def make_database(number: str, path: Path) -> str:
+    """Make the SQLite file of a layout; return its URL."""
+    url = f"sqlite:///{path}"
+    restore(number, url)
+    return url
+
+
+def list_numbers(document: Any) -> Iterator[float]:
+    """Yield all numbers of a document."""
+    if isinstance(document, dict):
+        document = list(document.values())
+    if isinstance(document, list):
+        for value in document:
+            yield from list_numbers(value)
+    elif isinstance(document, int | float) and not isinstance(document, bool):
+        yield document
+
+
+def count_numbers(document: Any) -> Counter[float]:
+    """Return how often a document has each number."""
+    return Counter(list_numbers(document))
 
 
 @contextmanager

@@ -2,13 +2,14 @@
 import type * as messages from "./schema";
 
 export type * from "./schema";
-export type { Arm as NominalArm, MapJob as Map } from "./schema";
+export type { Arm as NominalArm } from "./schema";
 
 export type ImportOptions = Partial<messages.ImportRequest>;
 /** A set that is measured live. */
 export type OpenSet = messages.MeasurementSet & { open: messages.LiveOptions };
+export type JointKind = messages.JointResult["kind"];
 export type LastCampaign = NonNullable<messages.RobotSummary["last_campaign"]>;
-export type Progress = NonNullable<messages.Job["progress"]>;
+export type Progress = NonNullable<messages.Run["progress"]>;
 export type Residual = messages.RunResult["residuals"][number];
 export type TrendCampaign = messages.Trend["campaigns"][number];
 export type TrendJoint = messages.Trend["joints"][number];
@@ -82,8 +83,6 @@ export interface RestoreReport {
   tables: Record<string, TableReport>;
   /** Fields without a place in this version, with the number of documents. */
   dropped: Record<string, number>;
-  /** Tables without a place in this version, with the number of lines. */
-  unplaced: Record<string, number>;
   /** Tables that only the terminal restores, with the number of lines. */
   left_out: Record<string, number>;
   /** Why the restore ended early. */

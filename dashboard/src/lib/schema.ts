@@ -37,8 +37,7 @@ export const sized = <Value>(value: Value, factor: number): Value =>
       : value) as Value;
 
 export interface Schema {
-  /** Several are one and null. */
-  type?: string | string[] | undefined;
+  type?: string | undefined;
   enum?: string[];
   const?: string;
   default?: unknown;
@@ -48,8 +47,6 @@ export interface Schema {
   unit_of_prismatic?: string;
   anyOf?: Schema[];
   oneOf?: Schema[];
-  /** Messages whose fields a message has, too. */
-  allOf?: Schema[];
   properties?: Record<string, Schema>;
   items?: Schema;
   prefixItems?: Schema[];
@@ -64,12 +61,7 @@ export type Schemas = Record<string, Schema>;
 
 /** A schema without references; of a value that may be null, that of the others. */
 export function plain(schema: Schema, all: Schemas): Schema {
-  const { $ref, anyOf, allOf, ...own } = schema;
-  if (allOf) {
-    const inherited = allOf.map((each) => plain(each, all).properties ?? {});
-    return { ...own, properties: Object.assign({}, ...inherited, own.properties) };
-  }
-  if (Array.isArray(own.type)) return { ...own, type: own.type.find((type) => type !== "null"), nullable: true };
+  const { $ref, anyOf, ...own } = schema;
   if ($ref) return { ...plain(all[$ref.split("/").at(-1) ?? ""] ?? {}, all), ...own };
   const [first, ...others] = (anyOf ?? []).filter(({ type }) => type !== "null");
   if (!first || others.length > 0) return schema;

@@ -17,9 +17,9 @@ from jointstiff_client.api.measurement_sets import create_import, create_measure
 from jointstiff_client.api.plans import create_plan
 from jointstiff_client.api.robots import compute_kinematics, create_robot
 from jointstiff_client.api.runs import create_run
+from jointstiff_client.models.body_create_import import BodyCreateImport
 from jointstiff_client.models.comparison import Comparison
 from jointstiff_client.models.comparison_request import ComparisonRequest
-from jointstiff_client.models.create_import_body import CreateImportBody
 from jointstiff_client.models.dh_model import DhModel
 from jointstiff_client.models.dh_model_convention import DhModelConvention
 from jointstiff_client.models.dh_row import DhRow
@@ -30,7 +30,7 @@ from jointstiff_client.models.geometry_request import GeometryRequest
 from jointstiff_client.models.import_answer import ImportAnswer
 from jointstiff_client.models.job_change import JobChange
 from jointstiff_client.models.kinematics_request import KinematicsRequest
-from jointstiff_client.models.map_job import MapJob
+from jointstiff_client.models.map_ import Map
 from jointstiff_client.models.map_request import MapRequest
 from jointstiff_client.models.measurement_set import MeasurementSet
 from jointstiff_client.models.measurement_set_post import MeasurementSetPost
@@ -60,7 +60,7 @@ def main() -> None:
         check(create_measurement_set.sync_detailed(client=CLIENT, body=readings), MeasurementSet)
     for body in BODIES["/v1/imports"]:
         files = [File(BytesIO(text.encode()), "table.csv") for text in body["files"]]
-        form = CreateImportBody(files=files, options=json.dumps(body["options"]))
+        form = BodyCreateImport(files=files, options=json.dumps(body["options"]))
         check(create_import.sync_detailed(client=CLIENT, body=form), ImportAnswer)
     jobs()
     typed()
@@ -73,7 +73,7 @@ def jobs() -> None:
     for body in BODIES["/v1/plans"]:
         check(create_plan.sync_detailed(client=CLIENT, body=PlanRequest.from_dict(body)), Plan)
     for body in BODIES["/v1/maps"]:
-        check(create_map.sync_detailed(client=CLIENT, body=MapRequest.from_dict(body)), MapJob)
+        check(create_map.sync_detailed(client=CLIENT, body=MapRequest.from_dict(body)), Map)
     for body in BODIES["/v1/fleets"]:
         check(create_fleet.sync_detailed(client=CLIENT, body=FleetRequest.from_dict(body)), Fleet)
     for body in BODIES["/v1/geometries"]:

@@ -14,7 +14,6 @@ from support.keyed import KEYS, NOW, ROLES, bearer, offered, opened, signed_in
 from jointstiff.schemas.finding import Problem
 from jointstiff.service import app
 from jointstiff.service.api import health
-from jointstiff.service.api.connections import ConnectionLimits, Connections
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.app import create_app
 from jointstiff.service.problems import StoreUnavailableError
@@ -430,7 +429,7 @@ def test_only_a_configured_proxy_says_where_a_request_comes_from(trusted, seen, 
     async def app(scope, _receive, _send):
         addresses.append(scope["client"][0])
 
-    config = configure_uvicorn(app, Connections(ConnectionLimits(), lambda _: False), LogFormat.JSON)
+    config = configure_uvicorn(app, LogFormat.JSON)
     config.load()
     headers = [(b"x-forwarded-for", b"198.51.100.9")]
     scope = {"type": "http", "client": ("127.0.0.1", 80), "scheme": "http", "headers": headers}

@@ -14,6 +14,8 @@ from support.terminal import terminal
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.security.admission import AccessPolicy
 from jointstiff.service.security.keys import hash_secret, make_key
+from jointstiff.service.server import _announce
+from jointstiff.service.settings import Settings
 from jointstiff.service.store.store import Store
 
 ROBOT = EXAMPLES["robots"]["modified DH"]
@@ -378,3 +380,11 @@ def test_each_answer_is_kept_by_nobody_and_framed_by_nobody(host, method, path, 
         "content-encoding",
         "allow",
     }
+
+
+@pytest.mark.parametrize(("host", "is_named"), [("127.0.0.1", False), ("0.0.0.0", True)])  # noqa: S104 - no server
+def test_a_service_on_the_network_names_the_proxy_in_one_line(host, is_named, capsys):
+    policy = AccessPolicy.from_address(host, (), access_control=True)
+    _announce(Settings(host=host), policy, f"http://{host}:8000")
+    lines = [line for line in capsys.readouterr().err.splitlines() if "Caddy" in line]
+    assert len(lines) == is_named

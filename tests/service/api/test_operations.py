@@ -24,15 +24,12 @@ OPERATIONS = {line.partition(" | ")[0]: line for line in TABLE if line.startswit
 
 def line_of(openapi, path, method):
     """Return what the description says of an operation, as operations.txt has it."""
-    operation, shared = openapi["paths"][path][method], openapi["components"]["parameters"]
+    operation = openapi["paths"][path][method]
     security = operation.get("security", [{"key": ["anyone"]}])
     assert security[:-1] in ([], [{}])
     (role,) = security[-1]["key"]
     assert (len(security) == 2) == (role in {"viewer", "operator"}), "an open service asks for no key"
-    parameters = [
-        shared[each["$ref"].rpartition("/")[2]] if "$ref" in each else each
-        for each in operation.get("parameters", ())
-    ]
+    parameters = operation.get("parameters", ())
     bodies = operation.get("requestBody", {}).get("content", {})
     assert bodies.keys() <= {"application/json", "multipart/form-data"}
     messages = [each["schema"].get("$ref", "form").rpartition("/")[2] for each in bodies.values()]

@@ -1,7 +1,6 @@
-"""Connections of uvicorn with our limits, shortened: slow clients end, honest and patient ones do not."""
+"""Connections of uvicorn with our deadlines, shortened: late clients end, honest and patient ones do not."""
 
 import asyncio
-import json
 import socket
 import threading
 import time
@@ -11,30 +10,29 @@ import pytest
 import uvicorn
 from fastapi import HTTPException
 from starlette.applications import Starlette
-from starlette.requests import ClientDisconnect
 from starlette.responses import Response, StreamingResponse
 from starlette.routing import Route
 from support.in_process import Client, listening
 from support.processes import until
 
-from jointstiff.service.api.connections import ConnectionLimits, Connections, count_by_address
+from jointstiff.service.api import connections
 from jointstiff.service.security import admission
 from jointstiff.service.security.admission import MAX_HEADER_BYTES, BodyBudget, BodyLimits
 from jointstiff.service.server import configure_uvicorn
 
-LIMITS = ConnectionLimits(silence=0.4, mean_after=0.8, least_speed=500.0, unread=0.4, per_address=3)
-LONG = 2 * LIMITS.mean_after
+HEADER_SECONDS, PAUSE_SECONDS, BODY_SECONDS = 0.4, 0.4, 0.8
+LONG = 2 * BODY_SECONDS
 """Time by which a slow client has been ended, and an honest one has not [s]."""
 GET = b"GET /%s HTTP/1.1\r\nHost: localhost\r\n"
 POST = b"POST /%s HTTP/1.1\r\nHost: localhost\r\nContent-Length: %d\r\n\r\n"
-DISCONNECTED = []
+REFUSED = []
 
 
 async def read(request):
     try:
         return Response(str(len(await request.body())))
-    except ClientDisconnect:
-        DISCONNECTED.append(request.url.path)
+    except HTTPException:
+        REFUSED.append(request.url.path)
         raise
 
 
@@ -53,13 +51,9 @@ async def stream(_):
     async def events():
         while True:
             yield b"data: 1\n\n"
-            await asyncio.sleep(LIMITS.silence / 4)
+            await asyncio.sleep(PAUSE_SECONDS / 4)
 
     return StreamingResponse(events(), media_type="text/event-stream")
-
-
-async def large(_):
-    return Response(b"x" * 40_000_000)
 
 
 APP = Starlette(
@@ -68,16 +62,17 @@ APP = Starlette(
         Route("/late", read_late, methods=["POST"]),
         Route("/refused", refuse, methods=["POST"]),
         Route("/events", stream),
-        Route("/large", large),
     ]
 )
 
 
 @contextmanager
-def served(is_counted):
-    """Serve with short limits; yield the port and uvicorn's server."""
-    with listening() as listener:
-        server = uvicorn.Server(configure_uvicorn(APP, Connections(LIMITS, is_counted)))
+def served(app):
+    """Serve with short deadlines; yield the port and uvicorn's server."""
+    with pytest.MonkeyPatch.context() as patch, listening() as listener:
+        for name in ("HEADER_SECONDS", "PAUSE_SECONDS", "BODY_SECONDS"):
+            patch.setattr(connections, name, globals()[name])
+        server = uvicorn.Server(configure_uvicorn(app))
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         try:
@@ -89,7 +84,7 @@ def served(is_counted):
 
 @pytest.fixture(scope="module")
 def service():
-    with served(lambda _: False) as port_and_server:
+    with served(APP) as port_and_server:
         yield port_and_server
 
 
@@ -115,19 +110,9 @@ def received(connection, until_has=None):
     return content
 
 
-def problem(content):
-    """Return status, place and remedy of an answer with a problem."""
-    head, _, body = content.partition(b"\r\n\r\n")
-    assert b"content-type: application/problem+json" in head.lower()
-    document = json.loads(body)
-    assert head.startswith(b"HTTP/1.1 %d " % document["status"])
-    assert document["remedy"]
-    return document["status"], document["detail"]
-
-
 def drip(connection):
     """Send a byte again and again until the other side closes; return what it sent."""
-    connection.settimeout(LIMITS.silence / 8)
+    connection.settimeout(PAUSE_SECONDS / 8)
     content, end = b"", time.monotonic() + 30
     while time.monotonic() < end:
         try:
@@ -143,41 +128,44 @@ def drip(connection):
     pytest.fail("still open after 30 s")
 
 
-SLOW_HEADER = (408, "the header of the request was not complete within 0.4 s")
-SLOW_BODY = (408, "the body came too slowly: nothing for 0.4 s, or less than 0.5 kB/s in 0.8 s")
-
-
 def test_a_silent_connection_is_closed_without_an_answer(connect):
     assert received(connect()) == b""
 
 
 @pytest.mark.parametrize("first", [b"GE", GET % b"body"], ids=["half a line", "half a header"])
 def test_half_a_header_ends_however_it_drips(first, connect):
-    assert problem(received(connect(first))) == SLOW_HEADER
-    dripping = connect(first + b"X-Drip: ")
-    assert problem(drip(dripping)) == SLOW_HEADER
+    assert received(connect(first)) == b""
+    assert drip(connect(first + b"X-Drip: ")) == b""
 
 
 def test_half_a_second_header_ends_as_the_first_does(connect):
-    connection = connect(GET % b"body" + b"\r\n" + GET % b"body")
-    answer, _, rest = received(connection).partition(b"HTTP/1.1 408")
-    assert answer.startswith(b"HTTP/1.1 200")
-    assert rest
+    connection = connect(GET % b"body" + b"\r\n")
+    assert received(connection, b"\r\n\r\n0").startswith(b"HTTP/1.1 200")
+    connection.sendall(GET % b"body")
+    assert drip(connection) == b""
+
+
+def test_a_connection_rests_between_two_requests(connect):
+    connection = connect(GET % b"body" + b"\r\n")
+    assert received(connection, b"\r\n\r\n0").startswith(b"HTTP/1.1 200")
+    time.sleep(LONG)
+    connection.sendall(GET % b"body" + b"\r\n")
+    assert received(connection, b"\r\n\r\n0").startswith(b"HTTP/1.1 200")
 
 
 @pytest.mark.parametrize("is_dripping", [False, True], ids=["silent", "dripping"])
-def test_half_a_body_ends_and_its_request_with_it(is_dripping, connect):
-    DISCONNECTED.clear()
+def test_half_a_body_is_refused_and_its_connection_ends(is_dripping, connect):
+    REFUSED.clear()
     connection = connect(POST % (b"body", 10_000) + b"x" * 100)
-    assert problem((drip if is_dripping else received)(connection)) == SLOW_BODY
-    until(lambda: DISCONNECTED == ["/body"])
+    assert (drip if is_dripping else received)(connection).startswith(b"HTTP/1.1 408")
+    assert REFUSED == ["/body"]
 
 
 def test_a_body_that_comes_slowly_enough_is_read(connect):
-    parts = int(LONG / LIMITS.silence) * 4
+    parts = int(BODY_SECONDS / PAUSE_SECONDS) * 3
     connection = connect(POST % (b"body", 1000 * parts))
     for _ in range(parts):
-        time.sleep(LIMITS.silence / 4)
+        time.sleep(PAUSE_SECONDS / 4)
         connection.sendall(b"x" * 1000)
     assert received(connection, b"%d" % (1000 * parts)).startswith(b"HTTP/1.1 200")
 
@@ -197,13 +185,6 @@ def test_a_stream_of_events_stays_open(connect):
         assert connection.recv(65536)
 
 
-def test_an_answer_that_nobody_reads_ends(service, connect):
-    connection = connect(GET % b"large" + b"\r\n")
-    until(lambda: len(service[1].server_state.connections) > 0)
-    until(lambda: len(service[1].server_state.connections) == 0, 30.0)
-    assert len(received(connection)) < 40_000_000
-
-
 def test_the_rest_of_a_body_that_was_refused_ends_too(connect):
     connection = connect(POST % (b"refused", 10_000) + b"x")
     assert received(connection, b"no").startswith(b"HTTP/1.1 401")
@@ -217,53 +198,18 @@ def test_nothing_is_kept_of_ended_connections(service, connect):
     assert not service[1].server_state.tasks
 
 
-def test_an_address_has_few_connections_and_loses_its_idle_ones_first(connect):
-    with served(lambda _: True) as (port, _):
-        idle = connect(GET % b"body" + b"\r\n", port)
-        assert received(idle, b"\r\n\r\n0").startswith(b"HTTP/1.1 200")
-        busy = []
-        for _ in range(LIMITS.per_address):
-            busy.append(connect(GET % b"events" + b"\r\n", port))
-            assert received(busy[-1], b"data").startswith(b"HTTP/1.1 200")
-        assert received(idle) == b""
-        status, detail = problem(received(connect(b"", port)))
-        assert (status, detail) == (503, "your address has 3 connections, all in use")
-        busy.pop().close()
-        request = GET % b"body" + b"\r\n"
-        until(lambda: received(connect(request, port), b"\r\n\r\n").startswith(b"HTTP/1.1 200"))
-        for each in busy:
-            each.close()
-
-
 @pytest.mark.parametrize(
-    ("address", "is_counted"),
-    [("192.0.2.1", True), ("10.1.2.3", False), ("203.0.113.7", False), ("127.0.0.5", False), ("", False)],
+    ("end", "status"), [(b"", b"400"), (b"\r\n\r\n", b"431")], ids=["unfinished", "finished"]
 )
-def test_addresses_of_this_machine_and_of_trusted_proxies_are_not_counted(address, is_counted):
-    assert count_by_address("10.0.0.0/8, 203.0.113.7,/run/proxy.sock")(address) == is_counted
-    assert not count_by_address("*")(address)
-    assert count_by_address(None)("10.1.2.3")
-
-
-@pytest.mark.parametrize("end", [b"", b"\r\n\r\n"], ids=["unfinished", "finished"])
-def test_a_header_beyond_its_size_is_refused_however_it_comes(end, store):
+def test_a_header_beyond_its_size_is_refused_however_it_comes(end, status, store, connect):
     large = b"x" * (MAX_HEADER_BYTES + 1)
-    with listening() as listener:
-        app = Client(store)._app
-        server = uvicorn.Server(configure_uvicorn(app, Connections(LIMITS, lambda _: False)))
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
-        thread.start()
-        with socket.create_connection(listener.getsockname(), timeout=30) as connection:
-            connection.sendall(GET % b"live" + b"Connection: close\r\nX-Large: " + large + end)
-            answer = received(connection)
-        server.should_exit = True
-        thread.join()
-    assert problem(answer) == (431, "the header exceeds 32 KiB")
+    with served(Client(store)._app) as (port, _):
+        answer = received(connect(GET % b"live" + b"Connection: close\r\nX-Large: " + large + end, port))
+    assert answer.startswith(b"HTTP/1.1 " + status)
 
 
-def test_bytes_that_are_no_request_are_refused_with_a_remedy(connect):
-    status, detail = problem(received(connect(b"\x16\x03\x01\x02\x00\r\n\r\n")))
-    assert (status, detail) == (400, "the bytes are not a request of HTTP/1.1")
+def test_bytes_that_are_no_request_are_refused(connect):
+    assert received(connect(b"\x16\x03\x01\x02\x00\r\n\r\n")).startswith(b"HTTP/1.1 400")
 
 
 def test_bodies_in_flight_have_a_budget_with_a_rest_for_small_ones():

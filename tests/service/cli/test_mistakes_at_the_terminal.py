@@ -149,12 +149,6 @@ def folder(tmp_path_factory):
             "'95%' must be a number",
             "identify pull.json --confidence 0.95",
         ),
-        ("identify pull.json --alpha 0.05", "--confidence", "identify pull.json --confidence 0.95"),
-        (
-            "identify pull.json --bounds joint_2=1e6",
-            "State `stiffness_bounds` in a JSON file, and give the file by --options",
-            "identify pull.json --options bounds.json",
-        ),
         (
             "map pull.json --area 1400,-200,600",
             'State `area` in a JSON file, such as {"area": [[1.2, -0.6, 0.4], [2.0, 0.6, 0.8]]} in m, and '
@@ -194,29 +188,14 @@ def folder(tmp_path_factory):
             "import all.csv --robot arm.json --encoders motor --load-point 0,0,120 --yes",
         ),
         (
-            "identify pull.json --noise 2e-5",
-            "`jointstiff import READINGS --sigma MM`",
-            "import all.csv --robot arm.json --encoders motor --load-point 0,0,120 --sigma 0.02 --yes",
-        ),
-        (
             "identify pull.json --html",
             "`jointstiff report FILE -o report.html` writes such a file",
             "report pull.json -o report.html --overwrite",
         ),
         (
-            "predict pull.json postures.csv --at 0,0,120",
-            "(Possible options: --load-point)",
-            "predict pull.json postures.csv --load-point 0,0,120",
-        ),
-        (
             "predict pull.json postures.csv --load-point 0,0,120 --force 0,0,-500",
             "State forces in the columns Fx [N], Fy [N] and Fz [N] of the table POSTURES",
             "predict pull.json postures.csv --load-point 0,0,120",
-        ),
-        (
-            "plan pull.json --payload 100 --candidates 50",
-            "(Possible options: --load)",
-            "plan pull.json --load any_direction:1000 --candidates 50",
         ),
         (
             "plan pull.json --readings many --candidates 50",
@@ -241,13 +220,6 @@ def folder(tmp_path_factory):
             "identify pull.json --goal 15%",
             "--goal is an option of `jointstiff plan`, `jointstiff measure`",
             "plan pull.json --goal 15% --candidates 200",
-        ),
-        ("fit pull.json", "No such command 'fit'. Did you mean 'identify'?", "identify pull.json"),
-        ("calibrate pull.json", "Did you mean 'identify'?", "identify pull.json"),
-        (
-            "diff pull.json monday/m.json",
-            "Did you mean 'compare'?",
-            "compare pull.json monday/m.json",
         ),
         (
             "pull.json",

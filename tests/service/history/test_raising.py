@@ -9,11 +9,10 @@ from typing import Any
 import pytest
 from pydantic import TypeAdapter
 from pydantic_core import to_json
-from support import old_layouts
-from support.old_layouts import count_numbers
+from support import kept
+from support.kept import count_numbers
 
 import jointstiff as js
-from jointstiff.schemas.deflection import DeflectionResult
 from jointstiff.schemas.live import MeasurementSetPost
 from jointstiff.schemas.measurement import StoredMeasurementSet
 from jointstiff.schemas.robot import LastCampaign, Robot, StoredRobot
@@ -21,7 +20,7 @@ from jointstiff.service.archive.form import RESTORED
 from jointstiff.service.archive.reading import read_archive
 from jointstiff.service.archive.writing import write_archive
 from jointstiff.service.history.paths import find_values, remove
-from jointstiff.service.history.raising import raise_document, recognize_kind
+from jointstiff.service.history.raising import raise_document
 from jointstiff.service.history.steps import JOBS, KINDS, NEWEST, OLDEST, STEPS
 from jointstiff.service.kinds.registry import KINDS as KINDS_OF_WORK
 from jointstiff.service.library.client import parse_resource
@@ -36,7 +35,6 @@ MESSAGES: dict[str, Any] = {kind.name: kind.message for kind in KINDS_OF_WORK} |
     "measurement_set": StoredMeasurementSet,
     "open_set": MeasurementSetPost,
     "live_entry": Entry,
-    "prediction": DeflectionResult,
 }
 BEGUN = {"gearbox", "correction"}
 """Kinds that no earlier layout stores."""
@@ -52,14 +50,13 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[int, str, Doc
     """Version, kind and document of all that databases of earlier layouts store."""
     folder = tmp_path_factory.mktemp("old")
     found = []
-    for number in old_layouts.NUMBERS:
+    for number in kept.NUMBERS:
         path = folder / f"{number}.zip"
-        write_archive(old_layouts.make_database(number, folder / f"{number}.db"), path)
+        write_archive(kept.make_database(number, folder / f"{number}.db"), path)
         with read_archive(path) as archive:
             for table in RESTORED[:5]:
                 lines = archive.lines(table)
                 found += [(line["schema"], kind_in(table, line), line["document"]) for line in lines]
-    found.append((9, "prediction", json.loads((HERE / "prediction_0009.json").read_text())))
     return found
 
 
@@ -76,16 +73,14 @@ def test_no_step_changes_or_computes_a_number(stored: list[tuple[int, str, Docum
     total = 0
     for version, kind, document in stored:
         moved = copy.deepcopy(document)
-        dropped, defined = count_numbers({}), count_numbers({})
+        dropped = count_numbers({})
         for step in STEPS:
             if kind in step.kinds and step.after > version:
                 step.change(moved)
                 for path in step.dropped:
                     dropped += count_numbers(list(find_values(moved, path)))
-                for path, value in step.defined:
-                    defined += count_numbers([value] * len(list(find_values(moved, path))))
         raised = raise_document(kind, document, version).document
-        assert count_numbers(raised) + dropped == count_numbers(document) + defined, kind
+        assert count_numbers(raised) + dropped == count_numbers(document), kind
         total += sum(count_numbers(raised).values())
     assert total > 50_000
 
@@ -123,8 +118,6 @@ def test_no_step_is_without_an_example_and_each_begins_where_one_ended() -> None
         own = [step for step in STEPS if kind in step.kinds]
         assert [step.before for step in own] == sorted({step.before for step in own}), kind
     assert {step.after for step in STEPS} == {*versions[1:], NEWEST}
-    of_9 = {example["kind"] for example in EXAMPLES if example["from"] == 9}
-    assert of_9 == {kind for step in STEPS if step.before == 9 for kind in step.kinds}
 
 
 def shape(schema: Any) -> Any:
@@ -183,27 +176,23 @@ class TestLoad:
     def test_jobs_of_every_version_are_loaded_as_files(
         self, stored: list[tuple[int, str, Document]], tmp_path: Path
     ) -> None:
-        """As `identify --json` printed them: those of version 9 do not state their kind."""
+        """As `identify --json` printed them."""
         path = tmp_path / "saved.json"
         seen = set()
         for version, kind, document in stored:
-            if kind not in (*JOBS, "prediction"):
+            if kind not in JOBS:
                 continue
-            seen.add((version, kind))
-            if kind == "prediction":
-                assert recognize_kind(document) == kind
+            seen.add(version)
             path.write_text(json.dumps(document))
             loaded = js.load(path)
-            if kind != "prediction":
-                assert loaded.kind == kind
-                assert loaded.id == document["id"]
+            assert (loaded.kind, loaded.id) == (kind, document["id"])
             assert str(loaded)
-        assert {version for version, _ in seen} == {9, 14, 17, 18}
+        assert seen == {OLDEST, 19, 21, 22}
 
     def test_a_saved_file_states_its_version(
         self, stored: list[tuple[int, str, Document]], tmp_path: Path
     ) -> None:
-        document = next(document for version, kind, document in stored if (version, kind) == (9, "run"))
+        document = next(document for version, kind, document in stored if (version, kind) == (OLDEST, "run"))
         path = tmp_path / "run.json"
         path.write_text(json.dumps(document))
         js.load(path).save(tmp_path / "again.json")

@@ -9,13 +9,11 @@ import threading
 import time
 import uuid
 from contextlib import contextmanager
-from functools import partial
 from types import SimpleNamespace
 
 import httpx2
 import numpy as np
 import pytest
-from anyio.from_thread import start_blocking_portal
 from support.guide_files import ROOT
 from support.programs import KUKA_TOOL, START, path, tool_poses
 
@@ -361,33 +359,16 @@ AREA = [[1400, -200, 600], [1800, 200, 600]]
 POSTURES = [[0, -20, 30, 0, 45, 0], [40, -10, 5, 7, 30, 2]]
 
 
-class Awaited:
-    """An `AsyncClient` whose calls are waited for."""
-
-    def __init__(self, client, portal):
-        self._client, self._portal = client, portal
-
-    def __getattr__(self, name):
-        method = getattr(self._client, name)
-        return lambda *sources, **options: self._portal.call(partial(method, *sources, **options))
-
-
 @contextmanager
 def opened(backend, services):
-    database, _, awaited = backend.partition(" ")
-    if database == "here":
+    if backend == "here":
         yield js
-    elif awaited:
-        with start_blocking_portal() as portal:
-            client = js.AsyncClient(services(database).url)
-            yield Awaited(client, portal)
-            portal.call(partial(client.__aexit__, None, None, None))
     else:
-        with js.Client(services(database).url) as client:
+        with js.Client(services(backend).url) as client:
             yield client
 
 
-@pytest.fixture(scope="module", params=["here", "sqlite", "sqlite awaited"])
+@pytest.fixture(scope="module", params=["here", "sqlite"])
 def backend(request, services):
     with opened(request.param, services) as verbs:
         yield verbs
@@ -603,10 +584,7 @@ import jointstiff as js
 js.identify("c.json", {wrong_1})
 with js.Client("http://localhost:8000") as client:
     client.plan("c.json", {wrong_2})
-
-
-async def main(client: js.AsyncClient) -> None:
-    await client.map("c.json", {wrong_3})
+    client.map("c.json", {wrong_3})
 """
 MISTAKES = {"wrong_1": 'metod="complete_pose"', "wrong_2": 'readings="six"', "wrong_3": "grid=3"}
 RIGHT = {"wrong_1": 'method="complete_pose"', "wrong_2": "readings=6", "wrong_3": "grid=(3, 3, 1)"}

@@ -70,31 +70,7 @@ def test_a_short_grid_lacks_an_entry(run):
     assert js.map(run, grid=[3, 3, 1], **box)
 
 
-@pytest.mark.parametrize(
-    ("word", "remedy", "carried_out"),
-    [
-        ("k", "stiffness", lambda run: run.stiffness),
-        ("coef_", "stiffness", lambda run: run.stiffness),
-        ("stiffnes", "stiffness", lambda run: run.stiffness),
-        ("residuals", "resid", lambda run: run.resid),
-        ("r2", "rsquared", lambda run: run.rsquared),
-        ("verdict", "result.assessment.verdict", lambda run: run.result.assessment.verdict),
-        ("warnings", "result.assessment.reasons", lambda run: run.result.assessment.reasons),
-        ("interval", "conf_int()", lambda run: run.conf_int()),
-        ("to_dict", "model_dump()", lambda run: run.model_dump()),
-        ("readings", "campaign", lambda run: run.campaign),
-    ],
-)
-def test_an_attribute_of_other_packages_is_answered_with_ours(run, word, remedy, carried_out):
-    with pytest.raises(AttributeError) as answer:
-        getattr(run, word)
-    assert str(answer.value) == f"a Run has no `{word}`; remedy: use `{remedy}`"
-    assert carried_out(run) is not None
-
-
-def test_an_unknown_attribute_is_answered_with_all(run):
-    with pytest.raises(AttributeError, match=r"use one of .*stiffness"):
-        _ = run.colour
+def test_an_unknown_attribute_of_a_joint_is_answered_with_all(run):
     with pytest.raises(AttributeError, match=r"a JointResult has no `k`; its fields are .*stiffness, "):
         _ = run.joints["joint_2"].k
     assert not hasattr(run, "colour")
@@ -244,11 +220,6 @@ def test_the_load_of_a_plan_is_stated_in_the_words_of_the_terminal(document):
     assert plans[0].request.load == plans[1].request.load
     answer = refused(js.plan, document, readings=2, load="any direction 100")
     assert 'remedy: write the kind and the force in N, such as "any_direction:1500"' in answer
-
-
-def test_files_in_a_list_are_given_one_by_one(tmp_path):
-    answer = refused(js.read, ["a.csv", "b.csv"])
-    assert "`list` in place of the name of a file; remedy: give each file as an argument of its own" in answer
 
 
 @pytest.mark.parametrize("door", ["message", "keyword"])

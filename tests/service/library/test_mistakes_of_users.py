@@ -312,17 +312,6 @@ MISTAKES = {
         ),
         "'mdh', which is not known; remedy: state convention='modified'",
     ),
-    # Words of other packages
-    "weights": (*option({"weights": "uniform"}, {"weighting": "uniform"}), "did you mean `weighting`"),
-    "constraint": (*option({"constraint": True}, {"positive": True}), "give `positive` in its place"),
-    "nonnegative": (*option({"nonnegative": True}, {"positive": True}), "give `positive` in its place"),
-    "alpha": (*option({"alpha": 0.05}, {"confidence": 0.95}), "give `confidence` in its place"),
-    "bounds": (
-        *option({"bounds": {"joint_2": (1e6, None)}}, {"stiffness_bounds": {"joint_2": (1e6, None)}}),
-        "give `stiffness_bounds` in its place",
-    ),
-    "exclude": (*option({"exclude": ["c01"]}, {"leave_out": ["c01"]}), "give `leave_out` in its place"),
-    "robust": (*option({"robust": "huber"}, {"loss": "huber"}), "give `loss` in its place"),
     "misspelt option": (*option({"methd": "CP"}, {"method": "CP"}), "give `method` in its place"),
     # Values
     "percent": (*option({"confidence": 95}, {"confidence": 0.95}), "must be less than or equal to 0.9999"),
@@ -541,24 +530,6 @@ def test_a_misspelt_file_is_answered_with_the_name_that_works(document, tmp_path
     assert js.identify(right).state == "succeeded"
 
 
-@pytest.mark.parametrize(
-    ("wrong", "remedy", "right"),
-    [
-        ({"length_unit": "m"}, r"state all units in `units`", {"units": "m, rad"}),
-        ({"angle_unit": "rad"}, r"state all units in `units`", {"units": "m, rad"}),
-        ({"conventions": "standard"}, r"give `convention` in its place", {"convention": "standard"}),
-    ],
-)
-def test_an_unknown_argument_of_robot_is_answered_with_that_which_is_meant(wrong, remedy, right):
-    rows = [{"a": 0.3, "alpha": 0.0, "d": 0.0, "theta": 0.0}] * 6
-    stated = {"convention": "standard", "units": "m, rad"}
-    with pytest.raises(
-        TypeError, match=rf"robot\(.*unexpected keyword argument '{next(iter(wrong))}'; remedy: {remedy}"
-    ):
-        js.robot(rows, **(stated | wrong))
-    assert js.robot(rows, **(stated | right)).model is not None
-
-
 def test_an_option_is_named_only_where_it_exists(document):
     """`resampling` is an option of `identify`: a plan has none."""
     with pytest.raises(js.CampaignError, match="bootstrap: unknown field") as refused:
@@ -578,7 +549,6 @@ TYPES = {
         "give `concurrent.futures.ProcessPoolExecutor\\(\\)`, or leave it out",
     ),
     "number of processes for many": (lambda run: js.identify_many([run], executor=4), "or leave it out"),
-    "third run": (lambda run: js.compare(run, run, run), "and no more sources: compare\\(first, second"),
     "run as program": (lambda run: js.compensate(run, run), "a program is a file, not a TabledRun"),
 }
 

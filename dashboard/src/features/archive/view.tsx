@@ -152,16 +152,13 @@ function Counted({ report, added }: { report: RestoreReport; added: string }) {
 
 /** What is not restored, and why. */
 function Skipped({ report }: { report: RestoreReport }) {
-  const { tables, dropped, unplaced, left_out: left } = report;
+  const { tables, dropped, left_out: left } = report;
   const reasons = Object.values(tables).flatMap((table) => table.reasons);
   const isSome = ([, count]: [string, number]) => count > 0;
   const lines = [
     ...Object.entries(left)
       .filter(isSome)
       .map(([name, count]) => words.leftOut(words.tables[name] ?? name, count)),
-    ...Object.entries(unplaced)
-      .filter(isSome)
-      .map(([name, count]) => words.unplaced(name, count)),
     ...Object.entries(dropped).map(([name, count]) => words.dropped(name, count)),
   ];
   return (

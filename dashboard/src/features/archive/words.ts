@@ -36,8 +36,6 @@ export const archiveWords = {
   nothing: "The service has all records of this archive already.",
   finished: (count: number) => `${plural(count, "record was", "records were")} added.`,
   leftOut: (name: string, count: number) => `Not restored on the page: ${name} (${count}). Use \`jointstiff restore\`.`,
-  unplaced: (name: string, count: number) =>
-    `This version has no place for ${plural(count, "record", "records")} of ${name.replaceAll("_", " ")}: they remain in the archive.`,
   dropped: (name: string, count: number) =>
     `This version has no place for the field ${name} of ${plural(count, "document", "documents")}: it remains in the archive.`,
   again: "What was added is kept: restore the same archive again to go on.",
