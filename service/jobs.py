@@ -527,7 +527,7 @@ class Parts(Resources):
     def __init__(self, store: Store, enqueue: Enqueue | None = None) -> None:
         """Serve from a store; if `enqueue` is None, every job is computed at once."""
         super().__init__(store)
-        self.jobs = {kind.name: Jobs(kind, self, enqueue) for kind in (*KINDS, *RETIRED)}  # by name
+        self.jobs = {kind.name: Jobs(kind, self, enqueue) for kind in (*KINDS, *RETIRED.values())}  # by name
         self._records = store.jobs(JOB)
         self.trends = Trends(store)  # trends of the robots
         # The live campaigns: closing a campaign creates a run.

@@ -1066,7 +1066,6 @@ _WORDS_OF_VERBS: Final = MappingProxyType(
         "measure": "acquire live record",
         "plan": "design doe optimal_design planning schedule",
         "predict": "apply deflect deflection deflections forecast prediction predict_deflection",
-        "process": "machining milling",
         "rehearse": "rehearsal validate",
         "report": "pdf print summary",
         "robots": "arms catalog catalogue list",

@@ -15,7 +15,6 @@ from jointstiff.schemas.job import Job
 from jointstiff.schemas.measurement import MeasurementSetHeader, SetMetadata
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.plan import ReadingOptions
-from jointstiff.schemas.program import ProgramOptions, ProgramResult
 from jointstiff.schemas.robot import RobotSummary
 
 Node = dict[str, Any]
@@ -25,8 +24,6 @@ _SHARED: Final[tuple[type[Message], ...]] = (
     Job,
     RobotSummary,
     ReadingOptions,
-    ProgramOptions,
-    ProgramResult,
     RunOptions,
     SetMetadata,
     MeasurementSetHeader,

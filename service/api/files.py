@@ -82,7 +82,7 @@ _MakeContent = Callable[[_RequestedFile], Content]
 def is_stored_file(kind: AnyKind, name: str) -> bool:
     """Return whether this file of a kind of job is stored with the result, so that nothing is computed."""
     # Of the present kinds, only a program has files whose content the result of a job contains.
-    return kind in RETIRED or _find_content_makers(kind).get(name) is _make_program_file
+    return kind.name in RETIRED or _find_content_makers(kind).get(name) is _make_program_file
 
 
 def make_file(
@@ -96,7 +96,7 @@ def make_file(
         RequestError: the program has no file of that name.
     """
     requested = _RequestedFile(request.app.state.laboratory, parts, jobs, job_id, name, query)
-    if jobs.kind in RETIRED:
+    if jobs.kind.name in RETIRED:
         return _make_stored_file(requested)
     make = _find_content_makers(jobs.kind).get(name)
     if make is None:
@@ -237,9 +237,9 @@ def _make_model_file(requested: _RequestedFile) -> Content:
 
 
 def _make_program_file(requested: _RequestedFile) -> Content:
-    """Return a file of a program that was corrected or turned: that of the query, or the first one.
+    """Return a file of a program that was corrected: that of the query, or the first one.
 
-    Its name tells it from the original. A turned program may differ from job to job, so its name has the job.
+    Its name tells it from the original.
 
     Raises:
         RequestError: the program has no file of this name.
@@ -253,10 +253,8 @@ def _make_program_file(requested: _RequestedFile) -> Content:
     if result is None or chosen is None:
         names = ", ".join(candidate.name for candidate in result.files) if result else ""
         raise RequestError("the program has no such file", where="query.file", remedy=f"use one of {names}")
-    path, number = PurePath(chosen.name), requested.job_id[:8]
+    path = PurePath(chosen.name)
     ending = "-corrected" if result.corrected else ""
-    if requested.job.kind == "process":
-        ending = f"-turned-{number}"
     name = f"{path.stem}{ending}{path.suffix}"
     disposition = f"attachment; filename*=UTF-8''{quote(name, safe='')}"
     return Content(decompress_file(chosen), "application/octet-stream", {"Content-Disposition": disposition})
@@ -387,7 +385,7 @@ _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
 * `model.…` of a run: tables with intervals (csv, xlsx), or MJCF with springs; `do_not_use` needs
   `accept_verdict`
 * `rehearsal.json` of a run or plan: its readings simulated with known stiffnesses, and identified
-* `program` of a program or process: a compensated file (`file`); only numbers of its targets differ
+* `program` of a program: a compensated file (`file`); only numbers of its targets differ
 * tables, by the kind of the job; their headers have the units"""
 
 

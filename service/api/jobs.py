@@ -211,7 +211,7 @@ JobId = Annotated[str, Path(max_length=64, description="Id of the job.")]
 RequesterKey = Annotated[AccessKey | None, RequesterKeyDependency]
 Wait = Annotated[WaitQuery, Query()]
 ANY_JOB: Final[Any] = Annotated[
-    Union[tuple(kind.message for kind in (*KINDS, *RETIRED))],  # noqa: UP007 - of types known at run time
+    Union[tuple(kind.message for kind in (*KINDS, *RETIRED.values()))],  # noqa: UP007 - of types known at run time
     Discriminator("kind"),
 ]
 """A job of any kind."""
@@ -295,7 +295,7 @@ def make_post_route(kind: AnyKind) -> APIRouter:
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"], route_class=BodyRoute)
 
 
-_Kind: Final[Any] = Literal[tuple(kind.name for kind in (*KINDS, *RETIRED))]
+_Kind: Final[Any] = Literal[tuple(kind.name for kind in (*KINDS, *RETIRED.values()))]
 
 
 class _Listing(JobQuery):

@@ -32,7 +32,7 @@ from jointstiff.service.store.tables import (
     RobotRecord,
 )
 
-_KINDS: Final = MappingProxyType({kind.name: kind for kind in (*KINDS, *RETIRED)})
+_KINDS: Final = MappingProxyType({kind.name: kind for kind in (*KINDS, *RETIRED.values())})
 _ENTRY: Final[TypeAdapter[Any]] = TypeAdapter(Entry)
 _FINDINGS: Final = TypeAdapter(list[Finding])
 _METADATA: Final = frozenset(SetMetadata.model_fields)

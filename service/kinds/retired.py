@@ -5,6 +5,8 @@ A kind becomes a retired one when its package is removed.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Final, NoReturn
 
 from jointstiff.schemas.retired import RetiredFleet, RetiredJob, RetiredProcess, RetiredProgram, StoredFields
@@ -41,9 +43,11 @@ def _make_kind(message: type[RetiredJob]) -> AnyKind:
     )
 
 
-RETIRED: Final[tuple[AnyKind, ...]] = tuple(
-    _make_kind(message)
-    for message in (RetiredFleet, RetiredProcess, RetiredProgram)
-    if message.kind_name() not in ROOMS
+RETIRED: Final[Mapping[str, AnyKind]] = MappingProxyType(
+    {
+        message.kind_name(): _make_kind(message)
+        for message in (RetiredFleet, RetiredProcess, RetiredProgram)
+        if message.kind_name() not in ROOMS
+    }
 )
-"""Kinds whose jobs databases may have, and which this version does not offer."""
+"""Kinds whose jobs databases and files may have, and which this version does not offer; by name."""

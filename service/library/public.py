@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.measurement import Noise, Units
     from jointstiff.schemas.options import RunOptions
     from jointstiff.schemas.plan import PlanOptions
-    from jointstiff.schemas.process import ProcessOptions
     from jointstiff.schemas.program import ProgramOptions
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.library import datasets
@@ -62,7 +61,6 @@ if TYPE_CHECKING:
     fleet = _here.fleet
     map = _here.map  # noqa: A001 - the command's name
     compensate = _here.compensate
-    process = _here.process
 
 _HOMES = {
     "AsyncClient": "service.library.client",
@@ -81,7 +79,6 @@ _HOMES = {
     "PlanOptions": "schemas.plan",
     "Prediction": "service.library.results",
     "ProposedReadings": "service.library.reading",
-    "ProcessOptions": "schemas.process",
     "ProgramOptions": "schemas.program",
     "RefusedError": "service.problems",
     "RobotDocument": "schemas.robot",
@@ -120,7 +117,6 @@ __all__ = [
     "Noise",
     "PlanOptions",
     "Prediction",
-    "ProcessOptions",
     "ProgramOptions",
     "ProposedReadings",
     "RefusedError",
@@ -145,7 +141,6 @@ __all__ = [
     "measure",
     "plan",
     "predict",
-    "process",
     "read",
     "read_log",
     "rehearse",

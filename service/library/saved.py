@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, get_args, overload
 
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.history.raising import recognize_kind
+from jointstiff.service.kinds.retired import RETIRED
 from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.service.library.calls import explain_calls
 from jointstiff.service.library.campaigns import Campaign
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
         TabledGeometry,
         TabledMap,
         TabledPlan,
-        TabledProcess,
         TabledProgram,
         TabledRun,
     )
@@ -38,7 +38,6 @@ LoadedKind = Literal[
     "geometry",
     "map",
     "plan",
-    "process",
     "program",
     "prediction",
     "rehearsal",
@@ -71,8 +70,6 @@ def load(path: str | PathLike[str], kind: Literal["geometry"]) -> TabledGeometry
 def load(path: str | PathLike[str], kind: Literal["map"]) -> TabledMap: ...
 @overload
 def load(path: str | PathLike[str], kind: Literal["plan"]) -> TabledPlan: ...
-@overload
-def load(path: str | PathLike[str], kind: Literal["process"]) -> TabledProcess: ...
 @overload
 def load(path: str | PathLike[str], kind: Literal["program"]) -> TabledProgram: ...
 @overload
@@ -140,7 +137,7 @@ def restore(document: Mapping[str, Any], name: str = "the document") -> Any:  # 
     kind = str(document.get("kind"))
     if kind in classes:
         return classes[kind]._from_fields(document)
-    if kind not in ROOMS:
+    if kind not in {*ROOMS, *RETIRED}:
         known = ", ".join(sorted({*ROOMS, *classes}))
         raise CampaignError(
             http_problem(422, f"{name} has the unknown kind '{kind}'", f"load a file of one of: {known}")

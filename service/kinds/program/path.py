@@ -693,18 +693,13 @@ _REASONS: Final = {
 
 @dataclass(frozen=True, eq=False)
 class ProgramPath:
-    """Path of a program: the m targets that moves visit, in order of their first visits.
-
-    The wanted postures are those of the program, or others that reach its targets with other orientations.
-    """
+    """Path of a program: the m targets that moves visit, in order of their first visits."""
 
     program: Program  # program that was read
     frames: ProgramFrames  # tool and base frames of the targets
     stated: StatedConfigurations  # arm configurations that the targets state
     targets: IndexArray  # (m,) indices of the program's targets
     cases: LoadCases  # wanted postures and their loads; `place` is the tool's centre point
-    # (m, n) postures of the program as it was sent, if the wanted postures differ; None if they are the same
-    programmed: FloatArray | None = None
 
     def make_fault(self, point: int, reason: str, remedy: str) -> Fault:
         """Return a fault at a point of the path, given by index, to be raised in a `FaultsError`."""

@@ -21,7 +21,7 @@ from jointstiff.service.workers.worker import carry_out
 
 KEPT = kept.kept_numbers()[-1]
 ANSWERS = json.loads(kept.read_kept(KEPT, "answers.json"))
-retired_kinds = pytest.mark.parametrize("kind", RETIRED, ids=lambda kind: kind.name)
+retired_kinds = pytest.mark.parametrize("kind", RETIRED.values(), ids=lambda kind: kind.name)
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
@@ -100,7 +100,7 @@ def test_its_stored_files_are_delivered(client: httpx2.Client, store: Store, kin
         return
     assert "corner.src" in missing.json()["remedy"]
     program = client.get(file_at(summary, "program"))
-    assert b"DEF corner" in program.content
+    assert b"; Jointstiff run " in program.content
     assert program.content == client.get(file_at(summary, "program?file=corner.src")).content
 
 
