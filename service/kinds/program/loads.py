@@ -19,8 +19,8 @@ from jointstiff.service.runs.deflection import parse_vector_header
 from jointstiff.service.runs.verdicts import moment_factor
 from jointstiff.service.tables.files import split_table_rows
 from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.correct.cut import MATERIALS, Cut, Material
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.process.cut import MATERIALS, Cut, Material
 from robotprograms import quote_text
 
 _MORE_LINES: Final = 1_000

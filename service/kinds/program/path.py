@@ -16,6 +16,7 @@ from jointstiff.service.kinds.program.loads import Loads, collect_loads
 from jointstiff.service.kinds.program.text import FaultsError
 from jointstiff.service.kinds.work import as_request_errors
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.correct.feed import apply_feed_frames, find_feed_frames
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.inverse import (
@@ -25,7 +26,6 @@ from jointstiff.solver.mechanics.inverse import (
 )
 from jointstiff.solver.mechanics.postures import flange_poses
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.process.path import apply_feed_frames, find_feed_frames
 from robotprograms import (
     BLOCK,
     NUMBERS,

@@ -65,6 +65,13 @@ from jointstiff.service.runs.verdicts import (
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver import messages
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.correct.blend import Blend, blend_loads, describe_blend, find_joint_limits
+from jointstiff.solver.correct.correct import (
+    CaseCorrections,
+    CorrectionSettings,
+    RowStatus,
+    correct_cases,
+)
 from jointstiff.solver.errors import CasesError, RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.inverse import InverseKinematics
@@ -77,14 +84,6 @@ from jointstiff.solver.predict.forward import (
     compute_ramp_shares,
 )
 from jointstiff.solver.predict.models import EXTRAPOLATED
-from jointstiff.solver.process.blend import Blend, blend_loads, describe_blend
-from jointstiff.solver.process.correct import (
-    CaseCorrections,
-    CorrectionSettings,
-    RowStatus,
-    correct_cases,
-)
-from jointstiff.solver.process.pace import Pace
 from robotprograms import BLOCK, NUMBERS, Edit, ExternalAxes, Rewriting, quote_text
 from robotprograms import Program as ReadProgram
 
@@ -845,7 +844,7 @@ class ProgramWork(Work):
         self._visits = Visits.collect(self._program, request, files.load_table, self._measure_lengths)
         feeds = find_feeds(self._program, request, self._visits)
         # (v, n) greatest motion of the model's joints for a length of the line to each visit [rad/m or m/m]
-        self._joint_limits = Pace(feeds, robot.speeds, rate=np.inf).limits()
+        self._joint_limits = find_joint_limits(feeds, robot.speeds)
 
     def _measure_lengths(self) -> FloatArray:
         """Return the length (v,) of the path up to each visit of a target [m], for loads by length."""
