@@ -26,16 +26,12 @@ PACKAGE_FILES = {
 EXAMPLE_FILES = {
     f"examples/{name}": f"jointstiff/simulator/files/{name}"
     for name in (
-        "blade.csv",
-        "blade.json",
-        "drill.src",
         "lab.toml",
         "pocket.src",
         "poses.csv",
         "postures.csv",
         "readings.csv",
         "sweeps.json",
-        "trim.csv",
         "weight_step.json",
     )
 }

@@ -105,14 +105,6 @@ BENCHMARKS = {
     "mistakes": Benchmark(
         "studies.mistakes", "29 mistakes of campaigns in arrays, frames and files; 20 minutes", in_parts=True
     ),
-    "process": Benchmark(
-        "studies.process",
-        "turned and placed paths on five arms; 10 minutes, half an hour with --all",
-        has_more=True,
-    ),
-    "ways": Benchmark(
-        "studies.ways", "orders of two ways where links bend unmodelled; 10 minutes", in_parts=True
-    ),
     "programs": Benchmark("studies.programs", "on exact springs, beside a loop of EAIK; docs/compensate.md"),
     "shares": Benchmark("studies.shares", "moves known in programs as people write them; docs/compensate.md"),
     "mutants": Benchmark("studies.mutants", "small changes of all houses; half an hour", in_parts=True),

@@ -262,11 +262,7 @@ FindingCode = Literal[
     "near_singularity",
     "nothing_corrected",
     # in a process
-    "no_order",
     "prior_stiffness",
-    "prior_joint",
-    "too_fast",
-    "place_kept",
     # in a weight step
     "mass_assumed",
     "approach_unknown",

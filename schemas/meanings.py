@@ -150,15 +150,8 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "nothing_corrected": "No point is loaded, or each deflection is below its uncertainty.",
             "near_singularity": "A correction turns a joint by more than 0.05 rad. Move the part.",
         },
-        "Turn and place": {
-            "no_order": "The interval of the gain contains zero, or is unknown. Take more readings, with "
-            "loads like the forces of the process.",
+        "Corrected poses": {
             "prior_stiffness": "The stiffnesses are estimated from the payload: measure a campaign.",
-            "prior_joint": "The stiffnesses of a few joints are estimated; the finding names the load that "
-            "shows them.",
-            "too_fast": "The path as chosen, as corrected or as sent needs more than a joint's speed on the "
-            "named line: lower the feed there.",
-            "place_kept": "No place can be followed; `places.csv` says why.",
         },
         "Gearboxes": {
             "posture_against_encoders": "The motor's angle is not that of the stated posture: label, sign or "

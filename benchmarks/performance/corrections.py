@@ -18,12 +18,12 @@ import jointstiff
 from benchmarks.report import Figure, Section
 from jointstiff.service.library.robots import prepare_once
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.correct.correct import CorrectedRows, Waypoints, correct
+from jointstiff.solver.correct.frames import FrameProposal, FramesError
+from jointstiff.solver.correct.prior import build_prior_model
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import flange_poses
 from jointstiff.solver.predict.models import ModelError
-from jointstiff.solver.process.correct import CorrectedRows, Waypoints, correct
-from jointstiff.solver.process.frames import FrameProposal, FramesError
-from jointstiff.solver.process.prior import build_prior_model
 
 __all__ = ["run"]
 

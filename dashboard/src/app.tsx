@@ -82,8 +82,6 @@ const ComparisonView = lazy(async () => (await import("./features/compare/view")
 const TrendView = lazy(async () => (await import("./features/trend/view")).TrendView);
 const MapView = lazy(async () => (await import("./features/use/results")).MapView);
 const ProgramView = lazy(async () => (await import("./features/use/results")).ProgramView);
-const ProcessView = lazy(async () => (await import("./features/process/view")).ProcessView);
-const ProcessesView = lazy(async () => (await import("./features/process/form")).ProcessesView);
 const RobotsView = lazy(async () => (await import("./features/robots/view")).RobotsView);
 const RobotView = lazy(async () => (await import("./features/robots/view")).RobotView);
 const RobotNewView = lazy(async () => (await import("./features/robots/new")).RobotNewView);
@@ -184,7 +182,6 @@ const VIEWS = new Map<string, [FunctionComponent<Place>, FunctionComponent<Place
   ["runs", [RunsView, RunView]],
   ["programs", [RunsView, ProgramView, "runs"]],
   ["maps", [RunsView, MapView, "runs"]],
-  ["processes", [ProcessesView, ProcessView, "runs"]],
   ["sets", [({ query }) => <RobotsView list="sets" query={query} />, SetView, "robots"]],
   ["geometries", [GeometriesView, GeometryView, "robots"]],
   ["gearboxes", [GearboxesView, GearboxView, "robots"]],
@@ -200,7 +197,7 @@ const sectionOf = ({ parts: [first = ""] }: Route): string => VIEWS.get(first)?.
 
 /** Whether the view has an arm beside its numbers, for which a wide window has room. */
 const hasArm = ({ parts: [section = "", id] }: Route): boolean =>
-  id !== undefined && ["runs", "maps", "programs", "processes"].includes(section);
+  id !== undefined && ["runs", "maps", "programs"].includes(section);
 
 /** Parts of one run are one view, which keeps what it has loaded. */
 const viewKey = ({ parts }: Route): string => (parts[0] === "runs" ? parts.slice(0, 2) : parts).join("/");

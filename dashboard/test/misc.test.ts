@@ -1,7 +1,8 @@
-import { describe, expect, it } from "vitest";
+import { describe, expect, it, test } from "vitest";
 import { contentKey } from "../src/lib/json";
 import { link, parse } from "../src/state/action";
 import type { DhModel } from "../src/api/types";
+import { polyline } from "../src/charts/along_path";
 import { numberIn } from "../src/lib/schema";
 import { documentOf, newDh } from "../src/features/robots/new";
 
@@ -46,4 +47,9 @@ describe("the DH editor", () => {
     const read = document?.model as DhModel | undefined;
     expect(read?.rows).toEqual([{ a: 0.35, alpha: 0, d: 0, theta: 0, upper: 1.5, kind: "revolute" }]);
   });
+});
+
+test("a line stops where there is no value", () => {
+  const same = (value: number) => value;
+  expect(polyline([0, 1, 2, 3], [5, Number.NaN, 6, 7], same, same)).toBe("M0.0,5.0M2.0,6.0L3.0,7.0");
 });

@@ -11,16 +11,12 @@ from jointstiff.simulator.campaign import simulate_campaign
 from jointstiff.simulator.document import Document, robot_document
 
 _FIXED = (
-    "blade.csv",
-    "blade.json",
-    "drill.src",
     "lab.toml",
     "pocket.src",
     "poses.csv",
     "postures.csv",
     "readings.csv",
     "sweeps.json",
-    "trim.csv",
     "weight_step.json",
 )
 _UNITS = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.mm"}

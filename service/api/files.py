@@ -20,6 +20,7 @@ from jointstiff.schemas.job import Job
 from jointstiff.schemas.plan import Plan
 from jointstiff.schemas.program import Program
 from jointstiff.schemas.query import FileQuery
+from jointstiff.schemas.retired import RetiredJob
 from jointstiff.schemas.robot import Robot
 from jointstiff.schemas.run import Run
 from jointstiff.service.api.answers import make_missing_error
@@ -28,6 +29,7 @@ from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.kind import AnyKind, File
 from jointstiff.service.kinds.program.files import decompress_file
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.kinds.retired import RETIRED
 from jointstiff.service.problems import NotFoundError
 from jointstiff.service.reports.certificate import build_certificate
 from jointstiff.service.reports.document import Document
@@ -79,8 +81,8 @@ _MakeContent = Callable[[_RequestedFile], Content]
 
 def is_stored_file(kind: AnyKind, name: str) -> bool:
     """Return whether this file of a kind of job is stored with the result, so that nothing is computed."""
-    # The files of a program are the only ones whose content the result of a job contains.
-    return _find_content_makers(kind).get(name) is _make_program_file
+    # Of the present kinds, only a program has files whose content the result of a job contains.
+    return kind.name in RETIRED or _find_content_makers(kind).get(name) is _make_program_file
 
 
 def make_file(
@@ -93,13 +95,35 @@ def make_file(
         HTTPException: the job has no such file or nothing to write to it (404), or no result (409).
         RequestError: the program has no file of that name.
     """
+    requested = _RequestedFile(request.app.state.laboratory, parts, jobs, job_id, name, query)
+    if jobs.kind.name in RETIRED:
+        return _make_stored_file(requested)
     make = _find_content_makers(jobs.kind).get(name)
     if make is None:
         jobs.records.get(job_id)
         raise HTTPException(
             404, f"a {jobs.kind.name} has no such file; use one of {', '.join(file_names(jobs.kind))}"
         )
-    return make(_RequestedFile(request.app.state.laboratory, parts, jobs, job_id, name, query))
+    return make(requested)
+
+
+def _make_stored_file(requested: _RequestedFile) -> Content:
+    """Return a file of a job of a retired kind as it was stored.
+
+    `program`, as which earlier versions delivered programs, is the file of the query, or the first one.
+    """
+    job = cast("RetiredJob", requested.job)
+    names = [file.name for file in job.files]
+    name = requested.name
+    if name == "program":
+        name = requested.query.file or next(iter(names), name)
+    for file in job.files:
+        if file.name == name:
+            disposition = f"attachment; filename*=UTF-8''{quote(name, safe='')}"
+            headers = {"Content-Disposition": disposition}
+            return Content(decompress_file(file), "application/octet-stream", headers)
+    detail = f"the job has no such file; use one of {', '.join(names)}" if names else "the job has no files"
+    raise HTTPException(404, detail)
 
 
 def file_names(kind: AnyKind) -> list[str]:
@@ -213,9 +237,9 @@ def _make_model_file(requested: _RequestedFile) -> Content:
 
 
 def _make_program_file(requested: _RequestedFile) -> Content:
-    """Return a file of a program that was corrected or turned: that of the query, or the first one.
+    """Return a file of a program that was corrected: that of the query, or the first one.
 
-    Its name tells it from the original. A turned program may differ from job to job, so its name has the job.
+    Its name tells it from the original.
 
     Raises:
         RequestError: the program has no file of this name.
@@ -229,10 +253,8 @@ def _make_program_file(requested: _RequestedFile) -> Content:
     if result is None or chosen is None:
         names = ", ".join(candidate.name for candidate in result.files) if result else ""
         raise RequestError("the program has no such file", where="query.file", remedy=f"use one of {names}")
-    path, number = PurePath(chosen.name), requested.job_id[:8]
+    path = PurePath(chosen.name)
     ending = "-corrected" if result.corrected else ""
-    if requested.job.kind == "process":
-        ending = f"-turned-{number}"
     name = f"{path.stem}{ending}{path.suffix}"
     disposition = f"attachment; filename*=UTF-8''{quote(name, safe='')}"
     return Content(decompress_file(chosen), "application/octet-stream", {"Content-Disposition": disposition})
@@ -363,7 +385,7 @@ _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
 * `model.…` of a run: tables with intervals (csv, xlsx), or MJCF with springs; `do_not_use` needs
   `accept_verdict`
 * `rehearsal.json` of a run or plan: its readings simulated with known stiffnesses, and identified
-* `program` of a program or process: a compensated file (`file`); only numbers of its targets differ
+* `program` of a program: a compensated file (`file`); only numbers of its targets differ
 * tables, by the kind of the job; their headers have the units"""
 
 

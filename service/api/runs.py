@@ -22,7 +22,6 @@ from jointstiff.schemas.finding import AdvisedAction
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetRequest
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.process import Process, ProcessRequest
 from jointstiff.schemas.program import MAX_FILES as MAX_PROGRAM_FILES
 from jointstiff.schemas.program import Program, ProgramFile, ProgramRequest
 from jointstiff.schemas.robot import CatalogueModel, RobotChange, RobotDocument
@@ -48,7 +47,6 @@ from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.jobs import InjectedPost, JobId, JobRoute, Posted
 from jointstiff.service.imports.formats import SourceFile
 from jointstiff.service.jobs import Jobs, Parts
-from jointstiff.service.kinds.process.kind import PROCESS
 from jointstiff.service.kinds.program.files import compress_file
 from jointstiff.service.kinds.program.kind import PROGRAM
 from jointstiff.service.problems import NotFoundError, find_path_in_document
@@ -106,9 +104,6 @@ _Program = Annotated[
     ),
 ]
 _ProgramOptions = Annotated[Json[ProgramRequest], Form(examples=[json.dumps(_PROGRAM["options"])])]
-_ProcessOptions = Annotated[
-    Json[ProcessRequest], Form(examples=[json.dumps(PROCESS.examples["free turn"]["options"])])
-]
 
 
 @router.post(
@@ -383,26 +378,11 @@ async def create_program(
     return await answer_form(posted, Program, files, options, idempotency_key)
 
 
-@programs.post(
-    "/v1/processes",
-    dependencies=[OPERATOR],
-    description=PROCESS.description,
-    status_code=201,
-    response_model=Process,
-    responses=describe_post_responses(Process),
-)
-async def create_process(
-    posted: InjectedPost, files: _Program, options: _ProcessOptions, idempotency_key: KeyText = None
-) -> Response:
-    """Turn the tool and place the workpiece of a program."""
-    return await answer_form(posted, Process, files, options, idempotency_key)
-
-
 async def answer_form(
     posted: Posted,
-    job_class: type[Program | Process | CorrectionJob],
+    job_class: type[Program | CorrectionJob],
     files: list[UploadFile],
-    options: ProgramRequest | ProcessRequest | CorrectionRequest,
+    options: ProgramRequest | CorrectionRequest,
     idempotency_key: str | None,
     pack: Callable[[str, bytes], ProgramFile] = compress_file,
 ) -> Response:

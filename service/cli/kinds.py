@@ -767,24 +767,6 @@ def _write_program_files(job: Any, values: _Values, sources: Sequence[Any]) -> A
     return job
 
 
-def _write_process_files(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Process
-    """Write the files that the options name, and return the job.
-
-    The files are the program with new orientations (`--output`), the table of the tool's turns (`--report`)
-    and the table of the workpiece's places (`--places`).
-    """
-    from jointstiff.service.kinds.program.files import decompress_file
-
-    if values["output"] is not None:
-        paths = _choose_program_paths(values, sources)
-        for file in job.result.files:
-            paths[file.name].write_bytes(decompress_file(file))
-    for option, table in (("report", "turns.csv"), ("places", "places.csv")):
-        if values[option] is not None:
-            values[option].write_bytes(job.table(table))
-    return job
-
-
 def _make_optional_parameter(option: Any, kind: type = Path) -> tuple[Any, None]:  # noqa: ANN401 - Typer's
     """Return the annotation and the default, None, of an option that may be omitted."""
     return Annotated[kind | None, option], None
@@ -854,25 +836,6 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
         },
         finish=_write_campaign_to_fill_in,
         list_paths=lambda values, _: [values["campaign"]],
-    ),
-    "process": _FileOptions(
-        options={
-            "output": _make_optional_parameter(
-                cli.output_option(
-                    "File for the program with new orientations; in a folder, files keep their names."
-                )
-            ),
-            "report": _make_optional_parameter(cli.path_option("CSV file to write the turns to.")),
-            "places": _make_optional_parameter(
-                cli.path_option("CSV file to write all places to that were tried.")
-            ),
-        },
-        finish=_write_process_files,
-        list_paths=lambda values, sources: [
-            *([] if values["output"] is None else _choose_program_paths(values, sources).values()),
-            values["report"],
-            values["places"],
-        ],
     ),
     "program": _FileOptions(
         options={

@@ -27,6 +27,12 @@ ROOMS: Final[Mapping[str, Room]] = MappingProxyType(_import_rooms())
 
 
 def import_kind(name: str) -> AnyKind:
-    """Import a kind's module, but no other kind, and return its declaration, such as `RUN` for "run"."""
+    """Import a kind's module, but no other kind, and return its declaration, such as `RUN` for "run".
+
+    A name that has no room is that of a retired kind.
+    """
+    if name not in ROOMS:
+        retired: AnyKind = import_module(f"{kinds.__name__}.retired").RETIRED[name]
+        return retired
     kind: AnyKind = getattr(import_module(f"{kinds.__name__}.{name}.kind"), name.upper())
     return kind

@@ -61,7 +61,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.geometry import Geometry
     from jointstiff.schemas.joints import JointKind
     from jointstiff.schemas.plan import Plan
-    from jointstiff.schemas.process import Process
     from jointstiff.schemas.program import Program
     from jointstiff.service.kinds.run.verb import IdentifyFields
     from jointstiff.service.library.campaigns import Numbers
@@ -112,7 +111,6 @@ class Client(Verbs):
     maps: Jobs[Map]
     fleets: Jobs[Fleet]
     programs: Jobs[Program]
-    processes: Jobs[Process]
     corrections: Jobs[CorrectionJob]
 
     def __init__(
@@ -697,8 +695,8 @@ class Jobs(Collection[AnyJob, JobSummary]):
         """Cancel a job; a job that has ended does not change."""
         self._client.send("PATCH", self._address(identifier), None, {"cancelled": True})
 
-    def files(self, program: Program | Process) -> dict[str, bytes]:
-        """Return the content of each corrected file of a program or process, by the name of the file."""
+    def files(self, program: Program) -> dict[str, bytes]:
+        """Return the content of each corrected file of a program, by the name of the file."""
         names = [] if program.result is None else [file.name for file in program.result.files]
         return {name: self._client.file(program, "program", {"file": name}) for name in names}
 

@@ -49,8 +49,8 @@ from jointstiff.service.tables.files import make_data_frame, write_sheet
 from jointstiff.service.tables.reading import LABEL, read_number_table
 from jointstiff.service.tables.report import OVERALL
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.correct.correct import place_forces
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.process.correct import place_forces
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.verb import JobMonitor

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.measurement import Noise, Units
     from jointstiff.schemas.options import RunOptions
     from jointstiff.schemas.plan import PlanOptions
-    from jointstiff.schemas.process import ProcessOptions
     from jointstiff.schemas.program import ProgramOptions
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.library import datasets
@@ -61,7 +60,6 @@ if TYPE_CHECKING:
     fleet = _here.fleet
     map = _here.map  # noqa: A001 - the command's name
     compensate = _here.compensate
-    process = _here.process
 
 _HOMES = {
     "Campaign": "service.library.campaigns",
@@ -78,7 +76,6 @@ _HOMES = {
     "Noise": "schemas.measurement",
     "PlanOptions": "schemas.plan",
     "Prediction": "service.library.results",
-    "ProcessOptions": "schemas.process",
     "ProgramOptions": "schemas.program",
     "RefusedError": "service.problems",
     "RobotDocument": "schemas.robot",
@@ -115,7 +112,6 @@ __all__ = [
     "Noise",
     "PlanOptions",
     "Prediction",
-    "ProcessOptions",
     "ProgramOptions",
     "RefusedError",
     "Rehearsal",
@@ -138,7 +134,6 @@ __all__ = [
     "measure",
     "plan",
     "predict",
-    "process",
     "read",
     "read_log",
     "rehearse",

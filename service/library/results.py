@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.gearbox import Gearbox
     from jointstiff.schemas.geometry import Geometry
     from jointstiff.schemas.plan import Plan
-    from jointstiff.schemas.process import Process
     from jointstiff.schemas.program import Program
     from jointstiff.service.kinds.correction.verb import CorrectFields
     from jointstiff.service.library.campaigns import Numbers
@@ -473,7 +472,7 @@ class PresentedJob(Presented):
 
         Args:
             suffix: ending of the main table: `csv`, and for maps also `npz` and `json`; or the name of a
-                table, such as `turns.csv` of a process.
+                table, such as `points.csv` of a program.
 
         Raises:
             ValueError: the kind of job has no such file, or the origin of the job is not known.
@@ -553,9 +552,6 @@ if TYPE_CHECKING:  # `make_presented_class` makes them when they are needed
 
     class TabledPlan(PresentedJob, Plan):
         """A plan, with its tables, plots and files."""
-
-    class TabledProcess(PresentedJob, Process):
-        """A process, with its tables, plots and files."""
 
     class TabledProgram(PresentedJob, Program):
         """A compensated program, with its tables, plots and files."""
@@ -773,15 +769,6 @@ class TabledRun(PresentedJob, Run):
     ) -> Correction:
         """Correct poses with the model of this run; arguments as of `jointstiff.correct`."""
         return self._require_origin().correct(self, poses, joints, **options)
-
-    def process(self, *path: Any, **options: Any) -> Process:  # noqa: ANN401 - as of the verb
-        """Find the least deflection along a path with this run; arguments as of `jointstiff.process`.
-
-        The work is done where this run was done: in this process or in its service.
-        """
-        origin: Any = self._require_origin()
-        job: Process = origin.process(self, *path, **options)
-        return job
 
     def _list_assumptions(self) -> Sequence[str]:
         """Return in a few words what `Campaign.from_arrays` assumed, if this process made the run."""

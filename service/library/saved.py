@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, get_args, overload
 
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
+from jointstiff.service.kinds.retired import RETIRED
 from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.library.here import restore_job
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
         TabledGeometry,
         TabledMap,
         TabledPlan,
-        TabledProcess,
         TabledProgram,
         TabledRun,
     )
@@ -35,7 +35,6 @@ LoadedKind = Literal[
     "geometry",
     "map",
     "plan",
-    "process",
     "program",
     "prediction",
     "rehearsal",
@@ -67,8 +66,6 @@ def load(path: str | PathLike[str], kind: Literal["geometry"]) -> TabledGeometry
 def load(path: str | PathLike[str], kind: Literal["map"]) -> TabledMap: ...
 @overload
 def load(path: str | PathLike[str], kind: Literal["plan"]) -> TabledPlan: ...
-@overload
-def load(path: str | PathLike[str], kind: Literal["process"]) -> TabledProcess: ...
 @overload
 def load(path: str | PathLike[str], kind: Literal["program"]) -> TabledProgram: ...
 @overload
@@ -133,7 +130,7 @@ def restore(document: Mapping[str, Any], name: str = "the document") -> Any:  # 
     kind = str(document.get("kind"))
     if kind in classes:
         return classes[kind]._from_fields(document)
-    if kind not in ROOMS:
+    if kind not in {*ROOMS, *RETIRED}:
         known = ", ".join(sorted({*ROOMS, *classes}))
         raise CampaignError(
             http_problem(422, f"{name} has the unknown kind '{kind}'", f"load a file of one of: {known}")

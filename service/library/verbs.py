@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.geometry import verb as of_geometry
     from jointstiff.service.kinds.map import verb as of_map
     from jointstiff.service.kinds.plan import verb as of_plan
-    from jointstiff.service.kinds.process import verb as of_process
     from jointstiff.service.kinds.program import verb as of_program
     from jointstiff.service.kinds.run import verb as of_run
     from jointstiff.service.kinds.verb import Backend
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
         TabledGeometry,
         TabledMap,
         TabledPlan,
-        TabledProcess,
         TabledProgram,
         TabledRun,
     )
@@ -56,7 +54,6 @@ class Verbs:
         fleet = _presenting(of_fleet.fleet, TabledFleet)
         correct = _presenting(of_correction.correct, Correction)
         compensate = _presenting(of_program.compensate, TabledProgram)
-        process = _presenting(of_process.process, TabledProcess)
     else:
 
         def __getattr__(self, name: str) -> Callable[..., Any]:

@@ -101,8 +101,8 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
         return [problem_line(job.error) if job.error else Line(f"the {kind.name} is {job.state}")]
     report = kind.make_report(job, job.result, view)
     charts = kind.make_charts(job.result)
-    assessment: Assessment | None = getattr(job.result, "assessment", None)
-    if assessment is None:
+    assessment = getattr(job.result, "assessment", None)
+    if not isinstance(assessment, Assessment):  # none, or that of a retired kind, which is shown as stored
         return [*report.parts, *report.evidence, *charts]
     report = replace(report, assumed=[*view.assumed, *report.assumed])
     warnings: Sequence[Finding] = getattr(job.result, "warnings", ())

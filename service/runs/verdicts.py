@@ -18,6 +18,8 @@ from jointstiff.service.problems import STIFFNESS_REMEDY, VerdictError
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
 from jointstiff.service.tables.report import describe_passed_checks, format_count
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.correct.correct import LIMIT_TOLERANCE
+from jointstiff.solver.correct.prior import FACTOR, build_prior_model
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.integrity.values import FLANGE_LENGTHS
 from jointstiff.solver.mechanics.block import OwnWeight
@@ -26,8 +28,6 @@ from jointstiff.solver.outcome.rules import PLAUSIBLE_STIFFNESS
 from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.predict.forward import ForwardModel
 from jointstiff.solver.predict.models import IdentifiedWeight, JointModel, ModelError
-from jointstiff.solver.process.correct import LIMIT_TOLERANCE
-from jointstiff.solver.process.prior import FACTOR, build_prior_model
 from jointstiff.solver.text import PAST_CARE, figure, length_text, stiffness_text
 
 

@@ -7,7 +7,6 @@
     state_penalised_end  minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J   effective compliance's interval (§7)
     state_mass_cones     minimise ‖A x − b‖²                            stiffness without a load (§14)
     state_mass_cone_end  minimise aᵀx subject to ‖A x − b‖ ≤ 1          interval without a load (§14)
-    solve_turns          minimise parabolas of the turns of a tool, with linear limits  process (§16)
     solve_e_optimal_design  maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0         E-optimal design (§10)
 
 The first two are subject to lower ≤ x ≤ upper and B x ≥ d, the next three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
@@ -27,7 +26,6 @@ import threading
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
@@ -46,8 +44,6 @@ TOLERANCE: Final = 1e-10
 """Tolerance of Clarabel for least squares: the default, an absolute gap of 1e-8, bounds the residual only by
 the root of the gap, 1e-4."""
 
-_TURN_TOLERANCES: Final = (1e-8, 1e-6)
-"""Tolerances for turns of a tool, whose limits have room."""
 _DESIGN_TOLERANCES: Final = (1e-9, 1e-7)
 """Tolerances for designs, tried in this order."""
 
@@ -507,44 +503,3 @@ def solve_e_optimal_design(
     weights[weights < 1e-7] = 0.0  # rounding
     Z = np.asarray(inequality.dual_value)[:s, :s] / np.outer(metric, metric)
     return np.asarray(weights / weights.sum()), Z
-
-
-@dataclass(frozen=True, eq=False)
-class TurnProgram:
-    """Turns φ = B x of a tool at k places: parabolas of the squared deflection, and linear limits of x."""
-
-    basis: csr_array  #: (k, p) matrix B from the unknowns x to the turns at the places [rad]
-    turn: FloatArray  #: (k,) turns φ0 about which the parabolas are stated [rad]
-    size: FloatArray  #: (k,) squared deflections at φ0, relative to their mean
-    slope: FloatArray  #: (k,) their first derivatives
-    curvature: FloatArray  #: (k,) their second derivatives, at least zero
-    weight: FloatArray  #: (k,) weights of the places, with the sum 1
-    roughness: csr_array  #: (r, p) rows whose squares cost
-    rows: csr_array  #: (a, p) matrix A of the limits A x ≤ b
-    bounds: FloatArray  #: (a,) the right side b
-    equal: csr_array  #: (e, p) matrix E of the equations E x = f
-    values: FloatArray  #: (e,) the right side f
-
-
-def solve_turns(program: TurnProgram, *, greatest: bool) -> FloatArray | None:
-    """Minimise ``Σ w (s + g d + ½ h d²) + ‖D x‖²`` subject to ``A x ≤ b, E x = f``, with ``d = B x − φ0``.
-
-    The parabola s + g d + ½ h d² approximates the squared deflection at one place by the turn B x there. With
-    `greatest`, the greatest of the parabolas takes the place of their weighted sum.
-
-    Returns:
-        (p,) unknowns x; None if Clarabel finds no point.
-    """
-    with COMPILING:
-        x = cp.Variable(program.basis.shape[1])
-        d = program.basis @ x - program.turn
-        linear = cp.multiply(program.slope, d)
-        quadratic = cp.multiply(0.5 * program.curvature, cp.square(d))
-        parabolas = program.size + linear + quadratic
-        loss = cp.max(parabolas) if greatest else program.weight @ parabolas
-        constraints = [program.rows @ x <= program.bounds]
-        if len(program.values):
-            constraints.append(program.equal @ x == program.values)
-        objective = cp.Minimize(loss + cp.sum_squares(program.roughness @ x))
-        compiled = Program(objective, constraints, x)
-    return compiled.solve({}, *_TURN_TOLERANCES)

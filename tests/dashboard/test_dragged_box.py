@@ -104,17 +104,3 @@ def test_a_box_that_is_typed_is_drawn_and_the_rest_of_the_picture_turns_the_robo
     by_mouse(page, box["x"] + 30, box["y"] + 60)
     until(lambda: picture.screenshot() != drawn)
     assert corners(field) == [-1000.0, -1000.0, 0.0, 1000.0, 1000.0, 1800.0]
-
-
-def test_the_box_of_a_workpiece_begins_at_the_flange_and_is_dragged(visit, stored):
-    page = visit("tablet", view=f"#/runs/{stored.run}/process").page
-    page.get_by_label("Place the workpiece, too").check()
-    field = page.get_by_label("Box for the middle of the path")
-    assert field.input_value() == ""  # nobody has typed a box
-    page.get_by_role("button", name="Draw a box at the flange").click()
-    expect(field).not_to_have_value("")
-    before = corners(field)
-    assert [round(high - low) for low, high in zip(before[:3], before[3:], strict=True)] == [400, 400, 200]
-    x, y, _ = max(grips(page), key=lambda grip: grip[2])
-    by_mouse(page, x, y)
-    until(lambda: corners(field) != before)

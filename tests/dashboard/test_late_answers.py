@@ -14,8 +14,6 @@ BY_NIGHT = (
     "#/runs/{run}/predict",
     "#/runs/{run}/map",
     "#/runs/{run}/program",
-    "#/runs/{run}/process",
-    "#/processes?robot={robot}",
 )
 FORMS = [*BY_DAY, *(pytest.param(form, marks=pytest.mark.slow) for form in BY_NIGHT)]
 WIDTH, HEIGHT = 650, 1000  # px: names of robots wrap

@@ -20,7 +20,6 @@ from benchmarks.designs import SIGMA, planned_design
 from benchmarks.studies.coverage import Way, interior_campaigns, judge, run
 from benchmarks.studies.links_fanuc import held_out_compensation
 from benchmarks.studies.own_weight import BOTH, KNOWN, WITHIN, WRONG, estimates, harmful, summary
-from benchmarks.studies.ways import compare_ways
 from jointstiff.simulator import TARGETS, default_arm, deflections, linear_deflections, torques
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.fit.cone import Block, WithMasses
@@ -311,13 +310,3 @@ def test_fanuc_held_out_compensation_gains_from_links(splits):
         both = [held_out_compensation(robot, *parts, model.name, seed=seed) for model in models]
         gains.append(both[1] - both[0])
     assert np.mean(gains) > 0.04
-
-
-def test_orders_are_right_where_links_bend_that_the_model_leaves_out():
-    """Beside exact beams; the readings alone would be wrong too often."""
-    pairs = [pair for number in range(4) for pair in compare_ways(number, 360.0)]
-    ordered = [each for each in pairs if each.is_ordered(each.half)]
-    assert len(ordered) > 0.15 * len(pairs)
-    assert sum(each.is_wrong for each in ordered) <= 0.025 * len(ordered)
-    assert sum(abs(each.foretold - each.true) <= each.half for each in pairs) >= 0.95 * len(pairs)
-    assert sum(each.is_wrong for each in pairs if each.is_ordered(each.half_of_readings)) > 0.05 * len(pairs)

@@ -70,12 +70,12 @@ class Filling:
     def run(self, measured: str, **options: object) -> str:
         return self.add("runs", {"measurement_set_id": measured} | options)
 
-    def program(self, kind: str, run: str, points: int, name: str = "corner.src", **more: object) -> str:
-        """Post a program of a smooth path; return the id of the job of a kind."""
-        options = {"run_id": run} | small_program_options() | more
+    def program(self, run: str, points: int, name: str = "corner.src") -> str:
+        """Post a program of a smooth path; return the id of its job."""
+        options = {"run_id": run} | small_program_options()
         files = {"files": (name, program_text("krl", tool_poses(path(points)), 4).encode())}
         data = {"options": json.dumps(options)}
-        return made(self.client, partial(self.client.post, f"/v1/{kind}?wait=60", data=data, files=files))
+        return made(self.client, partial(self.client.post, "/v1/programs?wait=60", data=data, files=files))
 
     def live(self, name: str, readings: int, change: Callable[[dict[str, Any]], Any] = dict) -> str:
         """Open a campaign, and send some readings, the last one of them changed; return its id."""
@@ -127,7 +127,6 @@ def of_one_arm(filling: Filling) -> dict[str, str]:
     run, other = filling.run(first), filling.run(second)
     runs = [run, filling.run(first, method="decoupled_partial_pose")]
     sweeps = json.loads((EXAMPLES / "sweeps.json").read_text(encoding="utf-8"))
-    box = [[1200.0, -200.0, 700.0], [1500.0, 200.0, 700.0]]  # mm
     plan = {
         "measurement_set_id": first,
         "readings": 4,
@@ -151,10 +150,8 @@ def of_one_arm(filling: Filling) -> dict[str, str]:
         "plan": filling.add("plans", plan),
         "step_plan": filling.add("plans", step),
         "fleet": filling.add("fleets", {"measurement_set_ids": [first, second], "name": "two sets"}),
-        "program": filling.program("programs", run, 6),
-        "long_program": filling.program("programs", run, 400, "pocket.src"),
-        "process": filling.program("processes", run, 6),
-        "placed": filling.program("processes", run, 6, place=box, grid=[2, 2, 1], place_turns=2),
+        "program": filling.program(run, 6),
+        "long_program": filling.program(run, 400, "pocket.src"),
         "geometry": filling.add("geometries", sweeps | {"name": "sweeps"}),
     } | maps(filling, run)
 
@@ -253,7 +250,7 @@ def with_long_names(filling: Filling) -> dict[str, str]:
         "long_robot": robot,
         "long_set": measured,
         "long_run": run,
-        "long_names": filling.program("programs", run, 6, f"{LONG_WORD[:96]}.src"),
+        "long_names": filling.program(run, 6, f"{LONG_WORD[:96]}.src"),
     }
 
 

@@ -17,14 +17,6 @@ MAP = {
     "force": [0.0, 300.0, -500.0],
 }
 PLAN = {"readings": 2, "criterion": "d", "load": {"kind": "any_direction", "force": 1500.0}}
-PROCESS = {
-    "spindle": [0.6, 0.0, 0.8],
-    "feed": 50.0,
-    "turns": 8,
-    "place": [[1550.0, -50.0, 1300.0], [1650.0, 50.0, 1300.0]],
-    "grid": [2, 1, 1],
-    "place_turns": 1,
-}
 TEXT = program_text("krl", tool_poses(path(3)), 4)
 CHANGES: dict[str, dict[str, Any]] = {
     "run": {"positive": False},
@@ -34,7 +26,6 @@ CHANGES: dict[str, dict[str, Any]] = {
     "map": {"turns": 3},
     "fleet": {"run": {"positive": False}},
     "program": {"confidence": 0.9},
-    "process": {"turns": 12},
     "correction": {"confidence": 0.9},
 }
 """For each kind a change of its request; of others the second of its examples."""
@@ -64,9 +55,8 @@ def posted_job(
 ) -> Any:
     """Post a job that is made of a run or its measurement set; a comparison is with the run `other`."""
     of_set = {"measurement_set_id": run["request"]["measurement_set_id"]}
-    if kind in {"program", "process"}:
-        more = {} if kind == "program" else PROCESS
-        stated = json.dumps(options("krl") | more | {"run_id": run["id"]} | changes)
+    if kind == "program":
+        stated = json.dumps(options("krl") | {"run_id": run["id"]} | changes)
         files = [("files", ("cell.src", TEXT.encode("latin-1")))]
         form = {"files": files, "data": {"options": stated}}
         return client.request("POST", f"/v1/{import_kind(kind).collection}", headers=headers, **form)

@@ -25,7 +25,7 @@ WORDS_OF_A_RESULT = 120
 HIGHEST = 20_000
 """Most that a view is high [px]."""
 ASKING = (
-    *("/report", "}/map", "/program", "/process", "/predict", "/new", "plans?robot={robot}", "?set={set}"),
+    *("/report", "}/map", "/program", "/predict", "/new", "plans?robot={robot}", "?set={set}"),
     *("#/archive", "of-this-name", "compare/methods", "compare/pairs", "#/geometries", "#/fleets"),
     *("{cancelled}", "{deleted}", "{running}", "{queued}", "{empty_map}", "{live_fresh}"),
     *("plans?step=1", "#/gearboxes"),

@@ -73,16 +73,7 @@ export type SetQuery = QueryOf<"/v1/measurement-sets">;
 const described = <Path extends keyof paths>(query: QueryOf<Path>) => query as Described<Path>;
 
 /** Kinds of work, as the API names them. */
-export type Collection =
-  | "runs"
-  | "comparisons"
-  | "fleets"
-  | "geometries"
-  | "gearboxes"
-  | "plans"
-  | "maps"
-  | "programs"
-  | "processes";
+export type Collection = "runs" | "comparisons" | "fleets" | "geometries" | "gearboxes" | "plans" | "maps" | "programs";
 
 interface Messages {
   runs: of.Run;
@@ -93,11 +84,10 @@ interface Messages {
   plans: of.Plan;
   maps: of.Map;
   programs: of.Program;
-  processes: of.Process;
 }
 
 /** Tables of jobs that the page draws. */
-export type JobTable = "map" | "points" | "turns" | "places";
+export type JobTable = "map" | "points";
 
 /** A listed job: of runs with what a run always has. */
 export type Summary<Of extends Collection> = Of extends "runs" ? of.RunSummary : of.JobSummary;
@@ -111,7 +101,6 @@ const KINDS = {
   plans: "plan",
   maps: "map",
   programs: "program",
-  processes: "process",
 } as const satisfies Record<Collection, of.JobSummary["kind"]>;
 
 const jobs = {
@@ -148,13 +137,13 @@ const posted = (key: string) => ({ params: { query: { wait: 1 }, ...once(key) } 
 
 /** Add a job of a kind that is posted as JSON; fields that were filled in are checked by the service. */
 const add =
-  <Of extends Exclude<Collection, "programs" | "processes">>(collection: Of) =>
+  <Of extends Exclude<Collection, "programs">>(collection: Of) =>
   (body: unknown, key: string) =>
     read<Messages[Of]>(client.POST(`/v1/${collection}` as "/v1/runs", { ...posted(key), body: body as never }));
 
 /** Add a job of a kind that is posted as files with what is stated of them. */
 const addForm =
-  <Of extends "programs" | "processes">(collection: Of) =>
+  <Of extends "programs">(collection: Of) =>
   (files: File[], stated: unknown, key: string) =>
     read<Messages[Of]>(
       client.POST(`/v1/${collection}` as "/v1/programs", { ...posted(key), body: form(files, stated) as never }),
@@ -258,7 +247,6 @@ export const api = {
   plans: { ...kind("plans"), add: add("plans") },
   maps: { ...kind("maps"), add: add("maps") },
   programs: { ...kind("programs"), add: addForm("programs") },
-  processes: { ...kind("processes"), add: addForm("processes") },
   archives: { address: "/v1/archive", restore },
   predict: (body: unknown) => read<of.DeflectionResult>(client.POST("/v1/deflections", { body: body as never })),
   apply: (run_id: string, body: of.AdvisedAction) =>

@@ -297,10 +297,10 @@ function ActionButtons({ action, context }: { action: AdvisedAction; context: Ru
 export const variantBy = (run: Run, action: AdvisedAction): Promise<Run> => api.apply(run.id, action);
 
 /** Kinds with a report for information; that of a run has a tab of its own, where it is signed. */
-const REPORTED: readonly Collection[] = ["comparisons", "fleets", "plans", "maps", "programs", "processes"];
+const REPORTED: readonly Collection[] = ["comparisons", "fleets", "plans", "maps", "programs"];
 
 /** Made from a run, whose verdict they carry. */
-const CARRIED: readonly Collection[] = ["plans", "maps", "programs", "processes"];
+const CARRIED: readonly Collection[] = ["plans", "maps", "programs"];
 
 export interface PageJob extends Standing {
   request: object;
@@ -433,10 +433,7 @@ function Actions({ collection, job, name, list }: ActionsProps) {
     list,
     deleted: text.deletion.done(name),
   });
-  const kind = collection
-    .replace(/ies$/, "y")
-    .replace(/sses$/, "ss")
-    .replace(/(?<!s)s$/, "");
+  const kind = collection.replace(/ies$/, "y").replace(/s$/, "");
   const download = () => saveJson(job, fileName(`${kind}-${job.id}`, "json"));
   return (
     <>

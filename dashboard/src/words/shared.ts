@@ -208,7 +208,6 @@ export const en = {
       predict: "Predict",
       map: "Map",
       program: "Program",
-      process: "Turn and place",
       report: "Report",
     },
     first: { mend: "Correct the campaign", measure: "Measure next", use: "Correct a program" },
@@ -467,7 +466,6 @@ export const en = {
     plans: "Earlier plans",
     maps: "Maps of this robot",
     programs: "Compensated programs of this robot",
-    processes: "Turned and placed programs of this robot",
   },
   list: {
     search: "Search",

@@ -40,9 +40,9 @@ from jointstiff.service.runs.verdicts import find_accepted_run
 from jointstiff.service.tables.packed import pack_sheet, unpack_sheet
 from jointstiff.service.tables.reading import LABEL, read_number_table
 from jointstiff.service.tables.table import Sheet
+from jointstiff.solver.correct.correct import CorrectedRows
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.process.correct import CorrectedRows
 
 if TYPE_CHECKING:
     from jointstiff.solver.arrays import FloatArray

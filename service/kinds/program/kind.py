@@ -39,7 +39,6 @@ from jointstiff.service.tables.table import (
 )
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.process import Process
     from jointstiff.service.kinds.work import Work
     from jointstiff.service.resources.inputs import Inputs
     from jointstiff.service.tables.table import Sheet
@@ -72,7 +71,7 @@ def _prepare_work(inputs: Inputs, request: ProgramRequest) -> Work:
     return prepare_compensation(inputs, request)
 
 
-def make_points_sheet(job: Program | Process) -> Sheet:
+def make_points_sheet(job: Program) -> Sheet:
     """Return the sheet of all points, decompressed from the stored result of a program."""
     from jointstiff.service.kinds.program.files import decompress_file
     from jointstiff.service.kinds.program.work import points_sheet

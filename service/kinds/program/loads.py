@@ -18,10 +18,9 @@ from jointstiff.service.problems import FilesError
 from jointstiff.service.runs.deflection import parse_vector_header
 from jointstiff.service.runs.verdicts import moment_factor
 from jointstiff.service.tables.files import split_table_rows
-from jointstiff.service.tables.packed import is_packed, unpack_sheet
 from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.correct.cut import MATERIALS, Cut, Material
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.process.cut import MATERIALS, Cut, Material
 from robotprograms import quote_text
 
 _MORE_LINES: Final = 1_000
@@ -104,7 +103,7 @@ def collect_loads(
 
     Args:
         options: options with one load for the whole program, or with loads for segments of lines.
-        table: CSV file, or packed numbers, with a load for each point or length; None if the loads are in the
+        table: CSV file with a load for each point or length; None if the loads are in the
             options.
         lines: (v,) line of the move at each visit.
         points: (v,) number of the point at each visit, from 1.
@@ -117,8 +116,6 @@ def collect_loads(
         RequestError: segments overlap, or the unit of a moment is missing.
         FilesError: the table has a mistake.
     """
-    if table is not None and is_packed(table):
-        return _read_packed_table(table, points, measure_lengths)
     if table is not None:
         return read_load_table(table, points, names, measure_lengths, common)
     if options.cut is not None:
@@ -382,103 +379,6 @@ def _parse_key(header: str) -> str:
     if key not in {"point", "label", "length"} or has_unit_without_quantity:
         raise _table_fault(1, f"the first header {header[:40]!r} is not understood", _REMEDY)
     return key
-
-
-def _read_packed_table(
-    content: bytes, points: IndexArray, measure_lengths: Callable[[], FloatArray]
-) -> Loads:
-    """Read a table of loads that a client has packed as numbers; its columns are those of a CSV file.
-
-    Args:
-        content: the packed table.
-        points: (v,) number of the point at each visit, from 1.
-        measure_lengths: function that returns the length (v,) of the path up to each visit [m].
-
-    Raises:
-        FilesError: a column is missing or unknown, or a row has a mistake.
-        RequestError: the bytes are damaged.
-    """
-    table = _unpack_load_table(content)
-    if table.is_by_length:
-        by_length = _LoadsByLength(table.keys, table.loads, table.lines)
-        return _interpolate_loads(by_length, measure_lengths(), table.columns)
-    row_of_point = _number_rows_of_points(table.keys, int(points.max(initial=0)))
-    zero_load = np.zeros(_ROW_WIDTH)  # row 0, for points without a load
-    return _split_feed(np.vstack([zero_load, table.loads]), row_of_point[points], table.columns)
-
-
-class _PackedLoads(NamedTuple):
-    """Table of loads that was packed as numbers."""
-
-    columns: list[_LoadColumn]  # columns after the first
-    is_by_length: bool  # whether the first column has lengths along the path; else it has numbers of points
-    keys: FloatArray  # (k,) lengths [m], or numbers of points
-    loads: FloatArray  # (k, 7) loads in SI units
-    lines: IndexArray  # (k,) lines that the rows would have in a CSV file, for errors
-
-
-def _unpack_load_table(content: bytes) -> _PackedLoads:
-    """Unpack a table of loads, and convert its numbers to SI units.
-
-    Raises:
-        FilesError: a column is missing or unknown, or a number is too great.
-        RequestError: the bytes are damaged.
-    """
-    sheet = unpack_sheet(content)
-    header = list(sheet.columns)
-    columns = _parse_header(header)
-    key = _parse_key(header[0])
-    if sheet.texts or key == "label":
-        raise _table_fault(1, "the packed table has labels", "number the points")
-    keys, *cells_of_columns = sheet.columns.values()
-    lines = _FIRST_ROW + np.arange(len(keys))
-    _refuse_great_numbers(np.stack([keys, *cells_of_columns], axis=1), lines)
-    is_by_length = key == "length"
-    if is_by_length:
-        keys = _parse_length_unit(header[0]) * keys
-    return _PackedLoads(columns, is_by_length, keys, _convert_loads(columns, cells_of_columns), lines)
-
-
-def _convert_loads(columns: Sequence[_LoadColumn], cells: Sequence[FloatArray]) -> FloatArray:
-    """Return the loads (k, 7) in SI units; `cells` are the numbers (k,) of each column of the table."""
-    loads = np.zeros((len(cells[0]), _ROW_WIDTH))
-    for column, numbers in zip(columns, cells, strict=True):
-        loads[:, column.component] = column.factor * numbers
-    return loads
-
-
-def _refuse_great_numbers(numbers: FloatArray, lines: IndexArray) -> None:
-    """Refuse rows (k, c) with a number that is too great or NaN; `lines` (k,) are for the error.
-
-    Raises:
-        FilesError: names the first such row.
-    """
-    is_in_range = (np.abs(numbers) <= _GREATEST).all(axis=1)
-    if not is_in_range.all():
-        line = int(lines[np.argmin(is_in_range)])
-        raise _table_fault(line, "a number is out of range", "give a finite number in each column")
-
-
-def _number_rows_of_points(points: FloatArray, point_count: int) -> IndexArray:
-    """Return the number of the row, from 1, of each point (point_count + 1,); 0 for a point without a row.
-
-    Rows for the points 3 and 1 of three points give 0, 2, 0, 1: there is no point 0, point 1 has row 2,
-    point 2 none, and point 3 row 1.
-
-    Args:
-        points: (k,) numbers of the points in the rows of the table.
-        point_count: number of points of the program.
-
-    Raises:
-        FilesError: a point occurs twice, or is not one of 1 to `point_count`.
-    """
-    is_distinct = len(np.unique(points)) == len(points)
-    if not (is_distinct and np.isin(points, np.arange(1, point_count + 1)).all()):
-        reason = f"the table has {len(points)} points, and the path {point_count}"
-        raise _table_fault(1, reason, _advise_to_number(point_count))
-    row_of_point = np.zeros(point_count + 1, dtype=np.intp)
-    row_of_point[points.astype(np.intp)] = np.arange(1, len(points) + 1)
-    return row_of_point
 
 
 def _interpolate_loads(table: _LoadsByLength, lengths: FloatArray, columns: Sequence[_LoadColumn]) -> Loads:

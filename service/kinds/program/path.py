@@ -16,6 +16,7 @@ from jointstiff.service.kinds.program.loads import Loads, collect_loads
 from jointstiff.service.kinds.program.text import FaultsError
 from jointstiff.service.kinds.work import as_request_errors
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.correct.feed import apply_feed_frames, find_feed_frames
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.inverse import (
@@ -25,7 +26,6 @@ from jointstiff.solver.mechanics.inverse import (
 )
 from jointstiff.solver.mechanics.postures import flange_poses
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.process.path import apply_feed_frames, find_feed_frames
 from robotprograms import (
     BLOCK,
     NUMBERS,
@@ -693,18 +693,13 @@ _REASONS: Final = {
 
 @dataclass(frozen=True, eq=False)
 class ProgramPath:
-    """Path of a program: the m targets that moves visit, in order of their first visits.
-
-    The wanted postures are those of the program, or others that reach its targets with other orientations.
-    """
+    """Path of a program: the m targets that moves visit, in order of their first visits."""
 
     program: Program  # program that was read
     frames: ProgramFrames  # tool and base frames of the targets
     stated: StatedConfigurations  # arm configurations that the targets state
     targets: IndexArray  # (m,) indices of the program's targets
     cases: LoadCases  # wanted postures and their loads; `place` is the tool's centre point
-    # (m, n) postures of the program as it was sent, if the wanted postures differ; None if they are the same
-    programmed: FloatArray | None = None
 
     def make_fault(self, point: int, reason: str, remedy: str) -> Fault:
         """Return a fault at a point of the path, given by index, to be raised in a `FaultsError`."""

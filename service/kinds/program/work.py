@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointstiff.schemas.finding import Assessment, Finding, Verdict
-from jointstiff.schemas.process import Process, ProcessRequest
 from jointstiff.schemas.program import (
     MAX_WORST,
     LeftAlone,
@@ -29,6 +28,7 @@ from jointstiff.schemas.program import (
     Spread,
     SpreadEnds,
 )
+from jointstiff.schemas.retired import RetiredProcess
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.conversion.robots import joint_kinds_by_name
@@ -42,7 +42,6 @@ from jointstiff.service.kinds.program.path import (
     find_path,
     measure_lengths,
 )
-from jointstiff.service.kinds.program.rows import RowsWriting, find_rows
 from jointstiff.service.kinds.program.text import FaultsError, insert_mark, read_program
 from jointstiff.service.kinds.work import (
     Arrays,
@@ -55,7 +54,6 @@ from jointstiff.service.kinds.work import (
 from jointstiff.service.problems import MovesLeftError, VerdictError
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import (
-    PriorModel,
     RunModel,
     assess_with_run,
     find_accepted_run,
@@ -67,10 +65,17 @@ from jointstiff.service.runs.verdicts import (
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver import messages
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.correct.blend import Blend, blend_loads, describe_blend, find_joint_limits
+from jointstiff.solver.correct.correct import (
+    CaseCorrections,
+    CorrectionSettings,
+    RowStatus,
+    correct_cases,
+)
 from jointstiff.solver.errors import CasesError, RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.inverse import InverseKinematics
-from jointstiff.solver.mechanics.postures import Postures, flange_poses
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.forward import (
     CorrectionLimits,
@@ -79,14 +84,6 @@ from jointstiff.solver.predict.forward import (
     compute_ramp_shares,
 )
 from jointstiff.solver.predict.models import EXTRAPOLATED
-from jointstiff.solver.process.blend import Blend, blend_loads, describe_blend
-from jointstiff.solver.process.correct import (
-    CaseCorrections,
-    CorrectionSettings,
-    RowStatus,
-    correct_cases,
-)
-from jointstiff.solver.process.pace import Pace
 from robotprograms import BLOCK, NUMBERS, Edit, ExternalAxes, Rewriting, quote_text
 from robotprograms import Program as ReadProgram
 
@@ -198,30 +195,14 @@ class WrittenPoints:
         """Motions (k) from the wanted pose to the pose that the loaded robot reaches."""
         return _Motions.from_rows(self.residual)
 
-    @cached_property
-    def counted(self) -> BoolArray:
-        """Mask (k,) of the points whose deflections count in summaries.
-
-        Usually only points under load are written, and all of them count. If the targets are turned to better
-        postures (`path.programmed` is set), points without load are written, too, and do not count.
-        """
-        points = self.corrections.points
-        all_points = np.ones(len(points), dtype=np.bool_)
-        if len(points) == 0 or self.path.programmed is None:
-            return all_points
-        cases = self.path.cases[points]
-        is_loaded = np.asarray(cases.force.any(axis=1) | cases.moment.any(axis=1))
-        return is_loaded if is_loaded.any() else all_points
-
     def summarize_sizes(self, sizes: FloatArray) -> Spread | None:
         """Return median, 95 % quantile and maximum of lengths (k,) [m], one for each point under load.
 
-        Only points that count in summaries are regarded; the result is None if there are none.
+        The result is None if there are none.
         """
-        counted_sizes = sizes[self.counted]
-        if len(counted_sizes) == 0:
+        if len(sizes) == 0:
             return None
-        median, p95, greatest = np.quantile(counted_sizes, [0.5, 0.95, 1.0]).tolist()
+        median, p95, greatest = np.quantile(sizes, [0.5, 0.95, 1.0]).tolist()
         return Spread(median=median, p95=p95, greatest=greatest)
 
     @cached_property
@@ -258,8 +239,8 @@ class WrittenPoints:
 
     @cached_property
     def has_model_error(self) -> bool:
-        """Tell whether the model error has a bound at all points whose deflections count."""
-        return bool(np.isfinite(self._intervals[1, self.counted]).all())
+        """Tell whether the model error has a bound at all points."""
+        return bool(np.isfinite(self._intervals[1]).all())
 
     def summarize_intervals(self, of: Literal["deflection", "residual"]) -> SpreadEnds | None:
         """Return the spreads of the lower and of the upper ends of intervals, over the points that count.
@@ -270,7 +251,7 @@ class WrittenPoints:
         by_readings, with_model_error = intervals
         chosen = with_model_error if self.has_model_error else by_readings
         low, high = chosen.T
-        are_all_known = np.isfinite(high[self.counted]).all()
+        are_all_known = np.isfinite(high).all()
         if not are_all_known:
             return None
         spread_of_low, spread_of_high = self.summarize_sizes(low), self.summarize_sizes(high)
@@ -398,7 +379,7 @@ class WrittenPoints:
         """Return the remark on each point of the path (m,), as an index in `_REMARKS`; later ones win."""
         corrections = self.corrections
         remarks = np.full(len(self.path.targets), _REMARKS.index("no load"), dtype=np.uint8)
-        remarks[corrections.points[self.counted]] = _REMARKS.index("")
+        remarks[corrections.points] = _REMARKS.index("")
         remarks[corrections.points[corrections.capped]] = _REMARKS.index("capped")
         remarks[corrections.points[corrections.uncertain]] = _REMARKS.index(_UNCERTAIN)
         return remarks
@@ -515,7 +496,7 @@ def write_compensated_program(
     model: ForwardModel,
     inverse: InverseKinematics,
     quantile: float,
-    rewriting: Rewriting | RowsWriting,
+    rewriting: Rewriting,
 ) -> WrittenPoints:
     """Write the compensated program, and check the written numbers with the model of the loaded robot.
 
@@ -587,7 +568,7 @@ class _TargetWriter:
     corrections: Corrections  # corrections of the k points under load
     model: ForwardModel  # model of the loaded robot
     inverse: InverseKinematics  # inverse kinematics, which knows the joints of the arm
-    rewriting: Rewriting | RowsWriting  # text or rows of the program, in which numbers are replaced
+    rewriting: Rewriting  # text of the program, in which numbers are replaced
 
     def write(self) -> _WrittenTargets:
         """Write the k targets under load, block by block, because all at once would need much memory."""
@@ -623,22 +604,11 @@ class _TargetWriter:
 
     def _write_numbers(self, block: _Block) -> FloatArray:
         """Write the corrected numbers of b targets into the program; return the numbers (b, 7) as written."""
-        is_written = self._find_written_targets(block)
+        is_written = self.corrections.share[block.rows] > 0.0
         numbers = self._find_corrected_numbers(block)
         numbers[~is_written] = np.nan  # these targets keep their text
         edits = self._list_configuration_edits(block, is_written)
         return self.rewriting.replace(block.targets, numbers, edits)
-
-    def _find_written_targets(self, block: _Block) -> BoolArray:
-        """Return a mask (b,) of the targets that get new numbers.
-
-        A target without correction keeps its text, unless it is reached in another posture than the program
-        states: this can be if `path.programmed` is set, and the target is a pose.
-        """
-        is_written = self.corrections.share[block.rows] > 0.0
-        if self.path.programmed is not None:
-            is_written |= ~block.is_joint_target
-        return is_written
 
     def _find_corrected_numbers(self, block: _Block) -> FloatArray:
         """Return the numbers (b, 7) that state corrected targets: those of a pose, or six joint angles."""
@@ -660,9 +630,8 @@ class _TargetWriter:
             block: b targets.
             is_written: (b,) mask of the targets that get new numbers.
         """
-        programmed = self.path.cases.joints if self.path.programmed is None else self.path.programmed
         poses = np.flatnonzero(~block.is_joint_target & is_written)
-        programmed_arm = self.inverse.select_arm_joints(programmed[block.points])
+        programmed_arm = self.inverse.select_arm_joints(self.path.cases.joints[block.points])
         corrected_arm = self.inverse.select_arm_joints(self.corrections.commanded[block.rows])
         return self.path.stated.list_word_edits(
             block.targets[poses], programmed_arm[poses], corrected_arm[poses]
@@ -700,21 +669,13 @@ class _TargetWriter:
         `written_angles` (b, n) are the postures of the unloaded robot at the written numbers [rad or m].
         """
         wanted_angles = self.model.robot.joint_map.model_angles(block.cases.joints)
-        wanted_poses = self._find_wanted_poses(block, wanted_angles)
+        path = self.path
+        wanted_poses = path.frames.find_flange_poses(
+            path.program, block.targets, self.model.robot, block.cases.joints
+        )
         # The loaded robot is near the wanted posture, moved by the rounding of the written numbers.
         start_angles = wanted_angles + written_angles - block.corrected.q
         return compute_pose_residuals(self.model, block.cases, wanted_poses, written_angles, start_angles)
-
-    def _find_wanted_poses(self, block: _Block, wanted_angles: FloatArray) -> FloatArray:
-        """Return the wanted poses (b, 4, 4) of the flange in R0 [m] at the targets of a block.
-
-        The program states these poses, unless the path was turned to other ones: then they follow from the
-        wanted postures `wanted_angles` (b, n) [rad or m].
-        """
-        robot, path = self.model.robot, self.path
-        if path.programmed is not None:
-            return flange_poses(robot, wanted_angles)
-        return path.frames.find_flange_poses(path.program, block.targets, robot, block.cases.joints)
 
 
 def _compute_programmed_positions(path: ProgramPath, robot: Robot) -> FloatArray:
@@ -751,7 +712,7 @@ def _refuse_points(path: ProgramPath, points: Sequence[int], reason: str, remedy
 
 
 def _read_program(
-    files: Sequence[tuple[str, bytes]], request: ProgramRequest | ProcessRequest, external_axes: ExternalAxes
+    files: Sequence[tuple[str, bytes]], request: ProgramRequest, external_axes: ExternalAxes
 ) -> ReadProgram:
     """Read the program of a request; some of its moves may be left without a correction.
 
@@ -808,7 +769,7 @@ def _interpret_external_axes(request: ProgramOptions, robot: Robot) -> ExternalA
     return ExternalAxes.OF_ROBOT if has_linear_axes else ExternalAxes.MAY_CARRY
 
 
-def _refuse_compensating_controller(request: ProgramRequest | ProcessRequest) -> None:
+def _refuse_compensating_controller(request: ProgramRequest) -> None:
     """Refuse a program for a controller that compensates the deflection under load itself.
 
     Raises:
@@ -831,7 +792,7 @@ class _RequestFiles(NamedTuple):
     load_table: bytes | None  # content of the table of loads; None without
 
 
-def _separate_load_table(request: ProgramRequest | ProcessRequest) -> _RequestFiles:
+def _separate_load_table(request: ProgramRequest) -> _RequestFiles:
     """Return the files of the program, and the table of loads, which `loads` of the request names.
 
     Raises:
@@ -849,29 +810,11 @@ def _separate_load_table(request: ProgramRequest | ProcessRequest) -> _RequestFi
     return _RequestFiles(contents, table)
 
 
-def _hash_inputs(model_hash: str, request: ProgramRequest | ProcessRequest) -> str:
+def _hash_inputs(model_hash: str, request: ProgramRequest) -> str:
     """Return the hash of all inputs of a program: the model's hash, the options, and the files."""
-    options = request.model_dump_json(exclude={"run_id", "robot_id", "files"})
+    options = request.model_dump_json(exclude={"run_id", "files"})
     contents = [file.content or "" for file in request.files]
     return hash_texts(model_hash, options, *contents)
-
-
-def _find_model(
-    robot: Robot, run: Run | None, request: ProgramRequest | ProcessRequest
-) -> RunModel | PriorModel:
-    """Return the model of the loaded robot: that of a run, or without a run the prior of the robot.
-
-    Raises:
-        RequestError: the run has no model, or the request does not fit the run.
-    """
-    with as_request_errors():
-        if run is None:
-            is_weighted = bool(request.masses) or request.absolute
-            return PriorModel.from_robot(robot, weighted=is_weighted)
-        length_unit = LENGTH[request.units.length]
-        return RunModel.from_run(
-            robot, run, absolute=request.absolute, masses=request.masses, length=length_unit
-        )
 
 
 class ProgramWork(Work):
@@ -879,25 +822,9 @@ class ProgramWork(Work):
 
     unit = "points"
     activity = "compensating"
-    subject = "program"  # noun for the result, in its verdict
-    corrects = True  # whether deflections are corrected
-    cut_remark = (
-        "the force of the cut is uncertain by 25 %, but the intervals of the points do not include this "
-        "uncertainty"
-    )
 
-    def __init__(
-        self,
-        robot: Robot,
-        robot_id: str,
-        run: Run | None,
-        request: ProgramRequest | ProcessRequest,
-        content: str = "",
-    ) -> None:
+    def __init__(self, robot: Robot, robot_id: str, run: Run, request: ProgramRequest) -> None:
         """Read the program, and collect its loads.
-
-        Without a run, the model is the prior of the robot, and `content` is the hash of the robot. The prior
-        also depends on the payload.
 
         Raises:
             RequestError: fields of the request contradict each other, the run has no model, or the program
@@ -905,23 +832,19 @@ class ProgramWork(Work):
         """
         _refuse_compensating_controller(request)
         self.robot_id, self._request = robot_id, request
-        model_hash = f"{content} {robot.payload!r}" if run is None else run.provenance.input_hash
-        self.input_hash = _hash_inputs(model_hash, request)
-        self._run_model = _find_model(robot, run, request)
+        self.input_hash = _hash_inputs(run.provenance.input_hash, request)
+        length_unit = LENGTH[request.units.length]
+        with as_request_errors():
+            self._run_model = RunModel.from_run(
+                robot, run, absolute=request.absolute, masses=request.masses, length=length_unit
+            )
         files = _separate_load_table(request)
         self._external_axes = _interpret_external_axes(request, robot)
-        self._rows = find_rows(files.of_program, request.units, robot)
-        self._program = self._read_program(files.of_program)
+        self._program = _read_program([*files.of_program.items()], request, self._external_axes)
         self._visits = Visits.collect(self._program, request, files.load_table, self._measure_lengths)
         feeds = find_feeds(self._program, request, self._visits)
         # (v, n) greatest motion of the model's joints for a length of the line to each visit [rad/m or m/m]
-        self._joint_limits = Pace(feeds, robot.speeds, rate=np.inf).limits()
-
-    def _read_program(self, files: Mapping[str, bytes]) -> ReadProgram:
-        """Return the program in the text of the files, by name, unless the request sends rows of numbers."""
-        if self._rows is not None:
-            return self._rows.program
-        return _read_program([*files.items()], self._request, self._external_axes)
+        self._joint_limits = find_joint_limits(feeds, robot.speeds)
 
     def _measure_lengths(self) -> FloatArray:
         """Return the length (v,) of the path up to each visit of a target [m], for loads by length."""
@@ -960,7 +883,7 @@ class ProgramWork(Work):
         joint has a limit of speed, or if corrections can follow the loads as they are.
         """
         has_limits = not np.isinf(self._joint_limits).all()
-        if not self.corrects or not has_limits:
+        if not has_limits:
             return None
         visits = self._visits
         cases_of_visits = self._path.cases[visits.number]  # the cases of the points, once for each visit
@@ -983,16 +906,6 @@ class ProgramWork(Work):
 
     def compute(self, span: Span) -> Arrays:
         """Compute the corrections of a step, which is a span of points; return `Corrections`' fields by name.
-
-        Raises:
-            RequestError: the load twists a joint whose stiffness is unknown, or the robot does not reach the
-                path.
-            FaultsError: the springs have no stable equilibrium under a load.
-        """
-        return self._correct(span)
-
-    def _correct(self, span: Span) -> Arrays:
-        """Compute the corrections of a span of points under load; return `Corrections`' fields by name.
 
         Raises:
             RequestError: the load twists a joint whose stiffness is unknown, or the robot does not reach the
@@ -1036,21 +949,20 @@ class ProgramWork(Work):
             RequestError: a load twists a joint of unknown stiffness, or the robot does not reach the path.
             FaultsError: the robot does not reach a corrected target.
         """
-        computed_parts = parts or map(self._correct, self._spans())  # a short program has no steps
+        computed_parts = parts or map(self.compute, self._spans())  # a short program has no steps
         corrections = Corrections(**concatenate_steps(computed_parts))
         del parts, computed_parts  # free the memory, as `corrections` is a copy
-        rewriting = Rewriting(self._program) if self._rows is None else RowsWriting(self._rows)
+        rewriting = Rewriting(self._program)
         points = self._write_points(corrections, rewriting)
         contents = rewriting.files()
-        self._check_written(rewriting, points)
         assessment = self._assess_corrections(corrections)
-        if points.changed.any() and self.must_mark(assessment, len(self._program.left_moves)):
+        if points.changed.any() and self._must_mark(assessment, len(self._program.left_moves)):
             contents[0] = self._insert_mark(contents[0], assessment)
         names = [source.name for source in self._program.sources]
         files = [compress_file(name, content) for name, content in zip(names, contents, strict=True)]
         return self._make_result(points, files, assessment)
 
-    def _write_points(self, corrections: Corrections, rewriting: Rewriting | RowsWriting) -> WrittenPoints:
+    def _write_points(self, corrections: Corrections, rewriting: Rewriting) -> WrittenPoints:
         """Write the corrected points into the program, and return them with their residuals.
 
         Raises:
@@ -1073,16 +985,9 @@ class ProgramWork(Work):
             left_count,
         )
 
-    def _check_written(self, rewriting: Rewriting | RowsWriting, points: WrittenPoints) -> None:
-        """Check what was written; a compensated program needs no further check."""
-
-    def must_mark(self, assessment: Assessment, unchanged_moves: int) -> bool:
+    def _must_mark(self, assessment: Assessment, unchanged_moves: int) -> bool:
         """Return whether the written program gets a comment that marks it as compensated."""
         return self._request.mark or assessment.verdict == "do_not_use" or bool(unchanged_moves)
-
-    def _list_reasons(self) -> list[Finding]:
-        """Return reasons of the result that do not concern its corrections, most important first."""
-        return []
 
     def _assess_corrections(self, corrections: Corrections) -> Assessment:
         """Return the verdict on the compensated program, with its reasons and those of the run.
@@ -1091,7 +996,6 @@ class ProgramWork(Work):
             VerdictError: limits reduce corrections, and the request has no `accept_verdict`.
         """
         reasons = [
-            *self._list_reasons(),
             *self._find_doubtful_deflections(corrections),
             *self._find_uncorrected(corrections),
             *_find_capped(corrections),
@@ -1102,7 +1006,7 @@ class ProgramWork(Work):
             raise VerdictError.for_result(
                 "a program whose corrections exceed the limits", "max_displacement", items
             )
-        return assess_with_run(self.subject, reasons, self._run_model.assessment)
+        return assess_with_run("program", reasons, self._run_model.assessment)
 
     def _find_doubtful_deflections(self, corrections: Corrections) -> list[Finding]:
         """Return why predicted deflections are doubtful, most important first.
@@ -1121,7 +1025,7 @@ class ProgramWork(Work):
 
     def _find_uncorrected(self, corrections: Corrections) -> Iterator[Finding]:
         """Report that no point is corrected, and that moves of the program were left unchanged."""
-        if self.corrects and not corrections.correction.any():
+        if not corrections.correction.any():
             message = "nothing is corrected: no point is loaded, or each deflection is below its uncertainty"
             remedy = "state the load; measure more if the deflections matter"
             yield make_reason("nothing_corrected", "use_with_care", message, remedy)
@@ -1182,7 +1086,7 @@ class ProgramWork(Work):
             rounding=points.summarize_sizes(points.rounding),
             confidence=self._request.confidence,
             worst=points.list_worst_points(),
-            remarks=[*self._describe_blend(points), *self.list_remarks()],
+            remarks=[*self._describe_blend(points), *self._list_remarks()],
             files=files,
             table=compress_file("points", points.pack_table()),
         )
@@ -1191,7 +1095,7 @@ class ProgramWork(Work):
         """Return reason → number of the targets that are not corrected for this reason, if there are any."""
         path_length = len(points.path.targets)
         counts: dict[LeftAlone, int] = {
-            "no_load": path_length - int(points.counted.sum()),
+            "no_load": path_length - len(points.corrections.points),
             "uncertain": int(points.corrections.uncertain.sum()),
             "not_used": len(self._program.targets) - path_length,
         }
@@ -1215,14 +1119,17 @@ class ProgramWork(Work):
         text = describe_blend(float(blend.lengths.max()), greatest_residual)
         return [f"{int(is_blended.sum())} points, the first in line {first_line}: {text}"]
 
-    def list_remarks(self) -> list[str]:
+    def _list_remarks(self) -> list[str]:
         """Return remarks on the run's model, then a remark for each reason why lines were not corrected.
 
         After `_MAX_REMARKS` reasons, one remark counts the others.
         """
         remarks = self._run_model.remarks(self._request.confidence)
         if self._request.cut is not None:
-            remarks.append(self.cut_remark)
+            remarks.append(
+                "the force of the cut is uncertain by 25 %, but the intervals of the points do not include "
+                "this uncertainty"
+            )
         uncorrected = self._describe_uncorrected_lines()
         remarks += uncorrected[:_MAX_REMARKS]
         hidden_count = len(uncorrected) - _MAX_REMARKS
@@ -1283,7 +1190,7 @@ def prepare_compensation(inputs: Inputs, request: ProgramRequest) -> ProgramWork
     return ProgramWork(run.prepared.robot, run.prepared.robot_id, run.run, request)
 
 
-def refuse_corrected_files(inputs: Inputs, request: ProgramRequest | ProcessRequest, robot_id: str) -> None:
+def refuse_corrected_files(inputs: Inputs, request: ProgramRequest, robot_id: str) -> None:
     """Refuse a request without files, or with a file that was written by another job.
 
     Raises:
@@ -1292,7 +1199,7 @@ def refuse_corrected_files(inputs: Inputs, request: ProgramRequest | ProcessRequ
     if not request.files:
         raise RequestError("no file was sent", where="files", remedy="send the program")
     sent_digests = {hashlib.sha256(decompress_file(file)).hexdigest() for file in request.files}
-    for kind in (Program, Process):
+    for kind in (Program, RetiredProcess):
         for job in inputs.job_summaries(kind, robot_id):
             written_digests = job.get("outputs", ())
             was_written_by_job = sent_digests.intersection(written_digests)

@@ -32,11 +32,7 @@ from jointstiff.service.runs.correction.verdict import (
 )
 from jointstiff.service.runs.verdicts import PriorModel, RunModel, assess_with_run
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.errors import InputError, RequestError
-from jointstiff.solver.mechanics.inverse import InverseKinematics
-from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.predict.forward import CorrectionLimits
-from jointstiff.solver.process.correct import (
+from jointstiff.solver.correct.correct import (
     CorrectedRows,
     CorrectionSettings,
     FoundPath,
@@ -44,6 +40,10 @@ from jointstiff.solver.process.correct import (
     place_forces,
     turn_loads,
 )
+from jointstiff.solver.errors import InputError, RequestError
+from jointstiff.solver.mechanics.inverse import InverseKinematics
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.predict.forward import CorrectionLimits
 
 
 @dataclass(frozen=True, eq=False)

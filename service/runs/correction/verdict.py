@@ -19,9 +19,9 @@ from jointstiff.service.runs.verdicts import (
     find_missing_numbers,
     make_reason,
 )
+from jointstiff.solver.correct.blend import describe_blend
+from jointstiff.solver.correct.correct import CorrectedRows, RowStatus
 from jointstiff.solver.predict.models import EXTRAPOLATED
-from jointstiff.solver.process.blend import describe_blend
-from jointstiff.solver.process.correct import CorrectedRows, RowStatus
 
 NAMES: Final[tuple[CorrectionStatus, ...]] = get_args(CorrectionStatus)
 """Names of the statuses, in the order of `RowStatus`."""

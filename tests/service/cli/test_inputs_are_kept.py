@@ -49,7 +49,7 @@ def folder(tmp_path, monkeypatch):
         (f"{COMPENSATED} -o linked.src", "path.src"),
         (f"{COMPENSATED} -o .", "path.src"),
         (f"{COMPENSATED} -o out.src --save options.json", "options.json"),
-        ("process pull.json path.src --options options.json -o ../{folder}/path.src", "path.src"),
+        (f"{COMPENSATED} -o ../{{folder}}/path.src", "path.src"),
         ("correct pull.json poses.csv --force 0,0,-500 -o poses.csv", "poses.csv"),
         ("predict pull.json poses.csv --load-point 0,0,120 -o poses.csv", "poses.csv"),
         ("identify pull.json --save pull.json", "pull.json"),

@@ -29,7 +29,6 @@ WITHOUT = {
     "compensate campaign.json examples/pocket.src -o new.src --accuracy-option off --force 0,0,9": "programs",
     "compensate campaign.json examples/pocket.src --explain": "programs",
     "correct campaign.json examples/poses.csv --tool 0,0,200,0,0,0 --force 0,0,-500 -o corrected.csv": "",
-    "process campaign.json examples/pocket.src --force 0,0,-500": "programs",
     "import examples/readings.csv --encoders motor --load-point 0,0,120": "",
     "measure campaign.json --goal 15% --source simulated:1 --yes": "",
     "measure campaign.json --server http://127.0.0.1:9 --source simulated:1 --goal 15%": "client",

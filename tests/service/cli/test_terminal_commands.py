@@ -91,10 +91,8 @@ def test_a_campaign_of_own_weight_states_masses_and_reads_without_a_load():
 
 
 def test_examples_are_written_once_and_kept_afterwards():
-    names = (
-        "blade.csv blade.json drill.src lab.toml pocket.src poses.csv postures.csv readings.csv sweeps.json "
-    )
-    names += "trim.csv weight_step.json day1.csv joints.csv points.txt robot.urdf motor.json secondary.json "
+    names = "lab.toml pocket.src poses.csv postures.csv readings.csv sweeps.json "
+    names += "weight_step.json day1.csv joints.csv points.txt robot.urdf motor.json secondary.json "
     names += "robot.json nominal.json"
     assert typed("examples ex") == " ".join(f"wrote ex/{name}" for name in names.split())
     assert {path.name for path in Path("ex").iterdir()} == set(names.split())

@@ -335,7 +335,11 @@ CUT |= {"depth": 0.002, "width": 0.006}
 
 def test_a_cut_in_a_file_of_options_is_in_si_units_whatever_the_units_of_the_file(folder):
     """A file of options is a message of the API, whose cut is in metres."""
-    rows = [f"1700,{y},900,0,0,180" for y in (-100, 0, 100)]
+    start = [10, -5, 10, 5, 45, 3]
+    posture = default_arm().posture(np.radians([start]))
+    x, y, z = 1e3 * posture.point_to_base(np.zeros((1, 3)))[0]
+    a, b, c = Rotation.from_matrix(posture.flange_rotation[0]).as_euler("ZYX", degrees=True)
+    rows = [f"{x},{y + shift},{z},{a},{b},{c}" for shift in (0, 20, 40)]
     (folder / "line.csv").write_text(
         "x [mm],y [mm],z [mm],a [deg],b [deg],c [deg]\n" + "\n".join(rows) + "\n"
     )
@@ -347,16 +351,15 @@ def test_a_cut_in_a_file_of_options_is_in_si_units_whatever_the_units_of_the_fil
             "cut": CUT,
         }
         stated |= {
-            "tools": [{"values": [100, 0, 300, 0, 90, 0]}],
+            "tools": [{"values": [0] * 6}],
             "bases": [{"values": [0] * 6}],
-            "branches": "free",
-            "turns": 4,
+            "start": start,
         }
         (folder / "line.json").write_text(json.dumps(stated))
-        result = terminal(
-            "process", folder / "pull.json", folder / "line.csv", "--options", folder / "line.json", "--json"
-        )
-        before.append(json.loads(result.stdout)["result"]["before"]["value"])
+        command = ("compensate", folder / "pull.json", folder / "line.csv")
+        stated_files = ("--options", folder / "line.json", "-o", folder / "corrected.csv")
+        result = terminal(*command, *stated_files, "--json", "--overwrite")
+        before.append(json.loads(result.stdout)["result"]["deflection"]["greatest"])
     assert before[0] == pytest.approx(before[1])
     assert before[0] > 1e-5  # hundreds of newtons
 

@@ -20,7 +20,7 @@ REMEDY = 'pip install "jointstiff[programs]"'
 @pytest.fixture
 def without_readers(monkeypatch):
     """Let each import of the readers fail, and forget the modules that have imported them."""
-    importing = ("jointstiff.service.kinds.program.", "jointstiff.service.kinds.process.", "robotprograms")
+    importing = ("jointstiff.service.kinds.program.", "robotprograms")
     for name in [name for name in sys.modules if name.startswith(importing)]:
         if not name.endswith((".kind", ".verb", ".files")):
             monkeypatch.delitem(sys.modules, name)
@@ -28,12 +28,11 @@ def without_readers(monkeypatch):
 
 
 @pytest.mark.usefixtures("without_readers")
-@pytest.mark.parametrize("verb", [js.compensate, js.process])
-def test_python_names_the_extra(verb, tmp_path):
+def test_python_names_the_extra(tmp_path):
     program = tmp_path / "a.src"
     program.write_bytes(TEXT.encode("latin-1"))
     with pytest.raises(MissingExtraError) as missing:
-        verb(js.identify(CAMPAIGN), program, accuracy_option="off", force=(0.0, 0.0, -500.0))
+        js.compensate(js.identify(CAMPAIGN), program, accuracy_option="off", force=(0.0, 0.0, -500.0))
     assert str(missing.value) == f"{REASON}: {REMEDY}"
 
 

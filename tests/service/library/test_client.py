@@ -15,7 +15,6 @@ import httpx2
 import numpy as np
 import pytest
 from support.guide_files import ROOT
-from support.programs import KUKA_TOOL, START, path, tool_poses
 
 import jointstiff
 import jointstiff as js
@@ -432,12 +431,6 @@ VERBS = {
         ),
         program,
     ),
-    "process": (
-        lambda backend, source: backend.process(
-            source, EXAMPLES / "pocket.src", force=FORCE, spindle=(0.6, 0.0, 0.8), turns=8, feed=50.0
-        ),
-        lambda job: (job.result.turned, job.result.before, program(job)),
-    ),
     "predict": (
         lambda backend, source: backend.predict(source, POSTURES, FORCE, at=(0, 0, 120)),
         lambda result: result.displacement.tolist(),
@@ -468,16 +461,6 @@ def by_day(verb, form):
 def test_a_verb_takes_a_file_a_document_a_campaign_or_a_run(backend, sources, expected, verb, form):
     call, view = VERBS[verb]
     assert view(call(backend, sources[form])) == expected[verb]
-
-
-def test_arrays_of_poses_and_forces_are_the_same_by_a_service(backend):
-    poses = tool_poses(path(6))
-    poses[:, :3, 3] *= 1e3
-    stated = {"tools": [{"values": KUKA_TOOL}], "start": np.degrees(START).tolist(), "turn": "keep"}
-    stated |= {"forces": np.outer(np.linspace(0.5, 1.0, 6), FORCE), "mark": False}
-    here, there = (each.process(DOCUMENT, poses, **stated) for each in (js, backend))
-    assert there.result.turned == here.result.turned
-    assert program(there) == program(here)
 
 
 def test_the_verbs_of_other_sources(backend, tmp_path):
@@ -590,7 +573,7 @@ MISTAKES = {"wrong_1": 'metod="complete_pose"', "wrong_2": 'readings="six"', "wr
 RIGHT = {"wrong_1": 'method="complete_pose"', "wrong_2": "readings=6", "wrong_3": "grid=(3, 3, 1)"}
 
 
-MORE_FIELDS = {"geometry": {"robot"}, "program": {"force"}, "process": {"force"}, "correction": {"forces"}}
+MORE_FIELDS = {"geometry": {"robot"}, "program": {"force"}, "correction": {"forces"}}
 """Fields of a verb that are no options of its kind."""
 
 

@@ -37,7 +37,6 @@ CALLS = {
     "read": lambda _, text: js.read(text),
     "compensate": lambda run, text: js.compensate(run, text, accuracy_option="off", **FORCE),
     "loads": lambda run, text: js.compensate(run, "a.src", accuracy_option="off", loads=text),
-    "process": lambda run, text: js.process(run, text, **FORCE),
     "correct": lambda run, text: js.correct(run, text, **FORCE),
     "predict": lambda run, text: run.predict(text),
     "plan": lambda _, text: js.plan(text),

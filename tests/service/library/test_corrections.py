@@ -310,14 +310,6 @@ def test_matrices_that_are_no_poses_are_refused_by_their_row(case):
     assert caught.value.problem.where == "correction.poses"
 
 
-@pytest.mark.parametrize("case", NO_POSES)
-def test_a_path_of_such_matrices_is_refused(case):
-    poses, words = NO_POSES[case]
-    with pytest.raises(js.CampaignError, match=words.replace("poses", "path")) as caught:
-        js.process(exact_run()[1], poses, forces=FORCE)
-    assert caught.value.problem.where == "path"
-
-
 def test_matrices_may_be_rounded_to_four_decimals():
     rounded = np.round(IN_MM, 4)
     done = exact_run()[1].correct(rounded, DEGREES, tool=np.round(TOOL_MATRIX, 4), forces=FORCE)

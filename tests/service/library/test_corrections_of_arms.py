@@ -12,9 +12,9 @@ from jointstiff.service.library.robots import prepare_once
 from jointstiff.service.runs.correction.answer import TableCorrection
 from jointstiff.service.runs.correction.poses import PoseTable
 from jointstiff.service.runs.correction.verdict import NAMES, REASONS
+from jointstiff.solver.correct.correct import RowStatus
+from jointstiff.solver.correct.frames import FramesError
 from jointstiff.solver.mechanics.postures import flange_poses
-from jointstiff.solver.process.correct import RowStatus
-from jointstiff.solver.process.frames import FramesError
 
 ARMS = ["KUKA KR 210 R2700 extra", "FANUC R-2000iC/210F", "ABB IRB 6700-200/2.60"]
 TOOL = [50.0, -20.0, 250.0, 0.1, 0.2, -0.1]

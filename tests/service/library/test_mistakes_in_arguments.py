@@ -205,15 +205,6 @@ def test_a_resolution_is_a_number_of_dots(run, resolution):
     assert run.plot(dpi=300)
 
 
-def test_arrays_of_a_process_have_a_remedy(run):
-    poses = np.zeros((2, 6))
-    answer = refused(js.process, run, poses, poses)
-    assert "the path is 2 arrays, but must be one array of poses" in answer
-    assert "give an array of forces as `forces=`" in answer
-    answer = refused(js.process, run, poses, forces=np.zeros((2, 5)))
-    assert "`forces` has shape (2, 5); remedy: give one force (3,)" in answer
-
-
 def test_the_load_of_a_plan_is_stated_in_the_words_of_the_terminal(document):
     stated = {"kind": "any_direction", "force": 100.0}
     plans = [js.plan(document, readings=2, load=load) for load in ("any_direction:100", stated)]

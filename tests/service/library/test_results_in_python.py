@@ -47,9 +47,6 @@ def results(run, document):
         "program": js.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
         "prediction": run.predict(postures, FORCE, at=(0, 0, 120)),
         "fleet": js.fleet(document, simulate_campaign(default_arm(), load="pull", configurations=12, seed=4)),
-        "process": run.process(
-            EXAMPLES / "pocket.src", forces=FORCE, axes="feed", spindle=(0.6, 0, 0.8), feed=50
-        ),
     }
 
 
@@ -117,7 +114,7 @@ def test_a_printed_result_has_its_numbers(results, name, sentences):
     assert_said(" ".join(str(results[name]).split()), *sentences)
 
 
-KINDS = ("run", "comparison", "geometry", "plan", "map", "fleet", "process", "program", "gearbox")
+KINDS = ("run", "comparison", "geometry", "plan", "map", "fleet", "program", "gearbox")
 """Every kind of work."""
 
 

@@ -35,7 +35,6 @@ KINDS = [
     "map",
     "fleet",
     "program",
-    "process",
     "prediction",
     "imported",
     "trend",
@@ -68,7 +67,6 @@ def results_of(backend, document):
         "plan": backend.plan(run, readings=2, candidates=200),
         "map": backend.map(run, **AREA),
         "program": backend.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
-        "process": backend.process(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE, turns=4),
         "prediction": run.predict(POSTURES, FORCE, at=(0, 0, 120)),
         "fleet": backend.fleet(run),
     }
@@ -139,10 +137,6 @@ def test_every_verb_accepts_a_saved_run(backend, request, tmp_path, document):
     assert str(js.compare(file, constraints=["positive"])) == str(results["comparison"])  # other ids of runs
     program = js.compensate(file, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE)
     assert program.result.worst == results["program"].result.worst
-    turned = js.process(file, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE, turns=4)
-    assert turned.result.turned == results["process"].result.turned
-    of_method = loaded.process(EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE, turns=4)
-    assert of_method.result.turned == turned.result.turned
     assert js.fleet(file).result.rows[0].stiffness == results["fleet"].result.rows[0].stiffness
     assert js.rehearse(file).joints == js.rehearse(results["run"]).joints
     for predicted in (
@@ -167,7 +161,6 @@ def test_a_client_accepts_a_saved_run(name, in_process, served_in_process, tmp_p
         for verb, arguments, options, view in (
             ("map", (), AREA, lambda result: result.places),
             ("compensate", (EXAMPLES / "pocket.src",), cut, lambda result: result.worst),
-            ("process", (EXAMPLES / "pocket.src",), cut | {"turns": 4}, lambda result: result.turned),
         ):
             there, here = (getattr(each, verb)(file, *arguments, **options) for each in (client, js))
             assert view(there.result) == view(here.result), verb
@@ -201,12 +194,10 @@ COMMANDS = [
     "report run.json -o report.html",
     "report plan.json -o plan.html",
     "report map.json -o map.html",
-    "process run.json pocket.src --accuracy-option off --force 0,0,-500 --turns 4 -o out.src",
     "fleet run.json",
     "rehearse run.json",
     "rehearse plan.json --robot robot.json",
     "report comparison.json -o comparison.html",
-    "report process.json -o process.html",
     "report program.json -o program.html",
     "report fleet.json -o fleet.html",
 ]
@@ -215,7 +206,7 @@ COMMANDS = [
 @pytest.mark.parametrize("line", COMMANDS)
 def test_every_command_reads_a_saved_result(line, in_process, document, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for name in ("run", "plan", "map", "comparison", "process", "program", "fleet"):
+    for name in ("run", "plan", "map", "comparison", "program", "fleet"):
         in_process[name].save(f"{name}.json")
     Path("robot.json").write_text(json.dumps(document["robot"]))
     area = AREA | {"area": [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]], "place": (0, 0, 0.25)}  # in SI units

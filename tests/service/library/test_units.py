@@ -14,7 +14,6 @@ from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
 from jointstiff.service.kinds.verb import import_verb
 from jointstiff.service.library.cases import PredictFields, make_load_cases
-from jointstiff.service.tables.packed import unpack_sheet
 from jointstiff.simulator import default_arm, simulate_campaign
 
 MM, DEG, KN = 1e3, 180.0 / np.pi, 1e-3
@@ -152,37 +151,16 @@ def test_messages_keep_their_units():
     assert requested("identify", None, prior).request["characteristic_length"] == 0.5
 
 
-@pytest.mark.parametrize("command", ["compensate", "process"])
-def test_a_verb_of_programs_sends_the_units_of_the_call(command, tmp_path):
+def test_a_verb_of_programs_sends_the_units_of_the_call(tmp_path):
     (tmp_path / "path.src").write_text("DEF p()\nEND\n")
     file = tmp_path / "path.src"
     fields = {"load_point": (0, 0, 120), "force": (0, 0, -500), "cut": {"diameter": 20.0}}
-    one = requested(command, ROBOT, file, **fields).request
+    one = requested("compensate", ROBOT, file, **fields).request
     assert one["units"] == {"length": "mm", "angle": "deg", "force": "N", "moment": "N.m"}
     assert one["load_point"] == [0, 0, 120]
     assert one["cut"]["diameter"] == 0.02  # a cut is in SI units in the message
-    other = requested(command, ROBOT, file, units="m, rad, kN", load_point=(0, 0, 0.12)).request
+    other = requested("compensate", ROBOT, file, units="m, rad, kN", load_point=(0, 0, 0.12)).request
     assert other["units"] == {"length": "m", "angle": "rad", "force": "kN", "moment": "kN.m"}
-
-
-def test_arrays_of_poses_and_forces_are_packed_as_numbers_in_the_units_of_the_call():
-    poses = [[1700.0, 0.0, 900.0, 0.0, 180.0, 1.0 / 3.0]]
-    job = requested("process", ROBOT, poses, forces=[[0.0, 0.0, -500.0]])
-    path, forces = (unpack_sheet(job.files[name]).columns for name in ("path.npz", "forces.npz"))
-    assert list(path) == ["x [mm]", "y [mm]", "z [mm]", "rx [deg]", "ry [deg]", "rz [deg]"]
-    assert [column.tolist() for column in path.values()] == [[each] for each in poses[0]]  # to the last bit
-    assert {header: column.tolist() for header, column in forces.items()} == {
-        "point": [1.0],
-        "Fx [N]": [0.0],
-        "Fy [N]": [0.0],
-        "Fz [N]": [-500.0],
-    }
-    turned = np.eye(4)
-    turned[:3, :3] = np.diag([-1.0, 1.0, -1.0])
-    other = requested("process", ROBOT, [turned.tolist()], forces=[[0, 0, -0.5]], units="m, rad, kN")
-    path, forces = (unpack_sheet(other.files[name]).columns for name in ("path.npz", "forces.npz"))
-    assert path["ry [rad]"] == pytest.approx([np.pi])
-    assert list(forces) == ["point", "Fx [kN]", "Fy [kN]", "Fz [kN]"]
 
 
 @pytest.mark.parametrize("units", [None, OTHER])

@@ -399,9 +399,6 @@ function RobotPage({ robot }: { robot: Robot }) {
       >
         <LinkButton href={link(["measure"], { robot: robot.id })}>{measureWords.title}</LinkButton>
         <LinkButton href={link(["plans"], { robot: robot.id })}>{planWords.begin}</LinkButton>
-        {robot.payload != null && (
-          <LinkButton href={link(["processes"], { robot: robot.id })}>{text.run.views.process}</LinkButton>
-        )}
         <StoredActions of={robot} api={api.robots} list="#/robots" />
       </Head>
       {changedElsewhere(robot) && (

@@ -18,7 +18,6 @@ const RobotPart = lazy(async () => (await import("./deflection")).RobotPart);
 const PredictPart = lazy(async () => (await import("../use/forms")).PredictPart);
 const MapForm = lazy(async () => (await import("../use/forms")).MapForm);
 const ProgramForm = lazy(async () => (await import("../use/forms")).ProgramForm);
-const ProcessForm = lazy(async () => (await import("../process/form")).ProcessForm);
 const JobList = lazy(async () => (await import("../runs/view")).JobList);
 const RunFiles = lazy(async () => (await import("../use/forms")).RunFiles);
 
@@ -96,7 +95,7 @@ function Parts({ context, part, query }: { context: RunContext; part: string; qu
 
 /** A form, and what was made by it before of runs of this robot. */
 const withList =
-  (Form: ComponentType<Pick<PartProps, "context">>, collection: "maps" | "programs" | "processes") =>
+  (Form: ComponentType<Pick<PartProps, "context">>, collection: "maps" | "programs") =>
   ({ context }: PartProps): VNode => (
     <>
       <Form context={context} />
@@ -127,6 +126,5 @@ const VIEWS: Record<keyof typeof text.run.views, ComponentType<PartProps>> = {
   predict: PredictPart,
   map: withList(MapForm, "maps"),
   program: withList(ProgramForm, "programs"),
-  process: withList(ProcessForm, "processes"),
   report: RunFiles,
 };

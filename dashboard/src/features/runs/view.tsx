@@ -50,7 +50,6 @@ const ABOUT: { [Of in Collection]: (item: Summary<Of>) => About } = {
   plans: ({ measurement_set_name: set, robot_name: robot }) => ({ name: set ?? robot ?? "…" }),
   maps: ({ name }) => ({ name: name ?? text.run.views.map }),
   programs: ({ name }) => ({ name: name ?? text.run.views.program }),
-  processes: ({ name }) => ({ name: name ?? text.run.views.process }),
 };
 
 /** A job as a row. */

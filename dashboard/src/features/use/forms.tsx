@@ -189,7 +189,7 @@ interface StandingProps {
 }
 
 /** The arm as a form has it so far, with the force that was typed. */
-export function Standing({ robot, joints, force, place }: StandingProps) {
+function Standing({ robot, joints, force, place }: StandingProps) {
   const posture = useKinematics(joints && { robot_id: robot }, joints ? [joints] : []).kinematics?.[0];
   const along = numbersIn(force, 3) as Vector | null;
   const pulls = along !== null && norm(along) > 0;
@@ -385,10 +385,10 @@ function proposal(set: RunContext["set"], postures: Posture[]): Fields {
   };
 }
 
-export const LAST_FORCE = "force.last";
+const LAST_FORCE = "force.last";
 
 /** The process force that was used last on this device, for an empty field: nobody typed it here. */
-export function LastForce({ force, use }: { force: unknown; use: (force: number[]) => void }) {
+function LastForce({ force, use }: { force: unknown; use: (force: number[]) => void }) {
   const last = recalled(LAST_FORCE) as number[] | null;
   if (force || !last) return null;
   return (
@@ -420,14 +420,14 @@ const unknownRoutines = (problem: Problem | null): string[] => [
   ),
 ];
 
-export interface Files {
+interface Files {
   files: File[];
   take: (file: File) => void;
   remove: (file: File) => void;
 }
 
 /** Files that are dropped one by one: one of the same name takes the place of the one before. */
-export function useFiles(changed?: () => void): Files {
+function useFiles(changed?: () => void): Files {
   const [files, setFiles] = useState<File[]>([]);
   return {
     files,
@@ -440,7 +440,7 @@ export function useFiles(changed?: () => void): Files {
 }
 
 /** Where files of a program are dropped, and those that were. */
-export const ProgramFiles = ({ of, title, hint }: { of: Files; title: string; hint: string }) => (
+const ProgramFiles = ({ of, title, hint }: { of: Files; title: string; hint: string }) => (
   <>
     <DropZone title={title} hint={hint} button={programWords.choose} accept={programWords.accept} take={of.take} />
     {of.files.length > 0 && (
@@ -465,7 +465,7 @@ interface FrameFieldProps {
 }
 
 /** The tool or base of a program that only names this frame. */
-export const FrameField = ({ of, name, change }: FrameFieldProps) => (
+const FrameField = ({ of, name, change }: FrameFieldProps) => (
   <SchemaFields
     of="ProgramFrame"
     show={["values"]}

@@ -40,7 +40,7 @@ interface SliceProps extends Pick<Look, "values" | "scale" | "chosen" | "choose"
   label: string;
 }
 
-export function SliceChart({ slice, places, values, scale, chosen, choose, width, label }: SliceProps) {
+function SliceChart({ slice, places, values, scale, chosen, choose, width, label }: SliceProps) {
   const { u, v, cells } = slice;
   const columns = cells[0]?.length ?? 1;
   const position = (index: number | undefined, axis: 0 | 1 | 2) => places[index ?? 0]?.position[axis] ?? 0;
@@ -124,7 +124,7 @@ export function SliceChart({ slice, places, values, scale, chosen, choose, width
 }
 
 /** Place of a value between the ends of a scale; NaN where there is none. */
-export const share = (value: number | undefined, [low, high]: readonly [number, number]): number =>
+const share = (value: number | undefined, [low, high]: readonly [number, number]): number =>
   value === undefined ? Number.NaN : Math.min(1, Math.max(0, (value - low) / (high - low || 1)));
 
 function rampFill(part: number): string | undefined {
@@ -571,7 +571,7 @@ function around(path: Vector[]): Vector[] {
 }
 
 /** Greatest length of a path along an axis, 0.1 m at least. */
-export function lengthOf(places: Vector[]): number {
+function lengthOf(places: Vector[]): number {
   const ends = ([0, 1, 2] as const).map((axis) => extent(places.map((place) => place[axis])) ?? [0, 0]);
   return Math.max(0.1, ...ends.map(([low = 0, high = 0]) => high - low));
 }

@@ -12,11 +12,7 @@ from support.programs import FORCE, START, TOOL, compensated, exact_run, loaded_
 from jointstiff.service.kinds.program.files import decompress_file
 from jointstiff.service.runs.verdicts import RunModel
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
-from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fit.stages import Likelihood
-from jointstiff.solver.mechanics.inverse import InverseKinematics
-from jointstiff.solver.predict.forward import CorrectionLimits
-from jointstiff.solver.process.correct import (
+from jointstiff.solver.correct.correct import (
     CorrectionSettings,
     RowStatus,
     Waypoints,
@@ -24,7 +20,11 @@ from jointstiff.solver.process.correct import (
     place_forces,
     turn_loads,
 )
-from jointstiff.solver.process.frames import FramesError
+from jointstiff.solver.correct.frames import FramesError
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.fit.stages import Likelihood
+from jointstiff.solver.mechanics.inverse import InverseKinematics
+from jointstiff.solver.predict.forward import CorrectionLimits
 from robotprograms import NUMBERS, Rewriting
 from robotprograms.formats import read_program
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jointstiff.solver.correct.cut import MATERIALS, Cut, Material
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.process.cut import MATERIALS, Cut, Material
 
 LINEAR = Material(1000.0, 0.0, "a force in proportion to the chip's area")
 SLOT = Cut(LINEAR, 0.02, 4, 50.0, 0.02, 0.003, 0.02, radial=0.0)

@@ -6,7 +6,6 @@ ratio of each joint's stiffness to this torque follows, with a payload and a rea
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -31,8 +30,6 @@ FACTOR: Final = 2.0
 """Factor within which a prior stiffness is expected to be right, at 95 %."""
 _DEVIATION: Final = 0.5 * float(np.log(FACTOR))
 """Relative standard deviation of a prior compliance."""
-_DEVIATION_OF_ONE: Final = 0.5
-"""Relative standard deviation of the prior compliance of a joint that a campaign does not see."""
 _SIX: Final = 6
 
 
@@ -62,31 +59,3 @@ def build_prior_model(robot: Robot) -> JointModel:
     compliance = 1.0 / (ratios * payload_torque(robot.payload, measure_reach(robot)))
     likelihood = Likelihood(np.arange(_SIX), compliance, np.diag(np.square(_DEVIATION * compliance)))
     return JointModel(robot, compliance, likelihood, Constraints(Bounds.positive(_SIX)))
-
-
-def assume_unseen_joints(model: JointModel) -> tuple[JointModel, tuple[str, ...]]:
-    """Return the model with the prior of the joints that its readings do not determine, and their names.
-
-    The prior is independent of the readings: its variance is a block of its own.
-
-    Raises:
-        RobotError: the arm has no prior.
-    """
-    likelihood, robot = model.likelihood, model.robot
-    if likelihood is None or likelihood.given_rows is not None or len(likelihood.joints) == robot.n:
-        return model, ()
-    unseen = np.setdiff1d(np.arange(robot.n), likelihood.joints)
-    prior = build_prior_model(robot)
-    compliance = model.compliance.copy()
-    compliance[unseen] = prior.compliance[unseen]
-    covariance = model.covariance
-    covariance[unseen, unseen] = np.square(_DEVIATION_OF_ONE * prior.compliance[unseen])
-    centre = compliance.copy()
-    centre[likelihood.joints] = likelihood.centre
-    filled = replace(
-        model,
-        compliance=compliance,
-        likelihood=Likelihood(np.arange(robot.n), centre, covariance),
-        constraints=Constraints(Bounds.positive(robot.n)),
-    )
-    return filled, tuple(np.array(robot.joint_names)[unseen].tolist())

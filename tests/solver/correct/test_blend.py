@@ -9,12 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 from support.catalogue_arms import build_nominal_robots
 
+from jointstiff.solver.correct.correct import RowStatus, Waypoints, correct, turn_loads
+from jointstiff.solver.correct.prior import build_prior_model
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import Postures
-from jointstiff.solver.process.blend import find_corners
-from jointstiff.solver.process.correct import RowStatus, Waypoints, correct, turn_loads
-from jointstiff.solver.process.pace import Pace
-from jointstiff.solver.process.prior import build_prior_model
 
 FEED = 0.5
 FORCE = (-150.0, 350.0, -120.0, 0.0, 0.0, 0.0)
@@ -121,19 +119,6 @@ def test_a_turning_tool_does_not_matter_where_the_force_follows_it_smoothly():
     forces = turn.apply([100.0, 300.0, -100.0])
     rows = correct(model, None, inverse, points, np.pad(forces, ((0, 0), (0, 3))), feed=FEED)
     assert np.isnan(rows.blend_length).all()
-
-
-def test_a_choice_of_turns_leaves_room_near_corners_only():
-    pace = Pace(np.full(60, FEED), np.ones(6))
-    force = np.tile([100.0, 0.0, 0.0], (60, 1))
-    force[30:] = [0.0, 100.0, 0.0]
-    lengths = 2.1e-3 * np.arange(60)
-    corners = find_corners(force, 0.0 * force, np.arange(60) > 0, lengths)
-    assert np.flatnonzero(corners).tolist() == list(range(24, 36))
-    parts = pace.leave_room(corners).limits() / pace.limits()
-    assert parts == pytest.approx(np.where(corners, 0.8, 1.0)[:, None] * np.ones(6))
-    merged = pace.leave_room(corners).select(np.array([0, 20, 40, 59]))
-    assert merged.limits()[:, 0] / pace.limits()[0, 0] == pytest.approx([1.0, 1.0, 0.8, 1.0])
 
 
 def test_a_row_whose_load_is_too_great_does_not_bend_its_neighbours():

@@ -17,6 +17,9 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.correct.blend import Blend, blend_loads, find_joint_limits
+from jointstiff.solver.correct.feed import find_feed_frames
+from jointstiff.solver.correct.frames import FrameGaps, FramesError, invert_poses, propose_frames
 from jointstiff.solver.errors import CasesError, RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.inverse import InverseKinematics, Unreached, follow_poses
@@ -29,10 +32,6 @@ from jointstiff.solver.predict.forward import (
     compensate_poses,
 )
 from jointstiff.solver.predict.models import JointModel, ModelError
-from jointstiff.solver.process.blend import Blend, blend_loads
-from jointstiff.solver.process.frames import FrameGaps, FramesError, invert_poses, propose_frames
-from jointstiff.solver.process.pace import Pace
-from jointstiff.solver.process.path import find_feed_frames
 
 ROWS_AT_ONCE: Final = 4_000
 """Rows that are corrected at a time."""
@@ -554,9 +553,9 @@ class FoundPath:
         found, robot = self.found, self.model.robot
         if self.feed is None or not len(found):
             return None
-        pace = Pace(np.full(len(found), self.feed), robot.speeds, rate=np.inf)
+        limits = find_joint_limits(np.full(len(found), self.feed), robot.speeds)
         is_next = np.diff(found, prepend=-2) == 1
-        blend = blend_loads(self.model, self._select_cases(found), is_next, pace.limits())
+        blend = blend_loads(self.model, self._select_cases(found), is_next, limits)
         if blend is not None:
             self.rows.blend_length[found] = np.where(blend.lengths > 0.0, blend.lengths, np.nan)
         return blend

@@ -25,18 +25,16 @@ _LENGTHS: Final = (0.002, 0.003, 0.004, 0.006, 0.008, 0.012, 0.016, 0.024)
 """Lengths over which a correction may change [m], in the order in which they are tried."""
 _AIM: Final = 0.99
 """Part of a limit up to which a line is not too fast: on a part of the line joints are a bit faster."""
-UNBLENDED: Final = 0.02
+_UNBLENDED: Final = 0.02
 """Motion by the correction alone, relative to the limit, up to which the correction is not blended."""
 _FASTER: Final = 1.05
 """Motion of a corrected line, relative to the wanted one, where this alone is too fast."""
 _TURNED: Final = 0.01
 """Change of a load from a row to the next, relative to the load, up to which it does not turn at once."""
-_CORNER: Final = 0.35
-"""The same of a corner, near which the choice of turns leaves room for the correction."""
-_ROOM_LENGTH: Final = 0.024
-"""Length of the path around a corner on which there is room [m]."""
 _ROWS_AT_ONCE: Final = 2_000
 """Rows whose commands are computed at a time."""
+_PART: Final = 0.5
+"""Part of a joint's speed that a correction may use: the rest is the controller's."""
 _REST: Final = 1e-9
 """Length of a line below which the tool rests [m]."""
 
@@ -62,6 +60,17 @@ def describe_blend(length: float, left: float) -> str:
         f"{figure(1e3 * length, '.3g')} mm of the path, and up to {figure(1e3 * left, '.2g')} mm of the "
         "deflection remain there"
     )
+
+
+def find_joint_limits(feed: FloatArray, speeds: FloatArray) -> FloatArray:
+    """Return the greatest motion (m, n) of each joint along the path [rad/m or m/m]; inf if unknown.
+
+    Args:
+        feed: (m,) speed of the tool's centre on the line to each point [m/s]; NaN if unknown.
+        speeds: (n,) greatest speeds of the model's joints [rad/s or m/s]; NaN if unknown.
+    """
+    limits = _PART * speeds / feed[:, None]
+    return np.where(np.isnan(limits), np.inf, limits)
 
 
 def blend_loads(
@@ -90,22 +99,6 @@ def blend_loads(
             return _Blending(model, cases, continuous, limits, turned).find()
         except CasesError as error:
             failed = error.failed
-
-
-def find_corners(
-    force: FloatArray, moment: FloatArray, continuous: BoolArray, lengths: FloatArray
-) -> BoolArray:
-    """Return a mask (m,) of the points near which the load turns at once, so that a correction is blended.
-
-    Args:
-        force: (m, 3) forces [N].
-        moment: (m, 3) moments [N·m].
-        continuous: (m,) mask of points to which a line leads from the point before.
-        lengths: (m,) length of the lines up to each point [m].
-    """
-    continuous = _select_loaded_lines(continuous, force, moment)
-    is_corner = continuous & _find_changes(force, moment, _CORNER)
-    return _find_near(is_corner, _ROOM_LENGTH, continuous, lengths)
 
 
 def _select_loaded_lines(continuous: BoolArray, force: FloatArray, moment: FloatArray) -> BoolArray:
@@ -236,7 +229,7 @@ class _Blending:
         limits = self._limits * steps[:, None]
         wanted = self._wanted * (steps / np.where(moves, self._steps, 1.0))[:, None]
         allowed = np.where(wanted > limits, _FASTER * wanted, _AIM * limits)
-        is_fast = (motion > allowed) & (motion - wanted > UNBLENDED * limits)
+        is_fast = (motion > allowed) & (motion - wanted > _UNBLENDED * limits)
         return np.asarray(is_fast.any(axis=1) & moves)
 
     def _average(self, lengths: FloatArray) -> LoadCases:
