@@ -1,155 +1,100 @@
 import { describe, expect, it } from "vitest";
-import type { ImportOptions } from "../src/api/types";
-import {
-  cellOf,
-  dimensionOf,
-  type FilePreview,
-  type ImportFault,
-  meaningsFor,
-  withMeaning,
-  withoutColumns,
-  widthOf,
-  fits,
-  templateIn,
-  templatesIn,
-  withTemplate,
-} from "../src/features/readings/imports";
-import { sent, withStated } from "../src/features/readings/import";
+import type { Mapping, TableMapping } from "../src/api/types";
+import * as roles from "../src/features/readings/mapping";
+import { open } from "../src/features/readings/opening";
 
-const column = (number: number, header: string, meaning: string, unit: string | null = null) => ({
-  column: number,
-  header,
-  meaning,
-  unit,
-  guessed: false,
-});
+const column = (id: string) => ({ id, header: "", cells: [1, 2], role: "" });
+const table: roles.Table = { name: "day 1.csv", row_count: 9, columns: [..."ABCDEFGHIJKLM"].map(column) };
+const part = (...named: TableMapping["roles"]) => ({ table: ["day*.csv"], roles: named }) as TableMapping;
+const joints = { columns: "B:G", role: "joints", unit: "deg" } as const;
+const unloaded = { columns: "H:J", role: "position", target: "T1", state: "unloaded", unit: "mm" } as const;
+const mapping: Mapping = { encoders: "motor", tables: [part({ columns: "A", role: "label" }, joints, unloaded)] };
 
-const preview = {
-  file: "day.csv",
-  columns: [column(1, "label", "name"), column(2, "A1", "unknown"), column(3, "P10 x", "P10 loaded x", "mm")],
-  header_lines: [2],
-  first_lines: [3, 4],
-  fault_rows: [],
-  fault_lines: [],
-} as unknown as FilePreview;
-
-const fault = (part: Partial<ImportFault>): ImportFault => ({
-  file: "day.csv",
-  line: null,
-  column: null,
-  reason: "r",
-  remedy: "m",
-  option: null,
-  words: [],
-  ...part,
-});
-
-describe("columns", () => {
-  it("have the dimension of what they mean", () => {
-    const meanings = [
-      "joint 3",
-      "force x",
-      "moment z",
-      "load point y",
-      "P10 loaded x",
-      "position z",
-      "name",
-      "ignored",
-    ];
-    expect(meanings.map(dimensionOf)).toEqual(["angle", "force", "moment", "length", "length", "length", null, null]);
+describe("the columns of a role", () => {
+  it("are those of a spreadsheet, in the order of the role", () => {
+    const columns = (text: string) => roles.columnsOf({ columns: text, role: "joints" }, table).join("");
+    expect(["B", "B:D", "D:B", "B,D,F", " b : c "].map(columns)).toEqual(["B", "BCD", "DCB", "BDF", "BC"]);
   });
 
-  it("can mean any part of a campaign, known targets and one more", () => {
-    const groups = meaningsFor([preview], ["P10"]);
-    expect(groups.map((group) => group.name)).toEqual(["", "", "", "P10", "T1", ""]);
-    expect(groups.flatMap((group) => group.meanings)).toContain("P10 deflection z");
-  });
-
-  it("are named by their header, and by their place where there is none", () => {
-    expect(withMeaning({ columns: { B: "joint 2" } }, preview, 1, "joint 1")).toEqual({
-      columns: { B: "joint 2", A1: "joint 1" },
-    });
-    expect(withMeaning({}, preview, 1, "ignored")).toEqual({ columns: { A1: "ignore" } });
-    const given = { header: ["name", "ignore", "P10 loaded x"] };
-    expect(withMeaning(given, preview, 1, "joint 1")).toEqual({ header: ["name", "joint 1", "P10 loaded x"] });
-    const bare = { ...preview, columns: preview.columns.map((one) => ({ ...one, header: "" })) };
-    expect(withMeaning({}, bare, 1, "joint 1")).toEqual({ header: ["name", "joint 1", "P10 loaded x"] });
-  });
-
-  it("are left out together", () => {
-    expect(withoutColumns({}, preview, preview.columns.slice(1))).toEqual({
-      columns: { A1: "ignore", "P10 x": "ignore" },
-    });
-  });
-
-  it("show faults in the cells that are shown", () => {
-    const places = [fault({ column: 2 }), fault({ line: 2, column: 2 }), fault({ line: 4, column: 3 })];
-    expect(places.map((one) => cellOf(preview, one, [3, 4]))).toEqual(["0:2", "0:2", "4:3"]);
-    expect(cellOf(preview, fault({ line: 9, column: 3 }), [3, 4])).toBeNull();
-    expect(cellOf(preview, fault({ line: 9, column: 3 }), [3, 4, 9])).toBe("9:3");
-    expect(cellOf(preview, fault({ line: 4 }), [3, 4])).toBeNull();
-  });
-});
-
-describe("the width of a table", () => {
-  it("is that of its first row, past comments", () => {
-    const texts = ["# a;b\n1;2,5;3", "1\t2;3", "1,2\n", "\n a  b c\n", ""];
-    expect(texts.map(widthOf)).toEqual([3, 2, 2, 3, 0]);
-  });
-});
-
-describe("what no file says", () => {
-  it("is not sent before it is understood", () => {
-    expect(sent({ columns: {}, load_point: { unread: "0, 1" } as never, encoders: null })).toEqual({ columns: {} });
-  });
-  it("is in mm and N, whatever the files have, and in the units of a template", () => {
-    expect(withStated({ units: { length: "m" } }, { units: { length: "m" }, force: [0, 0, -1500] })).toEqual({
-      units: { length: "m", force: "N" },
-      force: [0, 0, -1500],
-    });
-    expect(withStated({}, { load_point: [0, 0, 120] })).toEqual({ load_point: [0, 0, 120], length_unit: "mm" });
-    const template: ImportOptions = {
-      load_point: [0, 0, 0.12],
-      force: [0, 0, -1.5],
-      units: { length: "m", force: "kN" },
-    };
-    expect(withStated(template, { ...template })).toEqual({ ...template, length_unit: "m" });
-  });
-});
-
-describe("templates", () => {
-  const template = { name: "day.csv", options: { layouts: [["label", "A1", "P10 x"]], encoders: "motor" as const } };
-  const answer = (files: FilePreview[]) => ({ files });
-
-  it("fit files of the same headers", () => {
-    expect(fits(template, answer([preview, preview]))).toBe(true);
-    expect(fits(template, answer([{ ...preview, columns: preview.columns.slice(1) }]))).toBe(false);
-    expect(fits({ name: "x", options: {} }, answer([preview]))).toBe(false);
-  });
-
-  it("are kept once for the same headers, the newest first", () => {
-    const other = { name: "other.csv", options: { layouts: [["q"]] } };
-    expect(withTemplate([other, template], { ...template, name: "newer.csv" }).map((one) => one.name)).toEqual([
-      "newer.csv",
-      "other.csv",
+  it("are one group side by side, and columns without a role are groups of their own", () => {
+    const groups = roles.groupsOf(mapping, table);
+    expect(groups.map((group) => [group.role?.role, group.columns.length])).toEqual([
+      ["label", 1],
+      ["joints", 6],
+      ["position", 3],
+      ...[1, 2, 3].map(() => [undefined, 1]),
     ]);
-    expect(templatesIn([template, 3, null])).toEqual([template]);
-    expect(["", {}, 3, null].map(templatesIn)).toEqual([[], [], [], []]);
-  });
-
-  it("are told from campaigns", () => {
-    expect(templateIn("t.json", JSON.stringify(template.options))).toEqual({
-      name: "t.json",
-      options: template.options,
-    });
-    for (const other of ["{}", "[]", "no", '{"units": {}, "observations": []}', '{"robot": {}, "columns": {}}'])
-      expect(templateIn("t.json", other)).toBeNull();
   });
 });
 
-describe("a template's noise", () => {
-  it("keeps its unit beside a load point that is stated", () => {
-    const template = { units: { length: "m" }, noise: { sigma: 2e-5 } } as ImportOptions;
-    expect(withStated(template, { ...template, load_point: [0, 0, 0.12] })).toMatchObject({ length_unit: "m" });
+describe("an edited role", () => {
+  const rolesAfter = (...edit: [string[], roles.Meaning | null]) =>
+    roles.withRole(mapping, table, ...edit).tables?.[0]?.roles.map((role) => `${role.role} ${role.columns}`);
+
+  it("takes its columns from other roles, in their place, and leaves the rest of the mapping", () => {
+    expect(rolesAfter([..."BCDEFG"], { ...joints, unit: "rad" })).toEqual(["label A", "joints B:G", "position H:J"]);
+    expect(rolesAfter(["G"], null)).toEqual(["label A", "joints B:F", "position H:J"]);
+    expect(rolesAfter([..."KLM"], { role: "position" })?.at(-1)).toBe("position K:M");
+    expect(roles.withRole(mapping, table, ["G"], null)).toMatchObject({ encoders: "motor" });
+  });
+
+  it("begins the part of a table that no mapping names", () => {
+    const other = { ...table, name: "points (2).txt" };
+    const { tables } = roles.withRole(mapping, other, [..."CBA"], { role: "position" });
+    expect(tables?.[1]).toMatchObject({ table: ["points (2).txt"], roles: [{ columns: "C:A", role: "position" }] });
+  });
+
+  it("has the usual unit, and the first state that no column has yet", () => {
+    expect(roles.usualMeaning("joints", mapping, table)).toEqual({ role: "joints", unit: "deg" });
+    const second = roles.usualMeaning("position", mapping, table);
+    expect(second).toEqual({ role: "position", unit: "mm", target: "T1", state: "loaded" });
+    const complete = roles.withRole(mapping, table, [..."KLM"], second);
+    expect(roles.usualMeaning("position", complete, table)).toMatchObject({ target: "T2", state: "unloaded" });
+    const inRows: Mapping = { tables: [part({ columns: "A", role: "state" })] };
+    expect(roles.usualMeaning("position", inRows, table)).toEqual({ role: "position", unit: "mm" });
+  });
+
+  it("gets as many free columns as it needs by a tap on the first, and never one that is in use", () => {
+    const groups = roles.groupsOf(mapping, table);
+    const columns = (role: roles.RoleName, at: number) =>
+      roles.columnsFor(role, groups[at] as roles.Group, mapping, table, 6).join("");
+    expect(columns("position", 3)).toBe("KLM");
+    expect(columns("mass", 3)).toBe("K");
+    expect(columns("position", 1)).toBe("BCDEFG");
+    expect(columns("joints", 3)).toBe("KLM");
+  });
+});
+
+describe("dropped files", () => {
+  const file = (name: string, content: unknown) =>
+    new File([typeof content === "string" ? content : JSON.stringify(content)], name);
+  const csv = file("day 1.csv", "1;2;3");
+
+  it("are read by a mapping that comes with them, before or after them", async () => {
+    const saved = file("day.mapping.json", mapping);
+    expect(await open([csv, saved], null)).toEqual({ kind: "tables", files: [csv], mapping });
+    const alone = await open([saved], null);
+    expect(alone).toMatchObject({ kind: "mapping", mapping });
+    expect(await open([csv], alone)).toEqual({ kind: "tables", files: [csv], mapping });
+    expect(await open([saved], { kind: "tables", files: [csv], mapping: null })).toMatchObject({
+      files: [csv],
+      mapping,
+    });
+  });
+
+  it("are tables if their JSON is none of our documents, or is wrong", async () => {
+    for (const content of [[{ q: [1, 2] }], { joints: [[1, 2]] }, '{"a": 1, }']) {
+      const log = file("log.json", content);
+      expect(await open([log], null)).toEqual({ kind: "tables", files: [log], mapping: null });
+    }
+    expect(roles.mappingIn('{"tables": [[1, 2]]}')).toBeNull();
+    expect(roles.mappingIn("{}")).toBeNull();
+  });
+
+  it("are a campaign alone", async () => {
+    const campaign = file("campaign.json", { measurement_set: { observations: [] } });
+    expect(await open([campaign], null)).toMatchObject({ kind: "campaign" });
+    expect(await open([campaign, csv], null)).toMatchObject({ fault: "mixed" });
+    expect(await open([campaign, campaign], null)).toMatchObject({ fault: "several" });
   });
 });

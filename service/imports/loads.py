@@ -41,7 +41,7 @@ _LEAST_STEM: Final = 3
 """Letters that a name has at least behind a prefix; two of a script without an alphabet."""
 UNKNOWN_STATE: Final = -1
 """State of readings that are neither of the two states nor after the load was gone."""
-UNDECIDED: Final = "which positions are under load: {0} or {1}?"
+UNDECIDED: Final = "are the positions without load in {0}, and those under load in {1}?"
 _BY_WORK: Final = "by the work of the force alone, without load are {0}, under load {1}: is this right?"
 _CONTRADICTED: Final = (
     "the force pulls against the deflections if {0} are without load and {1} under load: are these states "

@@ -164,8 +164,9 @@ class _Writer:
     def _describe(self, reading: TargetReading) -> str:
         """Return columns and words of a reading for a question."""
         columns = name_columns([source.column for source in self.found.layout.find_sources(reading.points)])
-        row = f", row {reading.index + 1} of a posture" if reading.points.groups.count > 1 else ""
-        return f"{columns} ({self._name(reading)[:60]}{row})"
+        row = f"row {reading.index + 1} of a posture" if reading.points.groups.count > 1 else ""
+        words = ", ".join(filter(None, (self._name(reading)[:60].strip(), row)))
+        return f"{columns} ({words})" if words else columns
 
     def _list_free(self, number: int) -> list[int]:
         """Return the numbers of the columns of a table that are neither joints nor positions."""

@@ -188,8 +188,8 @@ export const api = {
   catalogue: () => read<of.Catalogue>(client.GET("/v1/catalogue")),
   kinematics: (source: of.RobotSource, joints: number[][], signal?: AbortSignal) =>
     read<of.Posture[]>(client.POST("/v1/kinematics", { body: { ...source, joints } as never, signal: signal ?? null })),
-  /** What files of readings were understood as; nothing is stored. */
-  importFiles: (files: File[], stated: of.ImportOptions = {}, signal?: AbortSignal) =>
+  /** Tables of files with the roles of their columns, the next question, and the readings; nothing is stored. */
+  importFiles: (files: File[], stated: Partial<of.ImportRequest> = {}, signal?: AbortSignal) =>
     read<of.ImportAnswer>(client.POST("/v1/imports", { body: form(files, stated) as never, signal: signal ?? null })),
 
   robots: {

@@ -4,7 +4,6 @@ import type * as messages from "./schema";
 export type * from "./schema";
 export type { Arm as NominalArm } from "./schema";
 
-export type ImportOptions = Partial<messages.ImportRequest>;
 /** A set that is measured live. */
 export type OpenSet = messages.MeasurementSet & { open: messages.LiveOptions };
 export type JointKind = messages.JointResult["kind"];

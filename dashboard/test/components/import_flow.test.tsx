@@ -1,177 +1,130 @@
 // @vitest-environment happy-dom
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
+import type { Mapping } from "../../src/api/types";
 import { ImportFlow } from "../../src/features/readings/import";
-import { answering, drawn, settled } from "./drawn";
+import { answering, drawn, press, settled } from "./drawn";
 
-const column = (number: number, header: string, meaning: string, unit: string | null = null) => ({
-  column: number,
-  header,
-  meaning,
-  unit,
-  guessed: header === "theta2_deg",
-});
+const column = (id: string, header: string) => ({ id, header, cells: [12.5, 3], role: "" });
+const TABLE = { name: "day.csv", row_count: 9, columns: [..."ABCDEF"].map((id) => column(id, `head ${id}`)) };
+const roles = [
+  { columns: "A:C", role: "position", target: "T1", state: "unloaded", unit: "m" },
+  { columns: "D:F", role: "position", target: "T1", state: "loaded", unit: "mm" },
+];
+const PROPOSED = { tables: [{ table: ["day.csv"], roles }], doubts: [{ about: "states", text: "right?" }] };
 
-/** What the service would say: encoders are missing until they are stated, a column until it is named. */
-function answerTo(options: Record<string, unknown>) {
-  const named = "Achsw" in ((options["columns"] as object | undefined) ?? {});
+/** What the service would answer: a doubt, then the load point, then a set or a fault by the unit of A:C. */
+function answerTo(mapping: Mapping) {
+  const now = { ...PROPOSED, ...mapping };
+  const doubt = { text: "which are under load?", field: null, choices: [] as unknown[] };
+  doubt.choices = [{ text: "yes", mapping: { ...now, doubts: [] } }];
+  const place = { text: "where does the load act?", field: "load_point", choices: [] };
+  const isWrong = now.tables[0]?.roles.some(({ unit }) => unit === "m");
+  const questions = [...(now.doubts.length > 0 ? [doubt] : []), ...(now.load_point ? [] : [place])];
   return {
-    files: [
-      {
-        file: "day.csv",
-        format: "text",
-        sheet: null,
-        encoding: "utf-8",
-        delimiter: "semicolon",
-        decimal_mark: "point",
-        columns: [
-          column(1, "label", "name"),
-          column(2, "Achsw", named ? "joint 1" : "unknown", named ? "deg" : null),
-          column(3, "theta2_deg", "joint 2", "deg"),
-        ],
-        row_count: 9,
-        first_rows: [["c01", "12.5", "3"]],
-        assumptions: ["2 rows above the header were taken for titles"],
-        header_lines: [3],
-        first_lines: [4],
-        fault_rows: [["c03", "4", "1.2.3"]],
-        fault_lines: [6],
-      },
-    ],
-    targets: [],
-    joint_count: null,
-    assumptions: [],
-    faults: [
-      ...(named
-        ? []
-        : [{ file: "day.csv", line: 3, column: 2, reason: "unknown", remedy: "say it", option: "columns" }]),
-      { file: "day.csv", line: 6, column: 3, reason: "'1.2.3' is no number", remedy: "correct it", option: null },
-      ...(stateless
-        ? [{ file: "day.csv", line: null, column: null, reason: "no state", remedy: "say it", option: "state" }]
-        : []),
-      { file: "plan.pdf", line: null, column: null, reason: "a PDF document", remedy: "export it", option: null },
-    ],
-    bodies: [],
-    proposal: proposed,
-    missing_fields: [...(options["encoders"] ? [] : ["encoders"]), ...(forceless ? ["force"] : [])],
-    missing: [],
+    tables: [TABLE],
+    mapping: now,
+    sentence: "63 of 64 positions fit the robot to 0.5 mm",
+    questions,
+    faults: isWrong ? ["the robot is 900 mm away from the positions: look at the unit"] : [],
+    far: isWrong ? [{ posture: "c03", target: "T1", state: "loaded", distance: 42.4 }] : [],
     findings: null,
-    template: null,
     measurement_set: null,
+    geometry: null,
+    weight_step: steps ? { units: {}, observations: [] } : null,
   };
 }
 
-const proposal = "columns 1–6 as J1…J6 [deg] and 7–9 as T1 [mm] fit the arm to 0.4 mm.";
-let proposed: string | null = null;
-let stateless = false;
-let forceless = false;
-const asked: { method: string; path: string; options: Record<string, unknown> }[] = [];
+let away = false;
+let steps = false;
+const sent: Mapping[] = [];
+const robot = { id: "r1", name: "press line", joints: [], created_at: "2026-07-01T08:00:00Z", last_campaign: null };
+const VECTOR = { type: "array", prefixItems: [1, 2, 3].map(() => ({ type: "number" })) };
+const schemas = { Mapping: { properties: { load_point: VECTOR, load_point_target: { type: "string" } } } };
 
 beforeEach(() => {
-  asked.length = 0;
-  proposed = null;
-  stateless = false;
-  forceless = false;
-  answering(({ method, path, body }) => {
-    asked.push({ method, path, options: body ?? {} });
-    const schemas = { ImportRequest: { properties: { encoders: { enum: ["motor", "secondary"] } } } };
-    return path === "/v1/imports" ? answerTo(body ?? {}) : { items: [], next: null, components: { schemas } };
+  away = steps = false;
+  sent.length = 0;
+  answering(({ path, body }) => {
+    if (path !== "/v1/imports") return { items: [robot], next: null, total: 1, components: { schemas } };
+    if (away) throw new TypeError("Failed to fetch");
+    sent.push((body?.["mapping"] ?? {}) as Mapping);
+    return answerTo(sent.at(-1) as Mapping);
   });
+  vi.stubGlobal("matchMedia", () => ({ matches: false, addEventListener: () => {}, removeEventListener: () => {} }));
 });
 afterEach(() => vi.unstubAllGlobals());
 
-const content = "# t\n# t\nlabel;Achsw;theta2_deg\nc01;12.5;3\nc02;1;2\nc03;4;1.2.3\n";
-const opened = {
-  kind: "tables" as const,
-  files: [new File([content], "day.csv"), new File(["%PDF"], "plan.pdf")],
-  template: null,
-};
-
-const flow = () =>
-  drawn(<ImportFlow opened={{ ...opened, files: [...opened.files] }} robot="" take={() => undefined} />);
+const opened = { kind: "tables" as const, files: [new File(["1;2"], "day.csv")], mapping: null };
 const wait = () => settled(() => undefined).then(() => new Promise((done) => setTimeout(done, 350)));
-const last = () => asked.filter(({ path }) => path === "/v1/imports").at(-1)?.options;
+
+async function flow() {
+  const root = await drawn(<ImportFlow opened={{ ...opened }} robot="" take={() => undefined} />);
+  await wait();
+  await settled(() => undefined);
+  return root;
+}
+const answered = async () => {
+  await wait();
+  await settled(() => undefined);
+};
+const button = (root: HTMLElement, words: string) =>
+  [...root.querySelectorAll("button")].find(({ textContent }) => textContent?.includes(words)) as HTMLButtonElement;
 
 describe("tables of readings", () => {
-  it("show faults in their cells, with rows further down, and by file where no cell is theirs", async () => {
+  it("have a role above each group of columns, the robot's sentence, faults and what lies far", async () => {
     const root = await flow();
-    await wait();
-    await settled(() => undefined);
-    const faulty = [...root.querySelectorAll(".faulty")].map((cell) => cell.textContent);
-    expect(faulty[0]).toContain("Choose the meaning of this column");
-    expect(faulty[1]).toBe("1.2.3'1.2.3' is no number: correct it");
-    expect(root.querySelector("tr.further th")?.textContent).toBe("6");
-    expect(root.querySelector(".warnings")?.textContent).toContain("plan.pdf: a PDF document");
-    expect(root.querySelector(".guessed")?.textContent).toContain("theta2_deg");
+    const heads = [...root.querySelectorAll("th[scope=colgroup]")].map(({ textContent }) => textContent);
+    expect(heads).toEqual(["T1 unloaded [m] A – C", "T1 loaded [mm] D – F"]);
+    expect(root.textContent).toContain("63 of 64 positions fit the robot to 0.5 mm");
+    expect(root.querySelector("[role=alert]")?.textContent).toContain("look at the unit");
+    expect(root.querySelector("[role=alert]")?.textContent).toContain("c03 T1 loaded: 42 mm away");
+    expect(button(root, "Identify").disabled).toBe(true);
   });
 
-  it("are read again with the meaning that is chosen, and nothing is posted elsewhere", async () => {
+  it("have one question at a time: a choice sends its mapping, a box sends what is stated", async () => {
     const root = await flow();
-    await wait();
-    const select = root.querySelector<HTMLSelectElement>("[aria-label='Meaning of Achsw']");
-    expect(select?.value).toBe("unknown");
+    expect(root.textContent).not.toContain("Where does the load act");
+    await press(root, "yes");
+    await answered();
+    expect(sent.at(-1)).toEqual({ ...PROPOSED, doubts: [] });
+    const box = root.querySelector<HTMLTextAreaElement>(".ask textarea");
     await settled(() => {
-      if (select) select.value = "joint 1";
-      select?.dispatchEvent(new Event("change", { bubbles: true }));
+      if (box) box.value = "0 0 120";
+      box?.dispatchEvent(new Event("input", { bubbles: true }));
     });
-    await wait();
-    expect(last()).toMatchObject({ columns: { Achsw: "joint 1" }, show_faults: true });
-    expect(root.querySelectorAll("th.faulty")).toHaveLength(0);
-    const posted = asked.filter(({ method }) => method !== "GET").map(({ path }) => path);
-    expect(new Set(posted)).toEqual(new Set(["/v1/imports"]));
+    await settled(() => root.querySelector<HTMLFormElement>("form.ask")?.requestSubmit());
+    await answered();
+    expect(sent.at(-1)).toMatchObject({ doubts: [], load_point: [0, 0, 120] });
   });
 
-  it("without the word unloaded are unloaded by one tap", async () => {
-    stateless = true;
+  it("are checked again at once when a role is changed by a tap", async () => {
     const root = await flow();
-    await wait();
-    await settled(() => root.querySelector<HTMLInputElement>("input[value=unloaded]")?.click());
-    await wait();
-    expect(last()).toMatchObject({ state: "unloaded" });
+    HTMLDialogElement.prototype.showModal = function open() {
+      this.open = true;
+    };
+    await settled(() => button(root, "T1 unloaded [m]").click());
+    const unit = root.querySelector<HTMLInputElement>("dialog input[value=mm]");
+    await settled(() => unit?.click());
+    await answered();
+    expect(sent.at(-1)?.tables?.[0]?.roles[0]).toEqual({ ...roles[0], unit: "mm" });
+    expect(root.querySelector("dialog .check")?.textContent).toContain("hich are under load");
+    expect(root.querySelector("[role=alert]")).toBeNull();
   });
 
-  it("are read as the robot proposes by one tap, and by their names again by another one", async () => {
-    proposed = proposal;
+  it("stay in view with what was stated while the service is away", async () => {
     const root = await flow();
-    await wait();
-    const tap = (label: string) =>
-      settled(() => [...root.querySelectorAll("button")].find((each) => each.textContent === label)?.click());
-    expect(root.textContent).toContain(proposal);
-    await tap("Take it");
-    await wait();
-    expect(last()).toMatchObject({ accept_proposal: true });
-    await tap("Read by the names of the columns");
-    await wait();
-    expect(last()).toMatchObject({ accept_proposal: false });
+    away = true;
+    await press(root, "yes");
+    await answered();
+    expect(root.textContent).toContain("The service is not available");
+    expect(root.querySelectorAll("th[scope=colgroup]")).toHaveLength(2);
+    expect(button(root, "Identify").disabled).toBe(true);
   });
 
-  it("show what is understood of a mass that may be read in two ways, and that some text is no mass", async () => {
-    forceless = true;
+  it("go on to the gearboxes if they are a weight step", async () => {
+    steps = true;
     const root = await flow();
-    await wait();
-    const label = [...root.querySelectorAll("label")].find(
-      (each) => each.textContent === "Or the mass of the hung weight [kg]",
-    );
-    const box = root.querySelector<HTMLInputElement>(`[id="${label?.htmlFor}"]`);
-    const type = (typed: string) =>
-      settled(() => {
-        if (box) box.value = typed;
-        box?.dispatchEvent(new Event("input", { bubbles: true }));
-      });
-    const said = () => box?.closest(".field")?.querySelector("small")?.textContent;
-    await type("1.500");
-    expect(said()).toBe("Understood as 1.5 kg");
-    await type("150");
-    expect(said()).not.toContain("nderstood");
-    await type("1 x");
-    expect(said()).toContain("“1 x” is not understood");
-  });
-
-  it("ask for what no file says", async () => {
-    const root = await flow();
-    await wait();
-    await settled(() => root.querySelector<HTMLInputElement>("input[value=secondary]")?.click());
-    await wait();
-    expect(last()).toMatchObject({ encoders: "secondary" });
-    expect(root.querySelector<HTMLButtonElement>(".button.big")?.disabled).toBe(true);
+    await press(root, "Go on to the gearboxes");
+    expect(location.hash).toBe("#/gearboxes");
   });
 });

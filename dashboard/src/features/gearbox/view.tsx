@@ -1,5 +1,5 @@
 /** Gearboxes: where a weight step starts, and the gearboxes that it determines. */
-import { useState } from "preact/hooks";
+import { useEffect, useState } from "preact/hooks";
 import { api } from "../../api/calls";
 import type { GearboxRequest, GearboxResult, RobotDocument } from "../../api/types";
 import { ActionButton, Facts, Head, LinkButton, lazy, Name, ProblemNote } from "../../components/basics";
@@ -15,6 +15,7 @@ import { FROM_FILE, sourceOf } from "../../state/choices";
 import { recalled, remembered } from "../../state/kept";
 import { useSettings } from "../../state/session";
 import { text } from "../../words";
+import { takeHanded } from "../readings/begun";
 import { Refused } from "../readings/flow";
 import { RobotTabs } from "../robots/view";
 import { JobList } from "../runs/view";
@@ -158,6 +159,10 @@ function FromFile() {
     const step = isTable(file) ? await stepOfTable(file) : stepOf(await file.text());
     setOpened({ name: file.name, step });
   });
+  useEffect(() => {
+    const handed = takeHanded();
+    if (handed) take.run(handed);
+  }, []);
   return (
     <>
       <Head

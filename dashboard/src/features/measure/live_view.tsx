@@ -3,7 +3,7 @@ import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { api } from "../../api/calls";
 import { queries } from "../../api/queries";
-import type { ImportOptions, JointKind, LiveState, Observation, OpenSet, Robot } from "../../api/types";
+import type { JointKind, LiveState, Observation, OpenSet, Robot } from "../../api/types";
 import {
   Badge,
   ActionButton,
@@ -26,8 +26,9 @@ import { Select, TextField } from "../../components/fields";
 import { SignButton, VectorAxes, VectorBoxes } from "./vector_boxes";
 import { understand } from "../../lib/campaign";
 import { fixed, percent, significant } from "../../lib/format";
+import type { Fields } from "../../lib/json";
 import * as live from "./live";
-import { isBlock } from "./paste";
+import { type Block, isBlock, type Placed, placed, type Unmatched } from "./paste";
 import { sentence } from "../../lib/said";
 import { OF_NUMBERS, OF_VECTOR } from "../../lib/schema";
 import { position, labelOf, shownWithInterval } from "../../lib/stiffness";
@@ -40,11 +41,9 @@ import { keepPage } from "./device";
 import { recalled, remember } from "../../state/kept";
 import { useKinematics } from "../../state/kinematics";
 import { draftKey, keptIn, useFollowed } from "./live_state";
-import { mistakeIn } from "../readings/opening";
 import { client, keptOnDevice, useQuery } from "../../state/query";
 import { discardReading, putState, sendReadings, useWaiting, type Waits as Waited } from "./readings";
 import { useSettings } from "../../state/session";
-import { type DecimalMark, type Left, type Pasting, usePasting } from "./pasting";
 import { askFor, sure } from "../../state/question";
 import { text } from "../../words";
 import { loadOf, shownJoint } from "../plan/view";
@@ -334,7 +333,6 @@ function Posture({ set, robot, label, stand, state, bridge, isOwn, back, send, s
     put({ column: next });
   };
   const following = read && !unloadedOnly ? followingColumn(column, rows) : null;
-  const pasting = usePasting(rows, change);
   const { kinematics, problem } = useKinematics({ robot_id: robot.id }, [stand.joints], keptOnDevice);
   const posture = kinematics?.[0];
   const room = posture ? roomOf([posture]).flatMap((place) => [place, times(place, WITH_LABELS)]) : [];
@@ -388,7 +386,7 @@ function Posture({ set, robot, label, stand, state, bridge, isOwn, back, send, s
         )}
       </p>
       {!phone && why}
-      <ReadingsTable {...{ rows, change, unloadedOnly, pasting }} />
+      <ReadingsTable {...{ rows, change, unloadedOnly }} />
       {read && (
         <TrackerSaid
           {...{ rows }}
@@ -421,7 +419,7 @@ function Posture({ set, robot, label, stand, state, bridge, isOwn, back, send, s
             {words.tracker.keep[column as "unloaded" | "loaded"]}
           </Button>
         ) : (
-          <Button look="primary big" disabled={lacking !== null || pasting.busy} onClick={tell} acts>
+          <Button look="primary big" disabled={lacking !== null} onClick={tell} acts>
             {words.send}
           </Button>
         )}
@@ -489,11 +487,16 @@ interface RowsProps {
   rows: live.Rows;
   change: (by: (rows: live.Rows) => live.Rows) => void;
   unloadedOnly: boolean;
-  pasting: Pasting;
 }
 
-function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
+/** A block of which something is not in the form. */
+interface Left extends Omit<Placed, "rows"> {
+  block: Block;
+}
+
+function ReadingsTable({ rows, change, unloadedOnly }: RowsProps) {
   const phone = usePhone();
+  const [left, setLeft] = useState<Left[]>([]);
   const again = readsAgain(rows);
   const readAgain = () =>
     change((now) =>
@@ -511,7 +514,20 @@ function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
     const pasted = event.clipboardData?.getData("text") ?? "";
     if (!isBlock(pasted)) return;
     event.preventDefault();
-    pasting.paste({ target, column, text: pasted });
+    const block = { target, column, text: pasted };
+    const { unmatched, faults } = placed(block, rows);
+    change((now) => placed(block, now).rows);
+    const others = left.filter((one) => one.block.target !== target || one.block.column !== column);
+    setLeft(unmatched.length > 0 || faults.length > 0 ? [...others, { block, unmatched, faults }] : others);
+  };
+  const keep = (one: Left, part: Partial<Left>) => {
+    const next = { ...one, ...part };
+    const isSettled = next.unmatched.length === 0 && next.faults.length === 0;
+    setLeft(left.flatMap((each) => (each !== one ? [each] : isSettled ? [] : [next])));
+  };
+  const settle = (one: Left, { name, typed }: Unmatched, target: string | null) => {
+    if (target !== null) put(target, typed);
+    keep(one, { unmatched: one.unmatched.filter((each) => each.name !== name) });
   };
   return (
     <fieldset class="live-readings">
@@ -551,56 +567,32 @@ function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
           </>
         ))}
       </div>
-      {pasting.busy && <Busy label={words.reading} />}
-      {pasting.left.map((left) => (
-        <NotPlaced {...{ left, pasting, targets: Object.keys(rows) }} />
+      {left.map((one) => (
+        <>
+          {one.faults.length > 0 && (
+            <div class="note warn" role="alert">
+              <p>{words.notPlaced}</p>
+              <ul>
+                {one.faults.map((fault) => (
+                  <li>{fault}</li>
+                ))}
+              </ul>
+              <Button look="quiet" onClick={() => keep(one, { faults: [] })}>
+                {words.pasteDiscard}
+              </Button>
+            </div>
+          )}
+          {one.unmatched.map((unmatched) => (
+            <WhichTarget
+              name={unmatched.name}
+              numbers={unmatched.typed.unloaded ?? unmatched.typed.loaded ?? ""}
+              targets={Object.keys(rows)}
+              choose={(target) => settle(one, unmatched, target)}
+            />
+          ))}
+        </>
       ))}
     </fieldset>
-  );
-}
-
-/** A pasted block of which something is not in the form, and what can be done about it. */
-function NotPlaced({ left, pasting, targets }: { left: Left; pasting: Pasting; targets: string[] }) {
-  const { block, problem, faults, unmatched, asksForMark } = left;
-  return (
-    <>
-      {(problem || faults.length > 0) && (
-        <div class="note warn" role="alert">
-          <p>{problem ? words.pasteFailed(problem.detail) : words.notPlaced}</p>
-          <ul>
-            {faults.map((fault) => (
-              <li>{fault}</li>
-            ))}
-          </ul>
-          <pre>{block.text}</pre>
-          {asksForMark && (
-            <Select
-              label={words.whichMark}
-              value=""
-              change={(mark) => mark && pasting.again(left, mark as DecimalMark)}
-              options={[
-                { value: "", label: planWords.pick },
-                ...Object.entries(words.marks).map(([value, label]) => ({ value, label })),
-              ]}
-            />
-          )}
-          <div class="row">
-            {problem && <Button onClick={() => pasting.again(left)}>{words.pasteAgain}</Button>}
-            <Button look="quiet" onClick={() => pasting.discard(left)}>
-              {words.pasteDiscard}
-            </Button>
-          </div>
-        </div>
-      )}
-      {unmatched.map((one) => (
-        <WhichTarget
-          name={one.name}
-          numbers={one.typed.unloaded ?? one.typed.loaded ?? ""}
-          targets={targets}
-          choose={(target) => pasting.settle(left, one, target ?? NO_TARGET)}
-        />
-      ))}
-    </>
   );
 }
 
@@ -631,16 +623,15 @@ const WhichTarget = ({ name, numbers, targets, choose }: WhichTargetProps) => (
 /** No name of a target: names are printable. */
 const NO_TARGET = "\u0000";
 
-/** The measurement set in a file, with what is stated of a table; text that says what is wrong with it otherwise. */
-async function readingsOf(file: File, stated: ImportOptions = {}): Promise<Record<string, unknown> | string> {
+/** The measurement set in a file; text that says what is wrong with the file otherwise. */
+async function readingsOf(file: File, { encoders }: OpenSet): Promise<Fields | string> {
   if (file.size > MAX_BYTES) return text.files.faults.too_large.join(" ");
-  if (!/\.json$/i.test(file.name)) {
-    const { measurement_set: set, missing } = await api.importFiles([file], stated);
-    return set === null ? planWords.missing(missing.join(", ")) : (set as unknown as Record<string, unknown>);
-  }
-  const campaign = understand(await file.text());
-  if (campaign === "not_json") return mistakeIn(file);
-  return typeof campaign === "string" ? text.files.faults[campaign].join(" ") : campaign.set;
+  const campaign = /\.json$/i.test(file.name) ? understand(await file.text()) : "not_json";
+  if (typeof campaign !== "string") return campaign.set;
+  // Only observations are read: the set has a load point of its own.
+  const answer = await api.importFiles([file], { mapping: { encoders, load_point: [0, 0, 0] } });
+  const lacking = [...answer.questions.map((question) => question.text), ...answer.faults];
+  return (answer.measurement_set as Fields | null) ?? planWords.missing(lacking.join(" "));
 }
 
 interface OthersProps {
@@ -667,7 +658,7 @@ function Others({ set, robot, stand, use, send, taken }: OthersProps) {
   const planned = usePlanned(set);
   const take = useAction(async (file: File) => {
     setFault(null);
-    const read = await readingsOf(await filled(file), { encoders: set.encoders });
+    const read = await readingsOf(await filled(file), set);
     const done = typeof read === "string" ? null : live.readSoFar(read);
     if (!done) return setFault(typeof read === "string" ? read : planWords.nothingRead);
     const { observations, units } = done.document as unknown as Pick<OpenSet, "observations" | "units">;

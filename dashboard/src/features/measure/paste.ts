@@ -1,12 +1,7 @@
-/** A block of readings pasted into the live form: the service reads the block as it reads files of an import. */
-import type { ImportAnswer, ImportOptions } from "../../api/types";
-import type { Rows, Typed } from "./live";
+/** A block of readings pasted into the live form, a line for each target. */
 import { numberIn } from "../../lib/schema";
-
-const HEADER = [
-  "point",
-  ...["unloaded", "loaded"].flatMap((state) => ["x", "y", "z"].map((axis) => `${state} ${axis} [mm]`)),
-];
+import type { Rows, Typed } from "./live";
+import { measureWords } from "./words";
 
 /** A text of the clipboard, and the box that it was pasted into. */
 export interface Block {
@@ -24,10 +19,8 @@ export interface Unmatched {
 export interface Placed {
   rows: Rows;
   unmatched: Unmatched[];
-  /** What was not understood, with its line. */
+  /** Lines that were not understood. */
   faults: string[];
-  /** Whether the block does not show which mark is the decimal one: 123,456. */
-  asksForMark: boolean;
 }
 
 /** Whether a line begins with a name: its first cell is no number, or one cell more than the numbers of one state or both. */
@@ -56,47 +49,28 @@ export function isBlock(clipboard: string): boolean {
 }
 
 /**
- * The files that a block is: its cells as they are, behind a header. Lines without a name are the targets `names` from
- * `target` on; a line beyond them is named by its number. Three numbers are of one state, six are of both.
+ * Rows with the numbers of a block, and what has no place in them. Lines without a name are the targets from the box's
+ * on; a line beyond them is named by its number. Three numbers go into the column of the box, six into both states.
  */
-export function filesOf(clipboard: string, names: readonly string[], target: string): [File[], ImportOptions] {
+export function placed({ target, column, text }: Block, rows: Rows): Placed {
+  const names = Object.keys(rows);
   const begin = names.indexOf(target);
-  const rows = linesOf(clipboard).map((line, i) => {
+  const answer: Placed = { rows: { ...rows }, unmatched: [], faults: [] };
+  linesOf(text).forEach((line, i) => {
     const cells = cellsOf(line);
-    const named = isNamed(cells) ? cells : [names[begin + i] ?? `line ${i + 1}`, ...cells];
-    return named.length === 4 ? [...named, ...named.slice(1)] : named;
+    const [first = ""] = cells;
+    const named = isNamed(cells);
+    const name = named ? first : (names[begin + i] ?? `line ${i + 1}`);
+    const numbers = (named ? cells.slice(1) : cells).map((cell) => numberIn(cell) ?? Number.NaN);
+    if ((numbers.length !== 3 && numbers.length !== 6) || numbers.some(Number.isNaN)) {
+      answer.faults.push(measureWords.notNumbers(i + 1, line.trim()));
+      return;
+    }
+    const [one, other] = [numbers.slice(0, 3).join(" "), numbers.slice(3).join(" ")];
+    const typed: Partial<Typed> = other ? { unloaded: one, loaded: other } : { [column]: one };
+    const before = answer.rows[name];
+    if (before) answer.rows[name] = { ...before, ...typed };
+    else answer.unmatched.push({ name, typed });
   });
-  const text = [HEADER, ...rows].map((row) => row.join(";")).join("\n");
-  const files = [new File(["label;J1 [rad]\nm01;0\n"], "joints.csv"), new File([text], "m01.txt")];
-  const stated = { file_name: "{label}", point_name: "{target}", encoders: "motor", load_point: [0, 0, 0] };
-  const more = { length_unit: "mm", force: [0, 0, -1], units: { force: "N" }, delimiter: "semicolon" };
-  return [files, { ...stated, ...more, accept_unusual: true, show_faults: true } as unknown as ImportOptions];
+  return answer;
 }
-
-/** What was read of a block that was pasted into a column: rows with it, and what has no place in them. */
-export function placed(answer: ImportAnswer, rows: Rows, column: keyof Typed, clipboard: string): Placed {
-  const faults = [...answer.faults.map(({ line, reason, remedy }) => said(line, reason, remedy)), ...answer.missing];
-  const both = linesOf(clipboard).some((line) => cellsOf(line).length > 4);
-  const filled: Rows = { ...rows };
-  const unmatched: Unmatched[] = [];
-  for (const { target, unloaded, loaded } of answer.measurement_set?.observations[0]?.readings ?? []) {
-    const numbers = { unloaded: (unloaded ?? []).join(" "), loaded: (loaded ?? []).join(" ") };
-    // Three numbers are read as both states alike: they go where they were pasted.
-    const typed: Partial<Typed> = both
-      ? numbers
-      : { [column]: column === "loaded" ? numbers.loaded : numbers.unloaded };
-    const before = filled[target];
-    if (before) filled[target] = { ...before, ...typed };
-    else unmatched.push({ name: target, typed });
-  }
-  return {
-    rows: filled,
-    unmatched,
-    faults,
-    asksForMark: answer.faults.some(({ option }) => option === "decimal_mark"),
-  };
-}
-
-/** A fault with its line of the block, in which there is no header. */
-const said = (line: number | null, reason: string, remedy: string): string =>
-  `${line === null ? "" : `line ${Math.max(1, line - 1)}: `}${reason}; ${remedy}`;

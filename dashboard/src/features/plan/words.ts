@@ -58,6 +58,6 @@ export const planWords = {
   posture: (label: string) => `Posture ${label}`,
   show: (label: string) => `Show ${label}`,
   drawn: (label: string) => `3D view of the arm in posture ${label}`,
-  missing: (what: string) => `The table lacks ${what}. Use the campaign to fill in instead.`,
+  missing: (what: string) => `The table is not complete: ${what}`,
   nothingRead: "No posture in this file is complete yet.",
 };

@@ -1,31 +1,29 @@
 /** Files that are not identified yet, with what was stated of them: one may add a robot meanwhile, or come back. */
-import type { ImportOptions } from "../../api/types";
+import type { Mapping } from "../../api/types";
 import { type Typed, typedOf } from "../../lib/campaign";
-import { type Template, templatesIn, withTemplate } from "./imports";
-import type { Fields } from "../../lib/json";
-import { keep, kept, recalled, remember } from "../../state/kept";
+import { keep, kept } from "../../state/kept";
 import type { Opened } from "./opening";
 import { client, type QueryOptions } from "../../state/query";
 
-/** What was said of tables so far. */
+/** What was stated of tables so far. */
 interface Draft {
-  options: ImportOptions;
-  /** The tracker's, if positions are in its frame. */
-  frame: Fields;
+  mapping: Mapping;
+  /** Id of the chosen robot; null until one is chosen. */
+  robot: string | null;
   /** What is noted about the measurement. */
   typed: Typed;
 }
 
-/** Nothing said yet but what a template says. */
-export const freshDraft = (options: ImportOptions): Draft => ({ options, frame: {}, typed: typedOf({}) });
+/** Nothing stated yet but what a mapping says. */
+export const freshDraft = (mapping: Mapping, robot: string | null): Draft => ({ mapping, robot, typed: typedOf({}) });
 
 interface Begun {
   opened: Opened;
   draft: Draft | null;
 }
 
-/** Where they are kept; what an older page kept as `tables` had other fields. */
-const NAME = "files";
+/** Where they are kept; what an older page kept as `files` had other fields. */
+const NAME = "import";
 
 /** Files that were opened before, also before the page was loaded again. */
 export const begunFiles: QueryOptions<Begun | null> = {
@@ -53,8 +51,17 @@ export function keepDraft(draft: Draft): void {
   if (before) putBegun({ ...before, draft });
 }
 
-export const keepFiles = (opened: Opened | null): void =>
-  putBegun(opened?.kind === "tables" ? { opened, draft: null } : null);
+/** Keep tables. Files that are opened again, corrected meanwhile, have what was stated of them before. */
+export function keepFiles(opened: Opened | null): void {
+  const before = begun();
+  const isAgain = opened !== null && before !== null && namesOf(before.opened) === namesOf(opened);
+  const tables = opened?.kind === "tables" ? opened : null;
+  const draft = isAgain && tables?.mapping === null ? before.draft : null;
+  putBegun(tables && { opened: tables, draft });
+}
+
+const namesOf = (opened: Opened): string =>
+  opened.kind === "tables" ? opened.files.map(({ name }) => name).join("/") : "";
 
 const HANDED = ["device", "handed"];
 
@@ -66,7 +73,3 @@ export function takeHanded(): File | null {
   client.removeQueries({ queryKey: HANDED });
   return file;
 }
-
-export const keptTemplates = (): Template[] => templatesIn(recalled("templates"));
-export const keepTemplate = (template: Template): void =>
-  remember("templates", withTemplate(keptTemplates(), template));

@@ -146,7 +146,7 @@ function changesIn({ measurement_set_id: _, ...request }: Fields): string {
 }
 
 const ACCEPTED =
-  ".json,.csv,.tsv,.txt,.asc,.xyz,.dat,.dmo,.xml,.xlsx,.mat,.h5,.hdf5,.parquet,application/json,text/csv,text/plain";
+  ".json,.csv,.tsv,.txt,.asc,.xyz,.dat,.xlsx,.xls,.xlsb,.ods,.mat,.h5,.hdf5,.npz,.npy,.parquet,application/json,text/csv,text/plain";
 
 export function FileDrop({ again, take }: { again: boolean; take: (...files: File[]) => void }) {
   return (

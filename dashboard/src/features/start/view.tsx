@@ -84,7 +84,7 @@ export function CampaignFlow({ opened, robot: asked, set: chosenSet, setSet, tak
     <RequestFields action={identify} look="flow" known>
       <Step at={1} title={text.files.title}>
         <FileDrop again={opened !== null || storedId !== ""} take={take} />
-        {opened?.kind === "template" && <p class="note good">{importWords.templateFirst(opened.template.name)}</p>}
+        {opened?.kind === "mapping" && <p class="note good">{importWords.mappingFirst(opened.name)}</p>}
         {sets && sets.items.length > 0 && opened === null && (
           <SetSelect label={text.files.stored} value={storedId} change={setSet} none={text.files.storedNone} />
         )}
@@ -182,7 +182,7 @@ export function StartView({ query }: { query: URLSearchParams }) {
             )}
             {idle && <OtherWays example={async () => take(await example())} />}
           </div>
-          <GoOn />
+          {opened?.kind !== "tables" && <GoOn />}
         </div>
       )}
     </>
