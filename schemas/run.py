@@ -641,7 +641,7 @@ class RunResult(Result):
         return ResultSummary(
             verdict=self.assessment.verdict,
             compensation=self.compensation,
-            joints_identified=count_identified_joints(self.joints),
+            joints_identified=self.assessment.joints_identified,
             joint_count=len(self.joints),
             warning_count=len(self.warnings),
         )

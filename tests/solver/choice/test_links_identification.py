@@ -640,8 +640,12 @@ def test_a_base_that_links_beat_is_neither_chosen_nor_tied():
 
 
 def test_joined_intervals_contain_those_of_both_models():
-    one = EffectiveCompliances(np.array([2.0, 5.0]), np.array([2.0, 5.0]), np.array([[1.0, 3.0], [4.0, 6.0]]), 2.0)
-    other = EffectiveCompliances(np.array([4.0, 5.5]), np.array([4.0, 5.5]), np.array([[2.0, 5.0], [5.0, 5.8]]), 2.5)
+    one = EffectiveCompliances(
+        np.array([2.0, 5.0]), np.array([2.0, 5.0]), np.array([[1.0, 3.0], [4.0, 6.0]]), 2.0
+    )
+    other = EffectiveCompliances(
+        np.array([4.0, 5.5]), np.array([4.0, 5.5]), np.array([[2.0, 5.0], [5.0, 5.8]]), 2.5
+    )
     joined = one.widen_ranges_by(other)
     np.testing.assert_array_equal(joined.compliance, one.compliance)
     np.testing.assert_array_equal(joined.ends, [[1.0, 5.0], [4.0, 6.0]])
@@ -662,7 +666,9 @@ def test_a_joined_interval_has_its_uncertainty_whatever_this_models_is(own):
 
 
 def test_a_joined_interval_is_unknown_where_both_are():
-    one = EffectiveCompliances(np.array([2.0, np.nan]), np.array([2.0, np.nan]), np.array([[np.nan, np.nan], [1.0, 3.0]]), 2.0)
+    one = EffectiveCompliances(
+        np.array([2.0, np.nan]), np.array([2.0, np.nan]), np.array([[np.nan, np.nan], [1.0, 3.0]]), 2.0
+    )
     joined = one.widen_ranges_by(one)
     np.testing.assert_array_equal(joined.ends, one.ends)
     np.testing.assert_array_equal(joined.uncertainty, [np.nan, 0.5])
