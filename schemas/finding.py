@@ -235,6 +235,8 @@ FindingCode = Literal[
     "alternative_explains_better",
     "cause_fitted",
     "load_at_target",
+    "joint_poorly_known",
+    "stiffness_negative",
     "stiffness_implausible",
     "stiffness_against_payload",
     "payload_not_stated",
@@ -299,6 +301,9 @@ ROOT_MISTAKES: Final[frozenset[FindingCode]] = frozenset(
 )
 """Codes of findings that cause other findings: an assessment with one of them lists no other reason."""
 
+UNKNOWN_JOINTS: Final[frozenset[FindingCode]] = frozenset({"joint_poorly_known", "stiffness_negative"})
+"""Codes of findings on a joint whose stiffness is not known well enough to be used."""
+
 
 class Finding(Message):
     """Suspicious fact about readings or a result. No data are refused or changed because of a finding."""
@@ -339,8 +344,8 @@ class Assessment(Message):
     )
     joints_identified: int | None = Field(
         default=None,
-        description="Least number of joints, over all fits, whose stiffness has an upper limit; null for "
-        "geometries.",
+        description="Least number of joints, over all fits, whose stiffness is positive, has an upper limit "
+        "and, if the joint carries 5 % of the deflection, is known within the goal; null for geometries.",
     )
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     headline: str | None = Field(

@@ -16,6 +16,9 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
+GOAL: Final = 1.5
+"""Greatest ratio of the ends of an interval at which a stiffness is known: about ± 20 %, enough to choose
+postures and to correct poses."""
 JointKind = Literal["revolute", "prismatic"]
 StatedKind = Annotated[
     JointKind,

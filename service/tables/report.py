@@ -15,8 +15,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import to_jsonable_python
 
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.finding import ActionKind, Assessment, Finding, Problem, Verdict
-from jointstiff.schemas.joints import JointKind
+from jointstiff.schemas.finding import UNKNOWN_JOINTS, ActionKind, Assessment, Finding, Problem, Verdict
+from jointstiff.schemas.joints import GOAL, JointKind
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS, StiffnessUnit
 from jointstiff.service.tables.table import Line, Part, Sheet, Style, field_unit
 from jointstiff.solver.text import figure
@@ -92,6 +92,8 @@ def verdict_line(assessment: Assessment) -> Line:
         rest_words = "no number of the other joints passed the checks"
         return Line(f"Use {identified} of {joints} joints: {rest_words}", _HEAD_STYLES[verdict])
     explanation = format_count(count, "reason") if count else describe_passed_checks(assessment)
+    if count and all(reason.code in UNKNOWN_JOINTS for reason in assessment.reasons):
+        explanation = f"{identified} of {joints} joints are known within a factor of {GOAL:g}"
     return Line(f"{VERDICTS[verdict].capitalize()}: {explanation}", _HEAD_STYLES[verdict])
 
 

@@ -491,6 +491,7 @@ class JointCompliance:
     prior: JointPrior | None = None
     reason: str | None = None  #: why there is no number, or which limit applies to the number
     limit: str = ""  #: text of the lower limit of the stiffness, with which the reason begins; may be empty
+    own_compliance: float | None = None  #: with bending links, of the joint without its link [rad/(N·m)]
 
     @property
     def reason_without_limit(self) -> str | None:

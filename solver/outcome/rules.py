@@ -24,7 +24,7 @@ from jointstiff.schemas.finding import (
     NamedCause,
     Verdict,
 )
-from jointstiff.schemas.joints import JOINT_UNITS, JointKind
+from jointstiff.schemas.joints import GOAL, JOINT_UNITS, JointKind
 from jointstiff.schemas.options import MAX_CAUSES
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.evidence.alternatives import (
@@ -88,6 +88,8 @@ FEW: Final = 0.1
 MOST_LEFT_OUT: Final = 0.3
 """Largest share of the observations that a proposed action leaves out: if more are bad, something else is
 wrong."""
+CARRIES: Final = 0.05
+"""Fraction of the deflection from which on a joint must be known within the goal; less hardly matters."""
 HARMFUL: Final = 0.05
 """Relative change of a compliance above which a proved mistake in the load forbids its use."""
 COVERED: Final = 2.0
@@ -231,6 +233,9 @@ def assess(
         return replace(derive_assessment(estimate.joints, reasons), notes=tuple(notes))
     explanation = _choose_explanation(joints, estimate, screening)
     reasons = list(_list_reasons(joints, estimate, prediction, explanation, unloading))
+    reasons += _report_negative(estimate.joints)
+    if all(reason.weight != "do_not_use" for reason in reasons):  # else no interval means anything
+        reasons += _report_poorly_known(estimate)
     if doubt is not None and explanation.finds_nothing:  # else the doubt may have the same reason
         notes.append(doubt.describe())
     return replace(derive_assessment(estimate.joints, reasons), notes=tuple(notes))
@@ -535,12 +540,19 @@ def derive_assessment(joints: Sequence[JointCompliance], findings: Iterable[Find
     )
 
 
+def is_negative(joint: JointCompliance) -> bool:
+    """Return whether a joint has a negative compliance, which no spring has."""
+    return joint.compliance is not None and joint.compliance < 0.0
+
+
 def _judge_joint(joint: JointCompliance, joint_names: Set[str], findings: Sequence[Finding]) -> Verdict:
     """Return the verdict on a joint: the most severe of its status, and of findings that concern it.
 
     A finding concerns the joint unless its place `where` is another joint; a finding without a place concerns
     the whole set.
     """
+    if is_negative(joint):
+        return "do_not_use"
     other_joints = joint_names - {joint.name}
     weights = [finding.weight for finding in findings if finding.where not in other_joints]
     verdict_by_status = _BY_STATUS[joint.status]
@@ -1279,6 +1291,44 @@ def _report_unidentified(estimate: Estimate) -> Iterator[Finding]:
             "the chosen robot would move the targets in another way"
         )
         yield from report_no_identified_joint(statuses, remedy)
+
+
+def _report_negative(joints: Sequence[JointCompliance]) -> Iterator[Finding]:
+    """Yield a finding for each joint with a negative compliance, which a fit without bounds may find."""
+    for joint in filter(is_negative, joints):
+        yield Finding(
+            code="stiffness_negative",
+            weight="use_with_care",
+            where=joint.name,
+            message=f"the stiffness of {joint.name} is negative, which is not physical",
+            remedy="identify with compliances that are not negative, or measure postures that load the joint",
+        )
+
+
+def _report_poorly_known(estimate: Estimate) -> Iterator[Finding]:
+    """Yield a finding for each joint that may carry the deflection and is not known within the goal.
+
+    A joint may carry ``‖R_j‖ c_j / ‖z‖`` of the deflection, with R the rows, z the readings, and c_j the
+    upper end of its interval: a joint that seems rigid may still carry what its interval allows.
+    """
+    reading_size = float(np.linalg.norm(estimate.compressed.all_readings.rhs))
+    column_sizes = np.linalg.norm(estimate.regressor, axis=0)
+    for joint, column_size in zip(estimate.joints, column_sizes.tolist(), strict=True):
+        if joint.compliance_interval is None or is_negative(joint):
+            continue
+        lower, upper = joint.compliance_interval
+        share = column_size * upper / reading_size if reading_size else 0.0
+        if share < CARRIES or upper <= GOAL * lower:
+            continue
+        known = f"to a factor of {figure(upper / lower, '.2g')}" if lower > 0.0 else "from one side only"
+        yield Finding(
+            code="joint_poorly_known",
+            weight="use_with_care",
+            where=joint.name,
+            message=f"{joint.name} is known {known}, and may carry {100.0 * min(share, 1.0):.0f} % of the "
+            f"deflection; the goal is a factor of {GOAL:g} between the ends of its interval",
+            remedy=f"measure more postures and loads that twist {joint.name}; a plan proposes them",
+        )
 
 
 def _fits_with_opposite_sign(estimate: Estimate) -> bool:

@@ -291,7 +291,7 @@ def test_a_certificate_states_place_days_and_languages_of_the_laboratory(laborat
             {"encoders": "secondary"},
             [
                 "joint_1 | 3.804 | 3.712 … 3.900 | use |",
-                "joint_6 | 0.099 | 0.071 … 0.159 | use |",
+                "joint_6 | 0.099 | 0.071 … 0.159 | use with care |",
                 "Deviation: loss huber: large residuals have less weight.",
                 "Deviation: prior knowledge of joint_1 was used.",
                 "Deviation: stiffness of joint_6 was bounded.",
