@@ -267,7 +267,8 @@ class ImportAnswer(Message):
         default=None, description="Findings of the integrity checks; null without a robot."
     )
     measurement_set: MeasurementSetDocument | None = Field(
-        default=None, description="Measurement set, to be posted together with `robot_id`."
+        default=None,
+        description="Measurement set, to be posted together with `robot_id`; with `faults`, do not use it.",
     )
     geometry: GeometryRequest | None = Field(
         default=None, description="Poses without load, to be posted to /v1/geometries with `robot_id`."

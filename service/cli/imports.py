@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -92,7 +92,7 @@ def import_command(
     ] = False,
     despite_errors: Annotated[
         bool,
-        typer.Option("--despite-errors", help="Write the readings even if the integrity checks find errors."),
+        typer.Option("--despite-errors", help="Write the readings even if the checks find errors."),
     ] = False,
     as_json: cli.AsJson = False,
 ) -> None:
@@ -105,9 +105,9 @@ def import_command(
         cli.check_ending(output, [".json"])
     stated: dict[str, Any] = {
         "encoders": encoders,
-        "load_point": load_point and cli.parse_vector(load_point, unit="mm"),
+        "load_point": load_point and _parse_option("--load-point", cli.parse_vector, load_point, "mm"),
         "load_point_target": load_point_target,
-        "force": force and _parse_force(force),
+        "force": force and _parse_option("--force", _parse_force, force),
         "flange_targets": dict(map(_parse_place, flange_target or ())) or None,
         "noise": None if sigma is None else {"sigma": sigma},
         "encoding": encoding,
@@ -117,7 +117,8 @@ def import_command(
     answer = _answer_questions(readings, readings.read(mapping, known), yes=yes, as_json=as_json)
     _print(answer, as_json=as_json)
     inputs: list[object] = [*files, mapping]
-    if answer.questions or answer.faults:
+    is_complete = any((answer.measurement_set, answer.geometry, answer.weight_step))
+    if answer.questions or not is_complete:
         fields = [question.field for question in answer.questions[:1] if question.field in _OPTION_OF]
         option = f" by {_OPTION_OF[fields[0]]}" if fields else ""
         cli.warn(f"nothing was written: answer the question{option}, or correct the mapping")
@@ -125,18 +126,37 @@ def import_command(
     if save_mapping is not None:
         cli.refuse_existing(save_mapping, overwrite=overwrite, inputs=inputs)
         cli.write_json(save_mapping, answer.mapping.model_dump(mode="json", exclude_defaults=True))
-    if not despite_errors and any(finding.weight == "do_not_use" for finding in answer.findings or ()):
+        typer.echo(f"wrote {save_mapping}", err=True)
+    are_wrong = any(finding.weight == "do_not_use" for finding in answer.findings or ())
+    if not despite_errors and (answer.faults or are_wrong):
         cli.warn("nothing was written: correct the errors, or state --despite-errors")
         raise typer.Exit(1)
     if output is not None:
         cli.refuse_existing(output, overwrite=overwrite, inputs=inputs)
         cli.write_json(output, _build_document(readings, answer, about or (), ground or ()))
-        typer.echo(f"wrote {output}", err=True)
+        next_step = _name_next_step(answer, output, has_robot=robot is not None)
+        typer.echo(f"wrote {output}, {next_step}", err=True)
+
+
+def is_terminal_input() -> bool:
+    """Return whether a person can answer at the terminal."""
+    return sys.stdin.isatty()
+
+
+def _name_next_step(answer: ImportAnswer, output: Path, *, has_robot: bool) -> str:
+    """Return what a file has, and the command that uses the file."""
+    if answer.geometry is not None:
+        what, command = "unloaded poses", "geometry"
+    elif answer.weight_step is not None:
+        what, command = "a weight step", "gearbox"
+    else:
+        what, command = "a campaign" if has_robot else "a measurement set", "identify"
+    return f"{what}; now: {f'jointstiff {command} {output}' if has_robot else 'add --robot'}"
 
 
 def _answer_questions(readings: _Readings, answer: ImportAnswer, *, yes: bool, as_json: bool) -> ImportAnswer:
     """Return the answer after the replies of a person, or with `yes` after the first choices."""
-    asks = sys.stdin.isatty() and not (yes or as_json)
+    asks = is_terminal_input() and not (yes or as_json)
     while answer.questions and (asks or yes):
         reply = _reply(answer, asks=asks)
         if reply is None:
@@ -168,6 +188,18 @@ class _Readings:
 
         readings = read(*self._files, robot=self.robot, mapping=mapping, name=self._name, **stated)
         return readings.answer
+
+
+def _parse_option(name: str, parse: Callable[..., tuple[float, ...]], *arguments: str) -> tuple[float, ...]:
+    """Parse the text of an option.
+
+    Raises:
+        typer.BadParameter: names the option.
+    """
+    try:
+        return parse(*arguments)
+    except typer.BadParameter as error:
+        raise typer.BadParameter(error.message, param_hint=f"'{name}'") from None
 
 
 def _parse_force(text: str) -> tuple[float, ...]:

@@ -167,7 +167,7 @@ class _Import:
             faults=found.faults,
             far=found.far,
         )
-        if questions or found.faults:
+        if questions:
             return answer
         return self._add_documents(answer, readings, mapping, has_set=is_loaded or by_weight)
 
@@ -182,7 +182,8 @@ class _Import:
             document = build_set(readings, mapping, self._name)
             findings = None if self._robot is None else self._inspect(document, self._robot)
         except (TableError, MeasurementError) as error:
-            return answer.model_copy(update={"faults": [f"{error.reason}: {error.remedy}"]})
+            faults = [*answer.faults, f"{error.reason}: {error.remedy}"]
+            return answer.model_copy(update={"faults": faults})
         return answer.model_copy(update={"measurement_set": document, "findings": findings})
 
     def _inspect(self, document: MeasurementSetDocument, known: KnownRobot) -> list[Finding]:

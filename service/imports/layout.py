@@ -64,7 +64,7 @@ class Layout:
         """Return the table of a position."""
         return self.pivots[self.find_sources(reading.points)[0].pivot]
 
-    def read_beside(self, reading: TargetReading, columns: Sequence[int]) -> FloatArray:
+    def read_neighbours(self, reading: TargetReading, columns: Sequence[int]) -> FloatArray:
         """Return the numbers (N, m) of columns of the same table in the rows of a position."""
         source = self.find_sources(reading.points)[0]
         rows = self.pivots[source.pivot].numbers[:, source.combo, list(columns)]

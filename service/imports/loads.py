@@ -275,8 +275,8 @@ def _is_prefixed(word: str, stem: str) -> bool:
     return word != stem and word.endswith(stem) and len(stem) >= least
 
 
-def compare_beside(first: FloatArray, second: FloatArray) -> int:
-    """Return 1 or −1 if numbers (N, m) beside the readings are zero in the first or second state only.
+def compare_zeros(first: FloatArray, second: FloatArray) -> int:
+    """Return 1 or −1 if numbers (N, m) next to the readings are zero in the first or second state only.
 
     Cells without a number are no zero; a vector is zero if all m numbers are.
     """

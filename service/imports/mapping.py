@@ -59,6 +59,13 @@ def get_factor(role: Role) -> float:
     return COLUMN_UNITS[role.unit] if role.unit else 1.0
 
 
+def name_tables(parts: list[TableMapping]) -> list[TableMapping]:
+    """Return parts of a mapping; a single part reads tables of any name, as of the next day."""
+    if len(parts) > 1:
+        return parts
+    return [part.model_copy(update={"table": ["*"]}) for part in parts]
+
+
 def is_named(table: Table, mapping: TableMapping) -> bool:
     """Return whether a part of a mapping names a table."""
     return any(fnmatchcase(table.name, name) for name in mapping.table)

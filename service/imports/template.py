@@ -23,7 +23,7 @@ from jointstiff.schemas.imports import (
     State,
     TableMapping,
 )
-from jointstiff.service.imports.mapping import name_columns
+from jointstiff.service.imports.mapping import list_columns, name_columns, name_tables
 from jointstiff.service.imports.tables import Column, Table, group_forms
 
 _HEADER: Final = re.compile(r"(?P<name>[^\[(]*?)\s*(?:[\[(](?P<unit>[^\])]+)[\])])?")
@@ -118,7 +118,8 @@ def find_template(tables: Sequence[Table], stated: Mapping) -> Mapping | None:
         known = [(column, header) for column, header in zip(columns, headers, strict=True) if header]
         if not _are_complete([header for _, header in known]):
             return None
-        roles = list(_list_roles(known))
+        places = [column.id for column in columns]
+        roles = sorted(_list_roles(known), key=lambda role: places.index(list_columns(role)[0]))
         unread += [column for column, header in zip(columns, headers, strict=True) if header is None]
         parts.append(TableMapping(table=[table.name for table in group], roles=roles))
     roles_found = {role.role for part in parts for role in part.roles}
@@ -134,7 +135,7 @@ def find_template(tables: Sequence[Table], stated: Mapping) -> Mapping | None:
     if unread:
         listed = ", ".join(f"{column.id} ({column.header or 'no header'})" for column in unread)
         doubts.append(Doubt(about="columns", text=f"columns {listed} are not read: is this right?"))
-    return stated.model_copy(update={"tables": parts, "doubts": doubts})
+    return stated.model_copy(update={"tables": name_tables(parts), "doubts": doubts})
 
 
 def _are_complete(headers: Sequence[_Header]) -> bool:

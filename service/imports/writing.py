@@ -25,11 +25,11 @@ from jointstiff.service.imports.layout import Layout, Source
 from jointstiff.service.imports.loads import (
     Columns,
     ForceEvidence,
-    compare_beside,
     compare_names,
+    compare_zeros,
     pair_readings,
 )
-from jointstiff.service.imports.mapping import find_roles, list_columns, name_columns
+from jointstiff.service.imports.mapping import find_roles, list_columns, name_columns, name_tables
 from jointstiff.service.imports.structure import Pivot
 from jointstiff.service.imports.tables import Column, Table
 from jointstiff.service.imports.template import read_unit
@@ -93,7 +93,7 @@ def write_mapping(found: Finding, stated: Mapping) -> Mapping:
         loads = [mass] if mass is not None else []
         if loads:
             writer.evidence = replace(evidence, stated=np.array([0.0, 0.0, -1.0]))
-    states_are_in_rows = bool(loads) and (loads[0].is_beside_rows or not any(pair_readings(found.proposal)))
+    states_are_in_rows = bool(loads) and (loads[0].states_rows or not any(pair_readings(found.proposal)))
     writer.order_states(force, is_mass=bool(loads), are_in_rows=states_are_in_rows)
     parts = [writer.write_table(number, force) for number in range(len(found.layout.pivots))]
     for load in loads:
@@ -112,16 +112,16 @@ def write_mapping(found: Finding, stated: Mapping) -> Mapping:
         x, y, z = (1e3 * found.proposal.frame.origin).tolist()
         frame = Placement(rotation=found.proposal.frame.rotation.tolist(), origin=(x, y, z))
     kept = [part for part in parts if find_roles(part, *_NUMBERS)]
-    return stated.model_copy(update={"tables": kept, "frame": frame, "doubts": writer.doubts})
+    return stated.model_copy(update={"tables": name_tables(kept), "frame": frame, "doubts": writer.doubts})
 
 
 @dataclass(frozen=True)
 class _Load:
-    """Column of loads that is found beside the readings."""
+    """Column of loads that is found next to the readings."""
 
     pivot: int
     role: Role
-    is_beside_rows: bool  #: whether the load of a row says the state of its positions
+    states_rows: bool  #: whether the load of a row says the state of its positions
 
 
 @dataclass
@@ -188,12 +188,13 @@ class _Writer:
             unit = _find_force_unit(pivot, columns[0])
             sizes = np.unique(np.abs(pivot.numbers[:, :, run[0]]))
             is_zero_in_one = all(
-                compare_beside(*(self.found.layout.read_beside(each, run) for each in pair)) for pair in pairs
+                compare_zeros(*(self.found.layout.read_neighbours(each, run) for each in pair))
+                for pair in pairs
             )
             if is_zero_in_one and (unit or len(run) > 1 or len(sizes) > 2):
                 name: RoleName = "force" if len(run) > 1 else "mass" if unit == "kg" else "load"
                 role = Role(columns=name_columns(columns), role=name, unit=unit)
-                return [_Load(number, role, is_beside_rows=True)]
+                return [_Load(number, role, states_rows=True)]
         return []
 
     def _are_other_rows(self, first: TargetReading, second: TargetReading) -> bool:
@@ -203,7 +204,7 @@ class _Writer:
         return own.pivot == other.pivot and own.column == other.column and is_other_row
 
     def find_mass(self) -> _Load | None:
-        """Return the column in kg whose weights explain the deflections, or that is beside single states."""
+        """Return the column in kg whose weights explain the deflections, or that is next to single states."""
         are_single = not any(True for _ in pair_readings(self.found.proposal))
         for number, pivot in enumerate(self.found.layout.pivots):
             for i in self._list_free(number):
@@ -213,7 +214,7 @@ class _Writer:
                     continue
                 if are_single or self.evidence.hangs(np.nanmax(numbers, axis=1)):
                     role = Role(columns=name, role="mass", unit="kg")
-                    return _Load(number, role, is_beside_rows=False)
+                    return _Load(number, role, states_rows=False)
         return None
 
     def write_table(self, number: int, force: Columns | None) -> TableMapping:

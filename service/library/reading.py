@@ -64,10 +64,13 @@ class ImportedReadings:
     def _build_campaign(self) -> Campaign:
         """Return the campaign; errors as of `campaign`, as RequestError."""
         answer = self.answer
-        open_texts = [*answer.faults, *(question.text for question in answer.questions)]
-        if open_texts:
+        if answer.questions:
             remedy = "answer it in the mapping: read(…, mapping=…), or state encoders, load_point or force"
-            raise RequestError(open_texts[0], where="files", remedy=remedy)
+            raise RequestError(answer.questions[0].text, where="files", remedy=remedy)
+        if answer.faults:
+            causes = [each.message for each in answer.findings or () if each.weight == "do_not_use"]
+            remedy = "correct the files or the mapping; `answer.measurement_set` has the readings as they are"
+            raise RequestError("; ".join([answer.faults[0], *causes[:1]]), where="files", remedy=remedy)
         if answer.measurement_set is None:
             remedy = "use `jointstiff.geometry(readings.answer.geometry)` or `jointstiff.gearbox(file)`"
             raise RequestError("the files have no loads", where="files", remedy=remedy)

@@ -21,10 +21,6 @@ from support.guide_files import ROOT, blocks_of, guides
 from support.processes import LONGEST_SECONDS, Service
 
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.imports import FilePreview, ImportOptions
-from jointstiff.service.importing.errors import Faults
-from jointstiff.service.importing.grid import Grid, Row
-from jointstiff.service.importing.layout import understand_table
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.files import example_files
 from jointstiff.solver.integrity.values import View
@@ -239,15 +235,6 @@ def test_the_finding_of_the_recipe_is_found():
     weak = replace(measurements, force=measurements.force * np.array([1.0, 0.01, 1.0, 0.01])[:, None])
     findings = list(check(View(robot, weak)))
     assert [(finding.observation, finding.weight) for finding in findings] == [("c02", "use"), ("c04", "use")]
-
-
-def test_the_format_of_the_recipe_is_understood():
-    read = defined("Add an import format", "read_json_lines")
-    faults = Faults()
-    grid = read("day.jsonl", b'["name", "x [mm]", "y [mm]", "z [mm]"]\n["c01_P10_loaded", 1, 2, 3]\n')
-    layout = understand_table(grid, ImportOptions(), faults)
-    assert not faults.found
-    assert dict(layout.columns.units) == {"length": "mm"}
 
 
 NAMED = re.compile(r"`((?:solver|service|schemas|tests|examples|benchmarks|scripts|docker|docs)/[\w./-]+)`")

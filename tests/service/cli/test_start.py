@@ -12,6 +12,7 @@ from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
+from support.importing_samples import CAMPAIGN
 
 pytestmark = pytest.mark.process
 
@@ -73,12 +74,12 @@ def test_identification_needs_no_web_and_no_database(command, campaign):
     assert not found & (DATABASE | WEB | {"httpx2", "jointstiff.schemas.geometry"})
 
 
-def test_an_import_computes_nothing(tmp_path):
+def test_an_import_without_a_robot_needs_no_web_no_database_and_no_solver(tmp_path):
     table = tmp_path / "readings.csv"
-    table.write_text("point,x [mm],y [mm],z [mm]\nP1_A_unloaded,1,2,3\n")
-    found = imported_by(PROGRAM, "import", str(table), "--point-name", "{label}_{target}_{state}")
-    assert "jointstiff.service.importing.reading" in found
-    assert not found & (NUMERICS | DATABASE | WEB | {"httpx2"})
+    table.write_text(CAMPAIGN)
+    found = imported_by(PROGRAM, "import", str(table), "--encoders", "motor", "--load-point", "0,0,120")
+    assert "jointstiff.service.imports.answer" in found
+    assert not found & (DATABASE | WEB | {"httpx2", "clarabel", "cvxpy"})
 
 
 def test_a_worker_serves_nothing():

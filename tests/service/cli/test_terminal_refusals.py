@@ -4,7 +4,7 @@ import json
 
 import pytest
 from support.command_lines import refused
-from support.importing_samples import CAMPAIGN, POINTS
+from support.importing_samples import CAMPAIGN
 from support.kinds import MAP
 from support.programs import options, path, tool_poses
 from support.rows import rows_of
@@ -28,7 +28,6 @@ def folder(tmp_path_factory):
         "path.src": program_text("krl", tool_poses(path(4)), 4),
         "options.json": json.dumps(options("krl")),
         "table.csv": CAMPAIGN,
-        "points.txt": POINTS,
     }
     for name, text in files.items():
         (folder / name).write_text(text)

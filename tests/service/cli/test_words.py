@@ -7,9 +7,7 @@ import jointstiff as js
 from jointstiff.schemas.options import METHODS_IN_SHORT
 from jointstiff.service.cli.app import app
 from jointstiff.service.cli.fields import _make_word_parser
-from jointstiff.service.cli.imports import _split_header, _split_typed_header
 from jointstiff.service.cli.options import UnknownWordError, _parse_unit
-from jointstiff.service.importing.source_files import SourceFile
 from jointstiff.simulator import default_arm, simulate_campaign
 
 CAMPAIGN = simulate_campaign(default_arm(), configurations=12, load="pull")
@@ -33,35 +31,6 @@ def test_hyphens_stand_for_underlines_at_the_terminal():
     assert _make_word_parser(["same_as_measured", "off"])("same-as-measured") == "same_as_measured"
     with pytest.raises(UnknownWordError, match="'on' is not one of 'same_as_measured', 'off'"):
         _make_word_parser(["same_as_measured", "off"])("on")
-
-
-@pytest.mark.parametrize(
-    "text", ["group;point;x;y;z", "group, point, x, y, z", "group\tpoint\tx\ty\tz", "group  point x y z"]
-)
-@pytest.mark.parametrize("delimiter", [None, "semicolon", "comma", "tab"])
-def test_a_header_without_the_files_delimiter_is_split_by_its_own(text, delimiter):
-    assert _split_header(text, delimiter) == ["group", "point", "x", "y", "z"]
-
-
-@pytest.mark.parametrize(
-    ("delimiter", "sign"), [("semicolon", ";"), ("comma", ","), ("tab", "\t"), ("whitespace", " ")]
-)
-@pytest.mark.parametrize("stated", [True, False])
-def test_a_header_is_split_as_its_file_is(delimiter, sign, stated):
-    """Its cells contain the other signs at which files are split."""
-    within = ";," if sign == " " else "".join(other for other in ";,\t" if other != sign)
-    names = [f"{name}{within}{name}" for name in ("name", "joint", "x")]
-    lines = [sign.join([f"P{i}", f"{i}", f"{i}5"]) for i in range(1, 6)]
-    file = SourceFile("points.txt", "\n".join(lines).encode())
-    options = {"header": sign.join(names), **({"delimiter": delimiter} if stated else {})}
-    assert _split_typed_header(options, [file])["header"] == names
-
-
-def test_a_header_of_an_import_is_split_as_its_file_is(tmp_path):
-    (tmp_path / "points.txt").write_text("P1,1,15\nP2,2,25\nP3,3,35\n")
-    command = ["import", str(tmp_path / "points.txt"), "--header", "a;b,c;d,e;f"]
-    shown = " ".join(CliRunner().invoke(app, command).output.split())
-    assert all(f"unknown column header '{name}'" in shown for name in ("a;b", "c;d", "e;f")), shown
 
 
 @pytest.mark.parametrize("command", ["identify", "compare", "post"])
