@@ -197,6 +197,11 @@ class _Writer:
                 return [_Load(number, role, states_rows=True)]
         return []
 
+    def _compare_zeros(self, first: TargetReading, second: TargetReading, run: Sequence[int]) -> int:
+        """Return 1 or −1 if neighbouring numbers are zero in the first or second state only."""
+        layout = self.found.layout
+        return compare_zeros(layout.read_neighbours(first, run), layout.read_neighbours(second, run))
+
     def _are_other_rows(self, first: TargetReading, second: TargetReading) -> bool:
         """Return whether two readings are the same columns of a table in other rows."""
         own, other = (self.found.layout.find_sources(each.points)[0] for each in (first, second))

@@ -216,7 +216,7 @@ def recipe(title: str) -> str:
 def defined(title: str, name: str):
     """Return the function that the code of a recipe defines."""
     (code,) = re.findall(r"^   ```python\n(.*?)^   ```$", recipe(title), re.MULTILINE | re.DOTALL)
-    names = {each.__name__: each for each in (FilePreview, Finding, Grid, Iterator, Row, View, figure)}
+    names = {each.__name__: each for each in (Finding, Iterator, View, figure)}
     names |= {"np": np, "json": json}
     exec(compile(dedent(code), title, "exec"), names)  # noqa: S102
     return names[name]

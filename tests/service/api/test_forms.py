@@ -139,9 +139,9 @@ OPTIONS = ("options", (None, b"{}"))
         ),
         (
             [ONE, ("options", (None, b'{"mapping": {"encoders": "both"}}'))],
-            "422 invalid-request | options.mapping.encoders | must be 'motor' or 'secondary' | give `motor` if "
-            "the controller closes the position loop by the encoders at the motors, `secondary` if by encoders "
-            "behind the gearboxes; absolute or incremental makes no difference",
+            "422 invalid-request | options.mapping.encoders | must be 'motor' or 'secondary' | "
+            "give `motor` if the controller closes the position loop by the encoders at the motors, "
+            "`secondary` if by encoders behind the gearboxes; absolute or incremental makes no difference",
         ),
         (
             [("files", (None, b"1"))],
