@@ -53,7 +53,7 @@ def raise_document(kind: str, document: dict[str, Any], version: int | None) -> 
     if kind in JOBS:
         raised.document.setdefault("kind", kind)
         if version is not None:
-            _note_version(raised.document, version)
+            note_version(raised.document, version)
     return raised
 
 
@@ -87,7 +87,7 @@ def recognize_kind(document: Any) -> str | None:  # noqa: ANN401 - any JSON
     return next((kind for mark, kind in _MARKS.items() if mark in request), None)
 
 
-def _note_version(job: dict[str, Any], version: int) -> None:
+def note_version(job: dict[str, Any], version: int) -> None:
     """Write the version into a job that has ended, unless the job states it."""
     provenance = job.get("provenance")
     if not isinstance(provenance, dict) or provenance.get("ended_at") is None:

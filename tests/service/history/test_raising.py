@@ -85,6 +85,7 @@ def test_no_step_changes_or_computes_a_number(stored: list[tuple[int, str, Docum
                 step.change(moved)
                 for path in step.dropped:
                     dropped += count_numbers(list(find_values(moved, path)))
+                    remove(moved, path)
                 for path, value in step.defined:
                     defined += count_numbers([value] * len(list(find_values(moved, path))))
         raised = raise_document(kind, document, version).document
