@@ -205,7 +205,7 @@ def _build_rows(
             built = build(values)
         except (ValueError, DamagedError) as error:
             name = str(values.get("id", f"line {number}"))[:64]
-            outcome.refuse(name, _explain(error))
+            outcome.refuse(name, explain_refusal(error))
             continue
         if built is None:
             outcome.omitted += 1
@@ -214,7 +214,7 @@ def _build_rows(
         yield built.values
 
 
-def _explain(error: Exception) -> str:
+def explain_refusal(error: Exception) -> str:
     """Return why a line cannot be used."""
     if isinstance(error, ValidationError):
         first = error.errors(include_url=False, include_input=False)[0]

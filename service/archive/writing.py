@@ -154,24 +154,30 @@ def _name_entry(name: str) -> zipfile.ZipInfo:
 
 def _make_lines(snapshot: Snapshot, table: str, keys: Keys, damaged: list[str]) -> Iterator[bytes]:
     """Yield a line for each row of a table."""
-    version = min(number_of(snapshot.layout), SCHEMA)  # of documents: a later layout may have changed none
+    version = find_version(snapshot.layout)
     secret = "key_hash" if table == "access_keys" and keys == "names" else None
     for row in snapshot.rows(table):
         try:
-            values = _convert_row(row, version, secret)
+            yield make_line(table, row, version, secret)
         except (DamagedError, ValueError) as error:
-            name = row.get("id", row.get("set_id", "a row"))
-            damaged.append(f"{table}: {name} cannot be read ({error})")
-            continue
-        if table == "jobs":
-            _queue_again(values)
-        yield to_line(values)
+            damaged.append(f"{table}: {name_row(row)} cannot be read ({error})")
 
 
-def _convert_row(row: Mapping[str, Any], version: int, secret: str | None) -> dict[str, Any]:
-    """Return the values of a line: the columns of a row that are not null, with documents as JSON.
+def find_version(layout: str) -> int:
+    """Return the version of the documents of a layout; a later layout may have changed none of them."""
+    return min(number_of(layout), SCHEMA)
+
+
+def name_row(row: Mapping[str, Any]) -> str:
+    """Return the id of a row for people; of an entry of a live campaign, the id of the campaign."""
+    return str(row.get("id", row.get("set_id", "a row")))
+
+
+def make_line(table: str, row: Mapping[str, Any], version: int, secret: str | None = None) -> bytes:
+    """Return the line of a row: its columns that are not null, with documents as JSON.
 
     Args:
+        table: name of the table.
         row: column → value.
         version: version of the documents, if the row does not state it.
         secret: name of a column that is left out.
@@ -185,7 +191,9 @@ def _convert_row(row: Mapping[str, Any], version: int, secret: str | None) -> di
         is_archived = value is not None and name not in form.DERIVED and name != secret
         if is_archived:
             values[name] = _convert_value(name, value)
-    return values
+    if table == "jobs":
+        _queue_again(values)
+    return to_line(values)
 
 
 def _place_of_column(item: tuple[str, Any]) -> tuple[bool, bool, str]:

@@ -59,11 +59,11 @@ def status(*, database: DatabaseUrl = "sqlite:///jointstiff.db") -> None:
 
 @database.command()
 def check(*, database: DatabaseUrl = "sqlite:///jointstiff.db") -> None:
-    """Check tables and references, and read every document; exit with status 1 after a fault.
+    """Check tables and references, and read each row as a restore does; exit with status 1 after a fault.
 
     Nothing is changed. A database of an earlier layout is checked, too, if this version can upgrade it.
     """
-    from jointstiff.service.store.checking import check_database
+    from jointstiff.service.archive.checking import check_database
     from jointstiff.service.store.database import open_existing
     from jointstiff.service.store.layouts import can_upgrade, refuse_unusable
 
@@ -71,12 +71,12 @@ def check(*, database: DatabaseUrl = "sqlite:///jointstiff.db") -> None:
     if layout is None:
         typer.echo("the database has no tables yet: there is nothing to check")
         return
-    with closing(open_existing(database)) as opened:
-        if can_upgrade(layout):
-            typer.echo(f"{_describe_earlier(layout)}; the tables are compared after an upgrade")
-        else:
+    if can_upgrade(layout):
+        typer.echo(f"{_describe_earlier(layout)}; the tables are compared after an upgrade")
+    else:
+        with closing(open_existing(database)) as opened:
             refuse_unusable(layout, opened.dialect)
-        checked = check_database(opened)
+    checked = check_database(database)
     for sentence in checked.remarks + checked.faults:
         typer.echo(sentence)
     typer.echo(f"{checked.documents} documents read, {len(checked.faults)} faults")

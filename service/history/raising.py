@@ -39,7 +39,7 @@ def raise_document(kind: str, document: dict[str, Any], version: int | None) -> 
     except (LookupError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"the document is no {kind} of version {version or OLDEST}") from error
     if kind in JOBS and version is not None:
-        _note_version(raised.document, version)
+        note_version(raised.document, version)
     return raised
 
 
@@ -61,7 +61,7 @@ def _take_steps(kind: str, document: dict[str, Any], version: int) -> Raised:
     return Raised(document, tuple(dropped))
 
 
-def _note_version(job: dict[str, Any], version: int) -> None:
+def note_version(job: dict[str, Any], version: int) -> None:
     """Write the version into a job that has ended, unless the job states it."""
     provenance = job.get("provenance")
     if not isinstance(provenance, dict) or provenance.get("ended_at") is None:

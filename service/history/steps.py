@@ -99,11 +99,15 @@ STEPS: Final[tuple[Step, ...]] = (
     Step(18, 19, ("process",), dropped=("request.step", "request.smoothness")),
     Step(18, 19, ("run",), _set_absolute_loss_aside, ("request.absolute_loss",)),
     Step(18, 19, ("trend",), _state_verdicts_of_campaigns),
-    Step(19, 21, tuple(kind for kind in KINDS if kind not in {"run", "comparison"})),
+    Step(19, 21, tuple(kind for kind in KINDS if kind not in {"run", "comparison", "process"})),
+    # Documents of version 19 were stored before the fields above left, too.
+    Step(19, 21, ("process",), dropped=("request.step", "request.smoothness")),
     Step(19, 21, ("comparison",), _name_the_same_load),
-    Step(19, 21, ("run",), dropped=_LEAST_MISTAKES),
+    Step(19, 21, ("run",), _set_absolute_loss_aside, ("request.absolute_loss", *_LEAST_MISTAKES)),
     Step(21, 22, KINDS),
-    Step(22, 23, KINDS),
+    Step(22, 23, tuple(kind for kind in KINDS if kind != "run")),
+    # A run of version 19 may have been rewritten to version 21 or 22 with this loss.
+    Step(22, 23, ("run",), _set_absolute_loss_aside, ("request.absolute_loss",)),
     Step(23, 24, tuple(kind for kind in KINDS if kind != "run")),
     Step(23, 24, ("run",), _state_one_solution, ("result.model.compliance",)),
 )

@@ -13,9 +13,13 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final
 
 import sqlalchemy as sa
+from pydantic_core import from_json, to_json
 
+from jointstiff.service.history.raising import note_version
 from jointstiff.service.problems import DamagedError
+from jointstiff.service.store.compression import compress_text
 from jointstiff.service.store.database import Database
+from jointstiff.service.store.documents import read_text
 from jointstiff.service.store.tables import OLD, OPEN, jobs, measurement_sets, open_sets, robots
 
 if TYPE_CHECKING:
@@ -111,6 +115,10 @@ class OldDocuments:
         for row in rows:
             with suppress(DamagedError, LookupError, TypeError, ValueError):  # a damaged document remains
                 values = _rewrite_row(row._mapping, steps)
+                if table.name == jobs.name:
+                    job = from_json(read_text(values["document"]))
+                    note_version(job, row.schema)
+                    values["document"] = compress_text(to_json(job).decode())
                 names = {f"new_{name}": value for name, value in values.items() if name != "sequence"}
                 changes.append({"own": row.sequence, "before": row.document, **names})
         if not changes:

@@ -21,6 +21,7 @@ from support.terminal import terminal
 
 from jointstiff.service.archive import form, reading, restoring
 from jointstiff.service.archive.arrays import describe_arrays, pack_arrays
+from jointstiff.service.archive.checking import check_database
 from jointstiff.service.archive.form import LEFT_OUT, RESTORED, file_of
 from jointstiff.service.archive.reading import ArchiveError
 from jointstiff.service.archive.restoring import Restored, restore_archive
@@ -28,7 +29,6 @@ from jointstiff.service.archive.writing import write_archive
 from jointstiff.service.history.paths import remove
 from jointstiff.service.history.steps import STEPS
 from jointstiff.service.problems import StoreError
-from jointstiff.service.store.checking import check_database
 from jointstiff.service.store.layouts import LAYOUT
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import metadata
@@ -129,7 +129,7 @@ class TestLayouts:
             robots = client.get("/v1/robots?limit=100").json()["items"]
             assert len(robots) == sum("deleted_at" not in line for line in lines["robots"])
             assert any(robot["last_campaign"] for robot in robots)
-            assert check_database(store._database).faults == []
+            assert check_database(url).faults == []
 
 
 def compare_rows(table: str, before: list[dict[str, Any]], now: list[dict[str, Any]]) -> None:

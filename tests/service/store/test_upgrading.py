@@ -31,11 +31,11 @@ from support.packed import pack_text
 from support.processes import Service, until
 
 from jointstiff.schemas.options import Resampling
+from jointstiff.service.archive.checking import check_database, list_differences
 from jointstiff.service.jobs import Parts
 from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.runs.numbers import extract_numbers
 from jointstiff.service.store import rewriting, steps, upgrading
-from jointstiff.service.store.checking import check_database, list_differences
 from jointstiff.service.store.database import Database, make_migrating_engine
 from jointstiff.service.store.layouts import BASELINE, LAYOUT, kind_of, number_of
 from jointstiff.service.store.steps import list_steps
@@ -106,6 +106,19 @@ class TestKept:
                 with kept.client_of(store) as client:
                     now = kept.ask_again(client, before, number)
                 assert list(kept.list_changes(before, now)) == []
+
+    @pytest.mark.parametrize("number", kept.kept_numbers())
+    def test_a_rewritten_job_states_the_version_of_its_document(self, restored: Restore, number: str) -> None:
+        with Store.open(restored(number), upgrade=lambda _: None) as store:
+            before = dict(
+                rows_of(store, "SELECT id, schema FROM jobs WHERE schema < 23 AND state = 'succeeded'")
+            )
+            store.old_documents.rewrite(FOREVER)
+            jobs_of_all_kinds = Parts(store)
+            for identifier, version in before.items():
+                job = json.loads(jobs_of_all_kinds.job(identifier, hidden=True))
+                assert job["provenance"]["versions"]["document"] == str(version)
+            assert len(before) > 10
 
     @pytest.mark.parametrize("number", kept.kept_numbers())
     def test_the_same_request_is_posted_again(self, restored: Restore, number: str) -> None:
@@ -524,14 +537,15 @@ class TestDocuments:
         self, restored: Restore, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr(rewriting, "MOST_ROWS", 3)
-        with Store.open(restored(), upgrade=lambda _: None) as store:
+        url = restored()
+        with Store.open(url, upgrade=lambda _: None) as store:
             damage = sa.text("UPDATE jobs SET document = :document WHERE sequence < 5")
             for document in (b"nothing", pack_text("no JSON"), pack_text("{}")):
                 store._database.change(damage.bindparams(document=document))
                 store.old_documents.rewrite(FOREVER)
                 assert store.old_documents.count() == 4
             store._database.change(damage.bindparams(document=b"nothing"))
-            assert len(check_database(store._database).faults) == 4
+            assert len(check_database(url).faults) == 4
 
     def test_a_document_that_changes_meanwhile_is_not_overwritten(
         self, restored: Restore, monkeypatch: pytest.MonkeyPatch
@@ -641,7 +655,7 @@ def test_an_upgrade_that_is_killed_at_any_moment_goes_on(
         )
         of_steps = {f".before-{number:04}" for number in range(19, number_of(LAYOUT) + 1)}
         assert copies <= of_steps, "one copy for a step after many kills"
-        assert check_database(store._database).faults == []
+        assert check_database(url).faults == []
         with kept.client_of(store) as client:
             now = kept.ask_again(client, before, "0018")
     assert list(kept.list_changes(before, now)) == []

@@ -1,24 +1,28 @@
-"""Checks of a database: its file, its tables, and that every document can be read."""
+"""Checks of a database: its file, its tables, and that each row can be read and restored from an archive."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
 import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
+from pydantic_core import from_json
 
+from jointstiff.service.archive.restoring import explain_refusal
+from jointstiff.service.archive.rows import BUILDERS
+from jointstiff.service.archive.writing import find_version, make_line, name_row
 from jointstiff.service.problems import DamagedError
 from jointstiff.service.store.compression import decompress
-from jointstiff.service.store.database import Database
+from jointstiff.service.store.database import open_existing
 from jointstiff.service.store.documents import CompressedBytes, CompressedText, read_text
 from jointstiff.service.store.layouts import LAYOUT
+from jointstiff.service.store.snapshot import Snapshot, read_snapshot
 from jointstiff.service.store.tables import layouts, metadata, read_layout
-
-_PORTION: Final = 10  # rows that are read at a time; a row may have many megabytes
 
 
 @dataclass
@@ -30,13 +34,16 @@ class Checked:
     remarks: list[str] = field(default_factory=list)  # sentences about what is no fault
 
 
-def check_database(database: Database) -> Checked:
+def check_database(url: str) -> Checked:
     """Check a database of the layout of this program, or of one that it can upgrade; nothing is changed.
 
     Only tables of the layout of this program are compared.
+
+    Raises:
+        StoreError: the database does not exist, or has no tables of ours.
     """
     checked = Checked()
-    with database.reading() as connection:
+    with closing(open_existing(url)) as database, database.reading() as connection:
         if database.dialect == "sqlite":
             integrity = connection.exec_driver_sql("PRAGMA integrity_check").scalars().all()
             checked.faults += [f"SQLite: {line}" for line in integrity if line != "ok"]
@@ -45,11 +52,9 @@ def check_database(database: Database) -> Checked:
         if read_layout(connection) == LAYOUT:
             checked.faults += list_differences(connection)
             checked.remarks += _list_foreign_indexes(connection)
-    for table in metadata.sorted_tables:
-        kinds = (CompressedText, CompressedBytes)
-        compressed = [column for column in table.c if isinstance(column.type, kinds)]
-        if compressed:
-            _check_documents(database, table, compressed, checked)
+    with read_snapshot(url, tuple(metadata.tables)) as snapshot:
+        for table in snapshot.tables:
+            _check_rows(snapshot, table, checked)
     return checked
 
 
@@ -90,30 +95,38 @@ def _names_of_indexes(tables: sa.MetaData) -> set[str]:
     return {str(index.name) for table in tables.sorted_tables for index in table.indexes}
 
 
-def _check_documents(
-    database: Database, table: sa.Table, compressed: list[sa.Column[Any]], checked: Checked
-) -> None:
-    """Read all documents of a table, and note the faults."""
-    for row in _iterate_rows(database, table, compressed):
-        for column in compressed:
-            content = getattr(row, column.name)
-            if content is None:
-                continue
-            checked.documents += 1
-            try:
-                if isinstance(column.type, CompressedText):
-                    json.loads(read_text(bytes(content)))
-                else:
-                    decompress(bytes(content))
-            except (DamagedError, ValueError):
-                checked.faults.append(f"{table.name}: {column.name} of {row.id} is damaged")
+def _check_rows(snapshot: Snapshot, table: str, checked: Checked) -> None:
+    """Read all documents of a table, let the restorer make each row anew, and note the faults."""
+    compressed = [
+        column
+        for column in metadata.tables[table].c
+        if isinstance(column.type, CompressedText | CompressedBytes)
+    ]
+    build = BUILDERS.get(table)
+    version = find_version(snapshot.layout)
+    for row in snapshot.rows(table):
+        damaged = [column.name for column in compressed if _is_damaged(column, row)]
+        checked.documents += sum(row.get(column.name) is not None for column in compressed)
+        checked.faults += [f"{table}: {column} of {name_row(row)} is damaged" for column in damaged]
+        if damaged or build is None:
+            continue
+        try:
+            build(from_json(make_line(table, row, version)))
+        except (DamagedError, ValueError) as error:
+            reason = explain_refusal(error)
+            checked.faults.append(f"{table}: {name_row(row)} cannot be restored from an archive: {reason}")
 
 
-def _iterate_rows(database: Database, table: sa.Table, compressed: list[sa.Column[Any]]) -> Iterator[Any]:
-    """Yield sequence, id and compressed columns, as they are stored, of all rows of a table."""
-    stored = [sa.type_coerce(column, sa.LargeBinary).label(column.name) for column in compressed]
-    query = sa.select(table.c.sequence, table.c.id, *stored).order_by(table.c.sequence).limit(_PORTION)
-    last = 0
-    while rows := database.rows(query.where(table.c.sequence > last)):
-        yield from rows
-        last = rows[-1].sequence
+def _is_damaged(column: sa.Column[Any], row: Mapping[str, Any]) -> bool:
+    """Return whether a compressed column of a row cannot be read; a column without content is not damaged."""
+    content = row.get(column.name)
+    if content is None:
+        return False
+    try:
+        if isinstance(column.type, CompressedText):
+            json.loads(read_text(bytes(content)))
+        else:
+            decompress(bytes(content))
+    except (DamagedError, ValueError):
+        return True
+    return False
