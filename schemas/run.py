@@ -226,7 +226,8 @@ class Advice(Message):
         "posture."
     )
     force: Newtons[Point] = Field(
-        description="Force on the robot along the axes of R0, as large as the largest force of the set."
+        description="Force on the robot along the axes of R0, as large as the largest force of the set, and "
+        "no larger than the payload."
     )
     uncertainty_ratio: float | None = Field(
         description="Standard uncertainty of the compliance with the proposed reading, divided by the "

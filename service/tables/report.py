@@ -114,6 +114,7 @@ def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
     for reason in assessment.reasons if details else assessment.reasons[:MOST_SHOWN]:
         place = f"{reason.where}: " if reason.where else ""
         lines.append(Line(f"  {place}{reason.message}", _STYLES[reason.weight]))
+    lines += [Line(f"  Question: {question.message}") for question in assessment.questions]
     return lines
 
 
@@ -141,14 +142,14 @@ def hint_lines(report: Report, assessment: Assessment, warnings: Sequence[Findin
 
 
 def remedies(assessment: Assessment, *, applies: bool = False) -> list[str]:
-    """Return the remedies of an assessment's reasons, without repetitions.
+    """Return the remedies of an assessment's reasons and the answers that it asks for, without repetitions.
 
     If `applies` is set, a remedy that a program can carry out names its option.
     """
     # `--apply KIND` applies the first action of a kind, so only the remedy of that action names the option.
     kinds_without_option = {"show_posture"}
     found = list[str]()
-    for reason in assessment.reasons:
+    for reason in (*assessment.reasons, *assessment.questions):
         remedy = reason.remedy
         kind = None if reason.action is None else reason.action.kind
         if applies and kind is not None and kind not in kinds_without_option:

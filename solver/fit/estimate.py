@@ -470,6 +470,10 @@ class JointPrior(NamedTuple):
     by_readings: float  #: compliance of the fit without priors [rad/(N·m)]
 
 
+CARRIES: Final = 0.05
+"""Fraction of the deflection from which on a joint matters: it must be known, and gets advice."""
+
+
 @dataclass(frozen=True)
 class JointCompliance:
     """Result for one joint; numbers are None if the joint is not observable."""
@@ -634,6 +638,18 @@ class Estimate:
     def regressor(self) -> FloatArray:
         """Regressor (m, n) of all readings, compressed and weighted by covariance, whatever the method."""
         return self.compressed.all_readings.matrix
+
+    @property
+    def greatest_shares(self) -> FloatArray:
+        """Fraction (n,) of the deflection that each joint may carry; NaN for a joint without an interval.
+
+        ``‖R_j‖ c_j / ‖z‖``, with R the rows, z the readings, and c_j the upper end of the interval: a joint
+        that seems rigid may still carry what its interval allows.
+        """
+        intervals = [joint.compliance_interval or (np.nan, np.nan) for joint in self.joints]
+        upper = np.array(intervals)[:, 1]
+        size_of_readings = max(float(np.linalg.norm(self.compressed.all_readings.rhs)), np.finfo(float).tiny)
+        return np.asarray(np.linalg.norm(self.regressor, axis=0) * upper / size_of_readings)
 
     @property
     def estimated(self) -> BoolArray:

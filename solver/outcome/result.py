@@ -229,6 +229,7 @@ def build_assessment_message(assessment: Assessment, joints: Sequence[JointCompl
     return StatedAssessment(
         verdict=assessment.verdict,
         reasons=list(assessment.reasons),
+        questions=list(assessment.questions),
         joints_identified=runs.count_identified_joints(known),
         joint_count=len(joints),
         notes=list(assessment.notes),

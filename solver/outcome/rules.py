@@ -16,6 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from jointstiff.schemas.finding import (
+    QUESTIONS,
     ROOT_MISTAKES,
     ActionKind,
     AdvisedAction,
@@ -42,6 +43,7 @@ from jointstiff.solver.evidence.selection import Cause
 from jointstiff.solver.evidence.structure import Apart
 from jointstiff.solver.evidence.unloading import Unloading, compare_unloaded_positions
 from jointstiff.solver.fit.estimate import (
+    CARRIES,
     CommonErrors,
     ComplementaryStiffness,
     Estimate,
@@ -88,8 +90,6 @@ FEW: Final = 0.1
 MOST_LEFT_OUT: Final = 0.3
 """Largest share of the observations that a proposed action leaves out: if more are bad, something else is
 wrong."""
-CARRIES: Final = 0.05
-"""Fraction of the deflection from which on a joint must be known within the goal; less hardly matters."""
 HARMFUL: Final = 0.05
 """Relative change of a compliance above which a proved mistake in the load forbids its use."""
 COVERED: Final = 2.0
@@ -191,6 +191,7 @@ class Assessment:
     joints: tuple[Verdict, ...]
     notes: tuple[str, ...] = ()  #: sentences on assumptions, and on checks that the readings do not allow
     remarks: tuple[Finding, ...] = ()  #: findings of the weight "use", which do not change the verdict
+    questions: tuple[Finding, ...] = ()  #: what a person knows and the readings do not show
 
     def drop_meaningless_numbers(self, prediction: Prediction) -> Prediction:
         """Return a prediction without the numbers that mean nothing after this assessment.
@@ -535,7 +536,8 @@ def derive_assessment(joints: Sequence[JointCompliance], findings: Iterable[Find
     return Assessment(
         verdict=ordered[0].weight if ordered else "use",
         reasons=tuple(finding for finding in ordered if not finding.is_remark),
-        remarks=tuple(finding for finding in ordered if finding.is_remark),
+        remarks=tuple(finding for finding in ordered if finding.is_remark and finding.code not in QUESTIONS),
+        questions=tuple(finding for finding in ordered if finding.code in QUESTIONS),
         joints=tuple(verdicts),
     )
 
@@ -1306,18 +1308,11 @@ def _report_negative(joints: Sequence[JointCompliance]) -> Iterator[Finding]:
 
 
 def _report_poorly_known(estimate: Estimate) -> Iterator[Finding]:
-    """Yield a finding for each joint that may carry the deflection and is not known within the goal.
-
-    A joint may carry ``‖R_j‖ c_j / ‖z‖`` of the deflection, with R the rows, z the readings, and c_j the
-    upper end of its interval: a joint that seems rigid may still carry what its interval allows.
-    """
-    reading_size = float(np.linalg.norm(estimate.compressed.all_readings.rhs))
-    column_sizes = np.linalg.norm(estimate.regressor, axis=0)
-    for joint, column_size in zip(estimate.joints, column_sizes.tolist(), strict=True):
+    """Yield a finding for each joint that may carry the deflection and is not known within the goal."""
+    for joint, share in zip(estimate.joints, estimate.greatest_shares.tolist(), strict=True):
         if joint.compliance_interval is None or is_negative(joint):
             continue
         lower, upper = joint.compliance_interval
-        share = column_size * upper / reading_size if reading_size else 0.0
         if share < CARRIES or upper <= GOAL * lower:
             continue
         known = f"to a factor of {figure(upper / lower, '.2g')}" if lower > 0.0 else "from one side only"

@@ -143,7 +143,7 @@ it("asks for the payload of the robot, and offers no button before it is stated"
   const empty = { observations: [], joints: [], joint_map: [], offset: [], target: null, causes: [], unit: null };
   const reason = {
     code: "payload_not_stated",
-    weight: "use_with_care",
+    weight: "use",
     where: null,
     observation: null,
     message: "the robot states no payload",
@@ -151,8 +151,9 @@ it("asks for the payload of the robot, and offers no button before it is stated"
     action: { ...empty, kind: "state_payload", payload: null },
   };
   const assessment = {
-    verdict: "use_with_care",
-    reasons: [reason],
+    verdict: "use",
+    reasons: [],
+    questions: [reason],
     notes: [],
     headline: null,
   } as unknown as Assessment;
