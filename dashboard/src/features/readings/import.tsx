@@ -39,7 +39,10 @@ interface FlowProps {
 export function ImportFlow({ opened: { files, mapping: dropped }, robot: asked, take }: FlowProps) {
   const listed = useQuery(queries.robots(ROBOTS));
   const isDescribed = useDescribed();
-  const [draft, setDraft] = useState(() => keptDraft(files) ?? freshDraft(dropped ?? {}, asked || null));
+  const [draft, setDraft] = useState(() => {
+    const begun = keptDraft(files) ?? freshDraft(dropped ?? {}, null);
+    return asked === "" || asked === begun.robot ? begun : { ...begun, ...ofRobot(asked, begun, dropped) };
+  });
   const put = (part: Partial<typeof draft>) => setDraft((before) => ({ ...before, ...part }));
   useLayoutEffect(() => keepDraft(draft), [draft]);
   const form = useRunForm(files.map(({ name }) => name).join("/"));
@@ -51,12 +54,7 @@ export function ImportFlow({ opened: { files, mapping: dropped }, robot: asked, 
   const isStated = (draft.mapping.tables ?? []).length > 0;
   const mapping = isStated || !answer ? draft.mapping : answer.mapping;
   const change = (next: Mapping) => put({ mapping: next });
-  /** Another robot proposes anew. */
-  const choose = (next: string) => {
-    const isAnother = robot !== "" && next !== robot && dropped === null;
-    const proposed = isAnother ? { tables: [], doubts: [], frame: null } : {};
-    put({ robot: next, mapping: { ...draft.mapping, ...proposed } });
-  };
+  const choose = (next: string) => put(ofRobot(next, { ...draft, robot }, dropped));
 
   const set = answer?.measurement_set ?? null;
   const identify = useAction(async () => {
@@ -131,6 +129,12 @@ export function ImportFlow({ opened: { files, mapping: dropped }, robot: asked, 
       )}
     </RequestFields>
   );
+}
+
+/** A robot, and the mapping without what another robot proposed; a mapping from a file is of any robot. */
+function ofRobot(robot: string, before: { mapping: Mapping; robot: string | null }, dropped: Mapping | null) {
+  const isOfAnother = before.robot && before.robot !== robot && dropped === null;
+  return { robot, mapping: { ...before.mapping, ...(isOfAnother ? { tables: [], doubts: [], frame: null } : {}) } };
 }
 
 /** What files do not say: stated before it is asked, or corrected afterwards. */
