@@ -328,27 +328,21 @@ def test_a_plan_is_measured_live_and_its_file_joins(visit, api, stored):
     expect(page.get_by_role("img", name=re.compile("QR code"))).to_be_visible()
 
 
-def test_a_pasted_block_is_kept_until_it_is_read(visit):
-    """Away from the network, and where it does not show its decimal mark."""
+def test_a_pasted_block_is_read_away_from_the_network(visit):
+    """A line that is not understood is named, and the others are in their boxes."""
     page = (visited := visit("tablet")).page
     simulated(visited)
     page.locator("canvas[data-ready=true]").wait_for()
     first, second = (page.get_by_label(f"{name}, Unloaded x") for name in ("P1", "P2"))
     page.context.set_offline(True)
-    paste(page, "P1, Unloaded x", "P1;123,456;1,234;5,678\nP2;1,000;2,000;3,000")
-    again = page.get_by_role("button", name="Read the block again")
-    expect(again).to_be_visible()
-    second.fill("7 8")  # typed meanwhile
-    page.context.set_offline(False)
-    again.click()
-    mark = page.get_by_label("Which is the decimal mark of the block?")
-    expect(mark).to_be_visible()
-    expect(page.get_by_text("P1;123,456;1,234;5,678")).to_be_visible()
-    expect(second).to_have_value("7 8")
-    mark.select_option("Comma")
+    second.fill("7")
+    paste(page, "P1, Unloaded x", "P1;123,456;1,234;5,678\nP2;1,000;2,000;x")
     expect(first).to_have_value("123.456")
-    expect(second).to_have_value("1")
-    expect(page.get_by_role("button", name="Discard the block")).to_have_count(0)
+    expect(page.get_by_text("Understood as 123.456, 1.234, 5.678 mm")).to_be_visible()
+    expect(page.get_by_text("line 2, “P2;1,000;2,000;x”")).to_be_visible()
+    expect(second).to_have_value("7")
+    page.get_by_role("button", name="Discard", exact=True).click()
+    expect(page.get_by_text("line 2")).to_have_count(0)
 
 
 def test_a_file_filled_in_part_joins_the_readings_that_are_there(visit, api):

@@ -1,5 +1,7 @@
 """Flows on the page that need no more than its own words: those of flows.txt."""
 
+import csv
+import io
 import math
 from dataclasses import replace
 from functools import partial
@@ -7,13 +9,13 @@ from pathlib import Path
 
 import httpx2
 import numpy as np
+import openpyxl
 import pytest
 from support.api import post, posted
 from support.browsing import ROOT, campaign
 from support.page_flows import Flow, flows_of
 from support.processes import Service
 from support.programs import START, path, tool_poses
-from support.workbooks import workbook
 
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
 from jointstiff.simulator.document import robot_document
@@ -24,21 +26,28 @@ FLOWS = flows_of(Path(__file__).with_name("flows.txt"))
 ARMS = ("arm of the table", "arm of the spreadsheet", "older of two arms", "newer of two arms")
 TREND = "from a robot to a trend"
 FEW_ROBOTS = (
-    "from a table to its result in five taps, and the next one is read alike",
-    "from a spreadsheet to its report as PDF in six taps",
+    "from a table to its result in five taps and a field, and the next one in four taps",
+    "from a spreadsheet to its report as PDF in six taps and a field",
     "six taps among several robots that fit, of which the page chooses none",
 )
 """Flows where at most three robots fit: of more, the page makes a list."""
 SIZES = [pytest.param("tablet", marks=pytest.mark.slow), "phone"]
+WEIGHT_STEP = """\
+label;J1 [deg];J2 [deg];J3 [deg];J4 [deg];J5 [deg];J6 [deg];joint;state;motor [deg];link [deg]
+p1;0;-60;90;0;30;0;joint_2;unloaded;-60.0000;-60.0002
+p1;0;-60;90;0;30;0;joint_2;loaded;-60.0001;-59.9803
+"""
 OPTIONS = {"positive": False, "stiffness_order": [["joint_2", "joint_4"]], "confidence": 0.9}
 
 
-def numeric(cell):
-    """Return the number of a cell, or its text."""
-    try:
-        return float(cell)
-    except ValueError:
-        return cell
+def workbook(text):
+    """Return a workbook with the cells of a table, numbers as numbers."""
+    book = openpyxl.Workbook()
+    for row in csv.reader(io.StringIO(text), delimiter=";", quoting=csv.QUOTE_NONE):
+        book.active.append([float(cell) if cell[-1].isdigit() and "c" not in cell else cell for cell in row])
+    output = io.BytesIO()
+    book.save(output)
+    return output.getvalue()
 
 
 def contents():
@@ -48,10 +57,8 @@ def contents():
     for observation in wrong["measurement_set"]["observations"]:
         observation["force"] = [0, 0, -observation["force"][2]]
     readings = (ROOT / "examples" / "readings.csv").read_text(encoding="utf-8")
-    names = ";".join(f"load point {axis} [mm]" for axis in "xyz")
     first, *rows = readings.splitlines()
-    table = [f"{first};{names}", *(f"{row};-60;20;180" for row in rows)]
-    wrong_row = table[9].replace(";", ";1.2.3;", 1).rpartition(";")[0]
+    spoiled = rows[7].replace(";", ";1.2.3;", 1).rpartition(";")[0]
     head, _, tail = program_text("krl", tool_poses(path(6)), 4).rpartition("END")
     return {
         "two of six joints": two,
@@ -59,9 +66,11 @@ def contents():
         "options": campaign(load="pull", seed=32) | {"run": OPTIONS},
         "pull": campaign(load="pull", seed=31),
         "readings": readings,
-        "with load points": "\n".join(table),
-        "workbook": workbook([[numeric(cell) for cell in row.split(";")] for row in table]),
-        "with a bad number": "\n".join([*table[:9], wrong_row, *table[10:]]),
+        "workbook": workbook(readings),
+        "with a bad number": "\n".join([first, *rows[:7], spoiled, *rows[8:]]),
+        "degrees called radians": readings.replace("[deg]", "[rad]"),
+        "two postures without names": "\n".join(row.partition(";")[2] for row in rows[:2]),
+        "weight step": WEIGHT_STEP,
         "before and after": readings.replace("unloaded", "before").replace("loaded", "after"),
         "pre and post": readings.replace("unloaded", "pre").replace("loaded", "post"),
         "relative move": f"{head}LIN_REL {{X 5}}\nEND{tail}",
@@ -149,7 +158,7 @@ def test_flow(visit, api, stored, flow):
         "worst": lambda: f"{1e6 * worst(api, stored):.4g}"[:4],
         "deleted run": lambda: deleted(api, "runs", {"measurement_set_id": stored.other_set}),
         "deleted comparison": lambda: deleted(api, "comparisons", {"run_ids": compared(api, stored)}),
-        "arm of the five taps": partial(twice, api, "arm of the five taps"),
+        "arm of the six taps": partial(twice, api, "arm of the six taps"),
         "newest run": lambda: api.get("/v1/jobs?kind=run").json()["items"][0]["id"],
         **{each.__name__: partial(each, api) for each in (unusable, noted, worn)},
     }

@@ -5,11 +5,57 @@ import re
 
 from playwright.sync_api import expect
 from support.api import file_at
-from support.browsing import file_of
+from support.browsing import ROOT, file_of
 from support.programs import START, path, tool_poses
 
 from jointstiff.simulator.programs import program_text
 from robotprograms.formats import read_program
+
+
+def two_files():
+    """Return a file of joints and a file of points, with labels in common."""
+    head, *rows = (ROOT / "examples" / "readings.csv").read_text(encoding="utf-8").splitlines()
+    cells = [row.split(";") for row in (head, *rows)]
+    joints = "\n".join(";".join(row[:7]) for row in cells)
+    points = "\n".join(";".join([row[0], *row[7:]]) for row in cells)
+    return [file_of("joints.csv", joints), file_of("points.csv", points)]
+
+
+def test_a_saved_mapping_reads_the_next_files(visit, stored):
+    """What was answered for joints and positions in two files is not asked again."""
+    visited = visit("phone", view=f"#/?robot={stored.robot}")
+    page = visited.page
+    page.locator("input[type=file]").first.set_input_files(two_files())
+    page.get_by_label("Load point, x, y, z").fill("-60, 20, 180")
+    page.get_by_role("button", name="Next").click()
+    page.get_by_role("button", name="motor encoders").click()
+    expect(page.get_by_role("button", name="Identify")).to_be_enabled()
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save mapping").click()
+    mapping = download.value.path().read_text(encoding="utf-8")
+    assert json.loads(mapping)["load_point"] == [-60, 20, 180]
+    visited.go("#/runs")
+    visited.go(f"#/?robot={stored.robot}")
+    again = [*two_files(), file_of(download.value.suggested_filename, mapping)]
+    page.locator("input[type=file]").first.set_input_files(again)
+    expect(page.get_by_text("passed all integrity checks")).to_be_visible()
+    expect(page.locator(".ask")).to_have_count(0)
+    expect(page.get_by_role("button", name="Identify")).to_be_enabled()
+
+
+def test_an_outage_in_an_import_loses_nothing(visit, stored):
+    page = visit("tablet", view=f"#/?robot={stored.robot}").page
+    page.locator("input[type=file]").first.set_input_files(two_files())
+    page.get_by_label("Load point, x, y, z").fill("-60, 20, 180")
+    page.route("**/v1/imports", lambda route: route.abort())
+    page.get_by_role("button", name="Next").click()
+    expect(page.get_by_role("alert")).to_contain_text("The service is not available")
+    expect(page.get_by_role("columnheader", name="joints")).to_be_visible()
+    expect(page.get_by_role("button", name="Identify")).to_be_disabled()
+    page.unroute("**/v1/imports")  # the page tries again by itself
+    page.get_by_role("button", name="motor encoders").click()
+    expect(page.get_by_text("passed all integrity checks")).to_be_visible()
+    expect(page.get_by_role("button", name="Identify")).to_be_enabled()
 
 
 def test_from_a_run_to_the_corrected_file(visit, stored, api):

@@ -88,7 +88,7 @@ def choose_a_table(page: Page) -> None:
     rows = [[f"c{i}", *["10.5"] * 6, *["1250.125"] * 3] for i in range(3)]
     content = "\n".join(";".join(row) for row in [head, *rows])
     page.locator("input[type=file]").first.set_input_files(file_of("day 5.csv", content))
-    page.get_by_role("columnheader", name="J6 [deg]").wait_for()
+    page.get_by_role("heading", name="day 5.csv").wait_for()
     page.locator(".field", has_text="Robot").first.wait_for()
 
 

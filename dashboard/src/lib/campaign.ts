@@ -12,7 +12,6 @@ import { extent } from "./format";
 import { factors, degrees, UNITS } from "./stiffness";
 import { norm, times, type Vector } from "./vector";
 import { sized } from "./schema";
-import type { Fault } from "../words";
 
 const ENCODERS: MeasurementSet["encoders"][] = ["motor", "secondary"];
 
@@ -41,6 +40,9 @@ export interface Facts {
   loadPoint: Vector | null;
   firstJoints: number[] | null;
 }
+
+/** Reasons why a file is no campaign. */
+export type Fault = "not_json" | "not_finite" | "empty" | "not_object" | "not_a_set" | "sweeps";
 
 /** Read a file's text. Only its outline is looked at here: the service says what is wrong inside. */
 export function understand(content: string): Campaign | Fault {

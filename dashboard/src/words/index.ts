@@ -1,5 +1,5 @@
 /** The language of the page. Another one is a file beside en.ts of the same type. */
-import { en, type Fault, type FileFault, type Text } from "./shared";
+import { en, type FileFault, type Text } from "./shared";
 
 export const text: Text = en;
-export type { Fault, FileFault, Text };
+export type { FileFault, Text };

@@ -1,11 +1,8 @@
 /** Words that several views of the page share, in English; those of one feature are in its folder. */
 import type { AdvisedAction, Loss, Progress } from "../api/types";
 
-/** Reasons why a file is no campaign. */
-export type Fault = "not_json" | "not_finite" | "empty" | "not_object" | "not_a_set" | "sweeps";
-
 /** Reasons why a file is refused before it is sent. */
-export type FileFault = Fault | "mixed" | "several" | "too_large";
+export type FileFault = "not_finite" | "empty" | "mixed" | "several" | "too_large";
 
 /** A few names, and how many more. */
 export const some = (names: string[]): string =>
@@ -143,10 +140,6 @@ export const en = {
     findings: (count: number) => plural(count, "finding", "findings"),
     moreOfKind: (count: number) => `${count} more of this kind`,
     faults: {
-      not_json: [
-        "This is not a JSON file",
-        "Correct the file there, or choose a campaign file written by your measuring program or by “jointstiff simulate”.",
-      ],
       not_finite: ["A number in this file is not finite", "Correct the named field, or omit the reading."],
       empty: ["This file is empty", "Export the file again."],
       mixed: [
@@ -154,18 +147,6 @@ export const en = {
         "A campaign already contains readings. Drop either the campaign or the tables.",
       ],
       several: ["Several JSON files at once", "Drop one campaign at a time; you can drop several tables together."],
-      not_object: [
-        "This JSON file is not a campaign",
-        "A campaign has a robot and a measurement_set; see docs/first-campaign.md.",
-      ],
-      not_a_set: [
-        "No observations in this file",
-        "A measurement set needs “observations”; a campaign has them in “measurement_set”.",
-      ],
-      sweeps: [
-        "These are sweeps of single joints",
-        "Sweeps determine geometry. For stiffness, choose readings under load.",
-      ],
       too_large: ["This file is too large", "Split the file into smaller sets."],
     } satisfies Record<FileFault, [string, string]>,
   },

@@ -77,7 +77,7 @@ describe("tables of readings", () => {
     expect(heads).toEqual(["T1 unloaded [m] A – C", "T1 loaded [mm] D – F"]);
     expect(root.textContent).toContain("63 of 64 positions fit the robot to 0.5 mm");
     expect(root.querySelector("[role=alert]")?.textContent).toContain("look at the unit");
-    expect(root.querySelector("[role=alert]")?.textContent).toContain("c03 T1 loaded: 42 mm away");
+    expect(root.querySelector("[role=alert]")?.textContent).toContain("c03 T1 loaded: 42 mm from where");
     expect(button(root, "Identify").disabled).toBe(true);
   });
 

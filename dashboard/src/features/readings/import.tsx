@@ -1,6 +1,6 @@
 /** From tables of readings to their result. Nothing is stored before the last tap. */
 import { keepPreviousData } from "@tanstack/query-core";
-import { useLayoutEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { api } from "../../api/calls";
 import { queries } from "../../api/queries";
 import type { ImportAnswer, Mapping, Units } from "../../api/types";
@@ -18,6 +18,7 @@ import { sentence } from "../../lib/said";
 import { OF_NUMBER, posted } from "../../lib/schema";
 import { go, link, useAction } from "../../state/action";
 import { likelyRobot, ROBOTS } from "../../state/choices";
+import { recalled, remember } from "../../state/kept";
 import { isKnown, useQuery } from "../../state/query";
 import { text } from "../../words";
 import { robotWords } from "../robots/words";
@@ -38,7 +39,10 @@ interface FlowProps {
 export function ImportFlow({ opened: { files, mapping: dropped }, robot: asked, take }: FlowProps) {
   const listed = useQuery(queries.robots(ROBOTS));
   const isDescribed = useDescribed();
-  const [draft, setDraft] = useState(() => keptDraft(files) ?? freshDraft(dropped ?? {}, asked || null));
+  const [draft, setDraft] = useState(() => {
+    const begun = keptDraft(files) ?? freshDraft(dropped ?? {}, null);
+    return asked === "" || asked === begun.robot ? begun : { ...begun, ...ofRobot(asked, begun, dropped) };
+  });
   const put = (part: Partial<typeof draft>) => setDraft((before) => ({ ...before, ...part }));
   useLayoutEffect(() => keepDraft(draft), [draft]);
   const form = useRunForm(files.map(({ name }) => name).join("/"));
@@ -50,12 +54,7 @@ export function ImportFlow({ opened: { files, mapping: dropped }, robot: asked, 
   const isStated = (draft.mapping.tables ?? []).length > 0;
   const mapping = isStated || !answer ? draft.mapping : answer.mapping;
   const change = (next: Mapping) => put({ mapping: next });
-  /** Another robot proposes anew. */
-  const choose = (next: string) => {
-    const isAnother = robot !== "" && next !== robot && dropped === null;
-    const proposed = isAnother ? { tables: [], doubts: [], frame: null } : {};
-    put({ robot: next, mapping: { ...draft.mapping, ...proposed } });
-  };
+  const choose = (next: string) => put(ofRobot(next, { ...draft, robot }, dropped));
 
   const set = answer?.measurement_set ?? null;
   const identify = useAction(async () => {
@@ -64,15 +63,26 @@ export function ImportFlow({ opened: { files, mapping: dropped }, robot: asked, 
     const document = { ...set, ...notedIn(draft.typed), noise, robot_id: robot };
     const added = await api.sets.add(document, contentKey("set", document));
     const run = await api.runs.add(form.request(added.id), freshKey("run"));
+    keepStated(robot, mapping);
     keepFiles(null);
     return link(["runs", run.id]);
   });
+  const about = useRef<HTMLElement>(null);
+  const open = answer?.questions.length;
+  const before = useRef(open);
+  useEffect(() => {
+    const top = about.current?.getBoundingClientRect().top ?? 0;
+    // What the robot says of an answer is above the question, which a phone has scrolled away.
+    if (before.current !== undefined && top < 0) about.current?.scrollIntoView();
+    before.current = open;
+  }, [open]);
   const known = listed.data?.items.find(({ id }) => id === robot)?.joints ?? [];
+  const goesElsewhere = (answer?.weight_step ?? answer?.geometry ?? null) !== null;
   const check = busy ? words.checking : (problem?.detail ?? checkOf(answer));
 
   return (
     <RequestFields action={identify} look="import" known={isDescribed && isKnown(listed)}>
-      <section class="card about">
+      <section class="card about" ref={about}>
         <div class="row">
           <FileDrop again take={take} />
           {mapping.tables && mapping.tables.length > 0 && (
@@ -87,37 +97,62 @@ export function ImportFlow({ opened: { files, mapping: dropped }, robot: asked, 
         {robot === "" && <WhichRobot change={choose} count={listed.data?.items.length ?? 0} />}
         {problem && <ProblemNote problem={problem} />}
         {answer ? <Said answer={answer} busy={busy} /> : busy && <Busy label={words.readingFiles} />}
-        {answer && <NextQuestion key={answer.questions[0]?.text} answer={answer} change={change} />}
+        {answer && (
+          <NextQuestion
+            key={answer.questions[0]?.text}
+            {...{ answer, robot, change }}
+            isFirst={before.current === undefined}
+          />
+        )}
         {answer && <OtherWay answer={answer} files={files} />}
       </section>
-      {answer?.tables.map((table) => (
-        <TableEditor key={table.name} {...{ table, mapping, change, check }} joints={known.length} />
-      ))}
-      {answer && (
-        <details class="card">
-          <summary>{words.stated}</summary>
-          <SchemaFields
-            of="Mapping"
-            show={["encoders", "load_point", "load_point_target", "force", "flange_targets"]}
-            value={mapping as Fields}
-            change={(next) => change(next)}
-            terms={TERMS}
+      {!answer?.weight_step &&
+        answer?.tables.map((table) => (
+          <TableEditor key={table.name} {...{ table, mapping, change, check }} joints={known.length} />
+        ))}
+      {!goesElsewhere && (
+        <>
+          {answer && <StatedFields mapping={mapping} change={change} />}
+          <details class="card">
+            <summary>{metadataWords.title}</summary>
+            <div class="fields">
+              <MetadataForm typed={draft.typed} change={(typed) => put({ typed })} />
+            </div>
+          </details>
+          <Advanced form={form} joints={known.map(({ name }) => name)} />
+          <GoBar
+            action={identify}
+            ready={set !== null && robot !== "" && !busy && problem === null}
+            why={busy ? words.checking : lackOf(answer, robot)}
           />
-        </details>
+        </>
       )}
-      <details class="card">
-        <summary>{metadataWords.title}</summary>
-        <div class="fields">
-          <MetadataForm typed={draft.typed} change={(typed) => put({ typed })} />
-        </div>
-      </details>
-      <Advanced form={form} joints={known.map(({ name }) => name)} />
-      <GoBar
-        action={identify}
-        ready={set !== null && robot !== "" && !busy && problem === null}
-        why={busy ? words.checking : lackOf(answer, robot)}
-      />
     </RequestFields>
+  );
+}
+
+/** A robot, and the mapping without what another robot proposed; a mapping from a file is of any robot. */
+function ofRobot(robot: string, before: { mapping: Mapping; robot: string | null }, dropped: Mapping | null) {
+  const isOfAnother = before.robot && before.robot !== robot && dropped === null;
+  return { robot, mapping: { ...before.mapping, ...(isOfAnother ? { tables: [], doubts: [], frame: null } : {}) } };
+}
+
+/** What files do not say: stated before it is asked, or corrected afterwards. */
+function StatedFields({ mapping, change }: { mapping: Mapping; change: (mapping: Mapping) => void }) {
+  const [open, setOpen] = useState(false);
+  return (
+    <details class="card" open={open} onToggle={(event) => setOpen(event.currentTarget.open)}>
+      <summary>{words.stated}</summary>
+      {open && (
+        <SchemaFields
+          of="Mapping"
+          show={["encoders", "load_point", "load_point_target", "force", "flange_targets"]}
+          value={mapping as Fields}
+          change={(next) => change(next)}
+          terms={TERMS}
+        />
+      )}
+    </details>
   );
 }
 
@@ -166,27 +201,23 @@ function Said({ answer, busy }: { answer: ImportAnswer; busy: boolean }) {
   const farthest = [...far].sort((one, other) => other.distance - one.distance);
   return (
     <div class={busy ? "said stale" : "said"}>
-      {said && (
-        <p class={`note ${look}`}>
-          <Prose text={sentence(said)} />
-        </p>
-      )}
-      {(faults.length > 0 || far.length > 0) && (
-        <div class="note bad" role="alert">
-          {faults.map((fault) => (
+      {(said || faults.length > 0) && (
+        <div class={`note ${look}`} role={faults.length > 0 ? "alert" : undefined}>
+          {[said, ...faults].filter(Boolean).map((each) => (
             <p>
-              <Prose text={sentence(fault)} />
+              <Prose text={sentence(each)} />
             </p>
           ))}
-          {far.length > 0 && <p>{words.farTitle}</p>}
-          <ul>
-            {farthest.slice(0, MOST_FAR).map((one) => (
-              <li>
-                <bdi>{words.far(one, significant(one.distance, 2))}</bdi>
-              </li>
-            ))}
-            {far.length > MOST_FAR && <li>{text.more(far.length - MOST_FAR)}</li>}
-          </ul>
+          {far.length > 0 && (
+            <ul>
+              {farthest.slice(0, MOST_FAR).map((one) => (
+                <li>
+                  <bdi>{words.far(one, significant(one.distance, 2))}</bdi>
+                </li>
+              ))}
+              {far.length > MOST_FAR && <li>{text.more(far.length - MOST_FAR)}</li>}
+            </ul>
+          )}
         </div>
       )}
       {findings && <Findings warnings={findings} />}
@@ -198,13 +229,20 @@ const GRAVITY = 9.80665; // m/s², standard gravity
 
 interface QuestionProps {
   answer: ImportAnswer;
+  robot: string;
   change: (mapping: Mapping) => void;
+  /** Whether no question was answered yet. */
+  isFirst: boolean;
 }
 
 /** The next question, with its answers as buttons, or with boxes for what a person states. */
-function NextQuestion({ answer: { questions, mapping }, change }: QuestionProps) {
+function NextQuestion({ answer: { questions, mapping }, robot, change, isFirst }: QuestionProps) {
   const [stated, setStated] = useState<Fields>({});
   const [mass, setMass] = useState("");
+  const form = useRef<HTMLFormElement>(null);
+  useEffect(() => {
+    if (!isFirst) form.current?.querySelector<HTMLElement>("input, textarea")?.focus({ preventScroll: true });
+  }, []);
   const [question] = questions;
   if (!question) return null;
   const { field, choices } = question;
@@ -214,9 +252,16 @@ function NextQuestion({ answer: { questions, mapping }, change }: QuestionProps)
   const answers = { ...stated, ...force };
   const isReady = Object.values(answers).some(Boolean) && unreadIn(answers) === null;
   const ownHelp = OF_NUMBER.read(mass) === undefined ? formWords.unread(mass) : understood(OF_NUMBER, mass, "kg");
+  const last = field === null || field === "tables" ? {} : lackingOf(lastStated(robot), mapping);
   return (
     <form
       class="ask"
+      ref={form}
+      onKeyDown={(event) => {
+        if (event.key !== "Enter" || event.target instanceof HTMLButtonElement || field === "flange_targets") return;
+        event.preventDefault(); // a box of one line, which grows, has no Enter of its own
+        form.current?.requestSubmit();
+      }}
       onSubmit={(event) => {
         event.preventDefault();
         if (isReady) change({ ...mapping, ...answers } as Mapping);
@@ -231,6 +276,9 @@ function NextQuestion({ answer: { questions, mapping }, change }: QuestionProps)
             <Button onClick={() => change(choice.mapping)}>{formWords.values[choice.text] ?? choice.text}</Button>
           ))}
         </div>
+      )}
+      {field !== null && field in last && (
+        <Button onClick={() => change({ ...mapping, ...last })}>{words.asLast(last)}</Button>
       )}
       {field === "tables" && <p class="soft">{words.hint}</p>}
       {isTyped && (
@@ -260,6 +308,20 @@ function NextQuestion({ answer: { questions, mapping }, change }: QuestionProps)
     </form>
   );
 }
+
+/** What files of a robot did not say, and what a person stated. */
+type Stated = Pick<Mapping, "encoders" | "load_point" | "load_point_target" | "force">;
+
+const keptName = (robot: string): string => `stated/${robot}`;
+
+const lastStated = (robot: string): Stated => (recalled(keptName(robot)) ?? {}) as Stated;
+
+const keepStated = (robot: string, { encoders, load_point, load_point_target, force }: Mapping): void =>
+  remember(keptName(robot), { encoders, load_point, load_point_target, force });
+
+/** What was stated last time and a mapping lacks. */
+const lackingOf = (last: Stated, mapping: Mapping): Stated =>
+  Object.fromEntries(Object.entries(last).filter(([name, value]) => value && !mapping[name as keyof Stated]));
 
 /** Where files go on that have no readings of stiffness: a weight step to the gearboxes, poses to the geometry. */
 function OtherWay({ answer: { weight_step: step, geometry }, files }: { answer: ImportAnswer; files: File[] }) {

@@ -24,9 +24,10 @@ export async function open(files: File[], before: Opened | null): Promise<Opened
   for (const file of files) {
     const content = (await isJson(file)) ? await file.text() : null;
     const found = content === null ? null : mappingIn(content);
+    const document = content === null ? null : openDocument(file, content);
     if (found !== null) mapping = found;
-    else if (content === null || isTable(content)) tables.push(file);
-    else documents.push(openDocument(file, content));
+    else if (document !== null) documents.push(document);
+    else tables.push(file);
   }
   const [document] = documents;
   if (document !== undefined && files.length > 1) return fault(tables.length > 0 ? "mixed" : "several");
@@ -36,16 +37,13 @@ export async function open(files: File[], before: Opened | null): Promise<Opened
   return mapping === null ? fault("empty") : { kind: "mapping", name, mapping };
 }
 
-/** Whether JSON is none of our documents: the service looks for tables in it, or says where the JSON is wrong. */
-const isTable = (content: string): boolean =>
-  ["not_object", "not_a_set", "not_json"].includes(understand(content) as string);
-
-function openDocument(file: File, content: string): Opened {
+/** What JSON is; null if it is none of our documents: the service finds tables in it, or says where it is wrong. */
+function openDocument(file: File, content: string): Opened | null {
   const campaign = understand(content);
   if (campaign === "sweeps") return { kind: "sweeps", file };
-  if (typeof campaign !== "string") return { kind: "campaign", name: file.name, campaign };
-  const place = campaign === "not_finite" ? `: ${notFinite(content)}` : "";
-  return { kind: "fault", name: `${file.name}${place}`, fault: campaign };
+  if (campaign === "empty") return { kind: "fault", name: file.name, fault: campaign };
+  if (campaign === "not_finite") return { kind: "fault", name: `${file.name}: ${notFinite(content)}`, fault: campaign };
+  return typeof campaign === "string" ? null : { kind: "campaign", name: file.name, campaign };
 }
 
 const isJson = async (file: File): Promise<boolean> =>

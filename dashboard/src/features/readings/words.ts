@@ -1,5 +1,6 @@
 /** Words of imports and of the options of a run. */
-import type { ImportAnswer, Role } from "../../api/types";
+import type { ImportAnswer, Mapping, Role } from "../../api/types";
+import { fixed } from "../../lib/format";
 import { plural } from "../../words/shared";
 import type { RoleName } from "./mapping";
 
@@ -62,9 +63,14 @@ export const importWords = {
   columnsHelp: "B:G, or B,D,F; G:B counts from the last to the first.",
   done: "Done",
   far: ({ posture, target, state, distance }: ImportAnswer["far"][number], size: string) =>
-    `${[posture, target, state].filter(Boolean).join(" ")}: ${distance < 1000 ? `${size} mm` : "over 1 m"} away`,
-  farTitle: "Far from where the robot carries the target:",
+    `${[posture, target, state].filter(Boolean).join(" ")}: ${distance < 1000 ? `${size} mm` : "over 1 m"} from where the robot carries it`,
   next: "Next",
+  asLast: ({ encoders, load_point: point, load_point_target: target, force }: Partial<Mapping>) => {
+    const places = point ? `load point ${point.map((part) => fixed(part, 1)).join(", ")} mm` : "";
+    const pull = force ? `force ${force.map((part) => fixed(part, 0)).join(", ")} N` : "";
+    const hook = target ? `load point at ${target}` : "";
+    return `As last time: ${[encoders && `${encoders} encoders`, places, hook, pull].filter(Boolean).join("; ")}`;
+  },
   stated: "What the files do not say",
   labels: {
     encoders: "Position loop closed by",
@@ -74,7 +80,7 @@ export const importWords = {
     flange_targets: "Positions of the targets in the flange frame: name, x, y, z, one per line",
   },
   mass: "Mass of the hung weight",
-  massHelp: "The mass is the same in all postures. Its weight pulls along −z of R0, with 9.80665 N per kilogram.",
+  massHelp: "The same in all postures; pulls along −z of R0, with 9.80665 N per kilogram.",
   orForce: "Or the force on the robot, x, y, z, axes of R0",
   weightStep: "The file has angles of two encoders, without and with a load.",
   toGearboxes: "Go on to the gearboxes",
