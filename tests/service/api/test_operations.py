@@ -87,7 +87,6 @@ def test_the_description_names_the_service_and_where_to_begin(openapi, local):
 
 
 FILES = """\
-* `report.xml` of a run: a calibration certificate, DCC 3.3.0; needs `measured_at` of the set, and `country`
 * `model.…` of a run: tables with intervals (csv, xlsx), or MJCF with springs; `do_not_use` needs
 * `program` of a program or process: a compensated file (`file`); only numbers of its targets differ
 * tables, by the kind of the job; their headers have the units

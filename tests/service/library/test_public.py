@@ -471,13 +471,9 @@ def test_files_of_a_program_keep_their_names_in_a_folder_and_none_takes_the_plac
         assert (tmp_path / name).read_text() == (saved / kept).read_text()
 
 
-def test_only_a_run_has_a_certificate_and_a_single_program_the_name_that_it_is_given(results, tmp_path):
+def test_a_single_program_has_the_name_that_it_is_given(results, tmp_path):
     results["program"].save(tmp_path / "out.txt")
     assert "LIN" in (tmp_path / "out.txt").read_text()
-    with pytest.raises(js.CampaignError, match="a plan has no certificate") as refused:
-        results["plan"].report(tmp_path / "x.xml")
-    assert refused.value.problem.remedy
-    assert not (tmp_path / "x.xml").exists()
 
 
 def test_a_prediction_of_arrays_is_that_of_cases_and_near_the_simulator(run):
