@@ -23,6 +23,7 @@ from jointstiff.schemas.run import Run
 from jointstiff.schemas.trend import Trend, TrendQuery
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.kinds.retired import RETIRED
 from jointstiff.service.kinds.width import CancelledWorkError
 from jointstiff.service.kinds.work import (
     Span,
@@ -526,7 +527,7 @@ class Parts(Resources):
     def __init__(self, store: Store, enqueue: Enqueue | None = None) -> None:
         """Serve from a store; if `enqueue` is None, every job is computed at once."""
         super().__init__(store)
-        self.jobs = {kind.name: Jobs(kind, self, enqueue) for kind in KINDS}  # name of a kind → its jobs
+        self.jobs = {kind.name: Jobs(kind, self, enqueue) for kind in (*KINDS, *RETIRED)}  # by name
         self._records = store.jobs(JOB)
         self.trends = Trends(store)  # trends of the robots
         # The live campaigns: closing a campaign creates a run.

@@ -20,6 +20,7 @@ from jointstiff.schemas.job import Job
 from jointstiff.schemas.plan import Plan
 from jointstiff.schemas.program import Program
 from jointstiff.schemas.query import FileQuery
+from jointstiff.schemas.retired import RetiredJob
 from jointstiff.schemas.robot import Robot
 from jointstiff.schemas.run import Run
 from jointstiff.service.api.answers import make_missing_error
@@ -28,6 +29,7 @@ from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.kind import AnyKind, File
 from jointstiff.service.kinds.program.files import decompress_file
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.kinds.retired import RETIRED
 from jointstiff.service.problems import NotFoundError
 from jointstiff.service.reports.document import Document
 from jointstiff.service.reports.exports import FORMATS, ExportedModel, ModelFormat, export_model
@@ -78,8 +80,8 @@ _MakeContent = Callable[[_RequestedFile], Content]
 
 def is_stored_file(kind: AnyKind, name: str) -> bool:
     """Return whether this file of a kind of job is stored with the result, so that nothing is computed."""
-    # The files of a program are the only ones whose content the result of a job contains.
-    return _find_content_makers(kind).get(name) is _make_program_file
+    # Of the present kinds, only a program has files whose content the result of a job contains.
+    return kind in RETIRED or _find_content_makers(kind).get(name) is _make_program_file
 
 
 def make_file(
@@ -92,13 +94,35 @@ def make_file(
         HTTPException: the job has no such file or nothing to write to it (404), or no result (409).
         RequestError: the program has no file of that name.
     """
+    requested = _RequestedFile(request.app.state.laboratory, parts, jobs, job_id, name, query)
+    if jobs.kind in RETIRED:
+        return _make_stored_file(requested)
     make = _find_content_makers(jobs.kind).get(name)
     if make is None:
         jobs.records.get(job_id)
         raise HTTPException(
             404, f"a {jobs.kind.name} has no such file; use one of {', '.join(file_names(jobs.kind))}"
         )
-    return make(_RequestedFile(request.app.state.laboratory, parts, jobs, job_id, name, query))
+    return make(requested)
+
+
+def _make_stored_file(requested: _RequestedFile) -> Content:
+    """Return a file of a job of a retired kind as it was stored.
+
+    `program`, as which earlier versions delivered programs, is the file of the query, or the first one.
+    """
+    job = cast("RetiredJob", requested.job)
+    names = [file.name for file in job.files]
+    name = requested.name
+    if name == "program":
+        name = requested.query.file or next(iter(names), name)
+    for file in job.files:
+        if file.name == name:
+            disposition = f"attachment; filename*=UTF-8''{quote(name, safe='')}"
+            headers = {"Content-Disposition": disposition}
+            return Content(decompress_file(file), "application/octet-stream", headers)
+    detail = f"the job has no such file; use one of {', '.join(names)}" if names else "the job has no files"
+    raise HTTPException(404, detail)
 
 
 def file_names(kind: AnyKind) -> list[str]:

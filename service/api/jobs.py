@@ -30,6 +30,7 @@ from jointstiff.service.api.files import FILES, FILES_DESCRIPTION, is_stored_fil
 from jointstiff.service.jobs import Jobs
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.kinds.retired import RETIRED
 from jointstiff.service.problems import NotFoundError, StoreUnavailableError
 from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, RequesterKeyDependency, get_requester
 from jointstiff.service.store.jobs import JOB, JobStatus
@@ -210,7 +211,7 @@ JobId = Annotated[str, Path(max_length=64, description="Id of the job.")]
 RequesterKey = Annotated[AccessKey | None, RequesterKeyDependency]
 Wait = Annotated[WaitQuery, Query()]
 ANY_JOB: Final[Any] = Annotated[
-    Union[tuple(kind.message for kind in KINDS)],  # noqa: UP007 - of types known at run time
+    Union[tuple(kind.message for kind in (*KINDS, *RETIRED))],  # noqa: UP007 - of types known at run time
     Discriminator("kind"),
 ]
 """A job of any kind."""
@@ -294,7 +295,7 @@ def make_post_route(kind: AnyKind) -> APIRouter:
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"], route_class=BodyRoute)
 
 
-_Kind: Final[Any] = Literal[tuple(kind.name for kind in KINDS)]
+_Kind: Final[Any] = Literal[tuple(kind.name for kind in (*KINDS, *RETIRED))]
 
 
 class _Listing(JobQuery):

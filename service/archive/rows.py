@@ -21,6 +21,7 @@ from jointstiff.service.history.raising import raise_document
 from jointstiff.service.history.steps import NEWEST
 from jointstiff.service.jobs import make_record
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.kinds.retired import RETIRED
 from jointstiff.service.live.campaign import Entry
 from jointstiff.service.store.tables import (
     AccessKey,
@@ -31,7 +32,7 @@ from jointstiff.service.store.tables import (
     RobotRecord,
 )
 
-_KINDS: Final = MappingProxyType({kind.name: kind for kind in KINDS})
+_KINDS: Final = MappingProxyType({kind.name: kind for kind in (*KINDS, *RETIRED)})
 _ENTRY: Final[TypeAdapter[Any]] = TypeAdapter(Entry)
 _FINDINGS: Final = TypeAdapter(list[Finding])
 _METADATA: Final = frozenset(SetMetadata.model_fields)

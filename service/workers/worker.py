@@ -19,6 +19,7 @@ from typing import Final
 
 from jointstiff.service.jobs import Jobs, Part, Parts
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.kinds.retired import RETIRED
 from jointstiff.service.problems import LockedError, StoreError, StoreUnavailableError, WorkerLostError
 from jointstiff.service.runs.trend import Trends
 from jointstiff.service.store.collection import KEEP_DELETED
@@ -29,7 +30,7 @@ from jointstiff.service.tables.terminal import console
 from jointstiff.service.workers.engine import ATTEMPTS, LATER_SECONDS, Engine, Queue
 
 # Jobs of other kinds are left to workers of other versions.
-_KNOWN_KINDS: Final = [kind.name for kind in KINDS]
+_KNOWN_KINDS: Final = [kind.name for kind in (*KINDS, *RETIRED)]
 # Greatest numbers of deleted records of each kind that are removed, and of robots whose summary is renewed,
 # in one call of `Recovery.check_and_recover`
 _MAX_REMOVED: Final = 20
@@ -255,7 +256,7 @@ class Recovery:
 
 def purge(store: Store, before: datetime) -> None:
     """Remove for good the records that were deleted before a time, at most `_MAX_REMOVED` of each kind."""
-    for kind in KINDS:
+    for kind in (*KINDS, *RETIRED):
         store.jobs(kind.resource).purge(before, _MAX_REMOVED)
     store.sets.purge(before, _MAX_REMOVED)  # sets are removed before the robots to which they refer
     store.open_sets.purge(before, _MAX_REMOVED)
