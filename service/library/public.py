@@ -59,7 +59,6 @@ if TYPE_CHECKING:
     geometry = _here.geometry
     gearbox = _here.gearbox
     plan = _here.plan
-    fleet = _here.fleet
     map = _here.map  # noqa: A001 - the command's name
     compensate = _here.compensate
     process = _here.process
@@ -132,7 +131,6 @@ __all__ = [
     "compensate",
     "correct",
     "datasets",
-    "fleet",
     "gearbox",
     "geometry",
     "identify",

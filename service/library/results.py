@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas import run as messages
     from jointstiff.schemas.comparison import Comparison
     from jointstiff.schemas.deflection import Map
-    from jointstiff.schemas.fleet import Fleet
     from jointstiff.schemas.gearbox import Gearbox
     from jointstiff.schemas.geometry import Geometry
     from jointstiff.schemas.plan import Plan
@@ -537,9 +536,6 @@ if TYPE_CHECKING:  # `make_presented_class` makes them when they are needed
 
     class TabledComparison(PresentedJob, Comparison):
         """A comparison, with its tables, plots and files."""
-
-    class TabledFleet(PresentedJob, Fleet):
-        """A fleet, with its tables, plots and files."""
 
     class TabledGearbox(PresentedJob, Gearbox):
         """Gearboxes, with their tables, plots and files."""

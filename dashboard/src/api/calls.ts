@@ -76,7 +76,6 @@ const described = <Path extends keyof paths>(query: QueryOf<Path>) => query as D
 export type Collection =
   | "runs"
   | "comparisons"
-  | "fleets"
   | "geometries"
   | "gearboxes"
   | "plans"
@@ -87,7 +86,6 @@ export type Collection =
 interface Messages {
   runs: of.Run;
   comparisons: of.Comparison;
-  fleets: of.Fleet;
   geometries: of.Geometry;
   gearboxes: of.Gearbox;
   plans: of.Plan;
@@ -105,7 +103,6 @@ export type Summary<Of extends Collection> = Of extends "runs" ? of.RunSummary :
 const KINDS = {
   runs: "run",
   comparisons: "comparison",
-  fleets: "fleet",
   geometries: "geometry",
   gearboxes: "gearbox",
   plans: "plan",
@@ -252,7 +249,6 @@ export const api = {
   jobs,
   runs: { ...kind("runs"), add: add("runs") },
   comparisons: { ...kind("comparisons"), add: add("comparisons") },
-  fleets: { ...kind("fleets"), add: add("fleets") },
   geometries: { ...kind("geometries"), add: add("geometries") },
   gearboxes: { ...kind("gearboxes"), add: add("gearboxes") },
   plans: { ...kind("plans"), add: add("plans") },

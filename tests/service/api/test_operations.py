@@ -43,7 +43,7 @@ def test_each_operation_needs_the_role_and_takes_what_the_table_says(openapi):
     described = [(path, method) for path, methods in openapi["paths"].items() for method in methods]
     assert sorted(line_of(openapi, *each) for each in described) == sorted(OPERATIONS.values())
     names = [line.split(" | ")[1] for line in OPERATIONS.values()]
-    assert len(set(names)) == len(names) == 42
+    assert len(set(names)) == len(names) == 41
     assert all(name.isalpha() for name in names)
 
 
@@ -92,7 +92,6 @@ FILES = """\
 * tables, by the kind of the job; their headers have the units
 * geometry: `axes.csv` (each axis: a point, the direction, and the uncertainties of both, in the base frame R0 at model angle zero)
 * plan: `report.pdf`, `report.html`, `rehearsal.json`, `readings.csv` (the readings in their order)
-* fleet: `report.pdf`, `report.html`, `table.csv` (one row per measurement set and joint: stiffness with its interval and verdict, or the error of the set)
 """  # noqa: E501 - lines of the description
 
 

@@ -509,7 +509,7 @@ def test_the_covariance_matrix_has_the_standard_uncertainties(run):
 
 @pytest.mark.parametrize("nothing", [None, 5, [1], np.zeros((3, 6))], ids=lambda each: type(each).__name__)
 def test_what_is_no_campaign_is_refused_with_what_a_campaign_is(nothing):
-    for verb in (js.identify, js.compare, js.plan, js.fleet):
+    for verb in (js.identify, js.compare, js.plan):
         with pytest.raises(
             js.CampaignError, match=r"a campaign is a file, a document, a `Campaign`|` is an array"
         ) as caught:

@@ -33,7 +33,6 @@ KINDS = [
     "gearbox",
     "plan",
     "map",
-    "fleet",
     "program",
     "process",
     "prediction",
@@ -73,7 +72,6 @@ def results_of(backend, document):
         "imported": backend.import_files(
             EXAMPLES / "readings.csv", encoders="motor", load_point=(0, 0, 120), robot=document["robot"]
         ),
-        "fleet": backend.fleet(run),
     }
 
 
@@ -146,7 +144,6 @@ def test_every_verb_accepts_a_saved_run(backend, request, tmp_path, document):
     assert turned.result.turned == results["process"].result.turned
     of_method = loaded.process(EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE, turns=4)
     assert of_method.result.turned == turned.result.turned
-    assert js.fleet(file).result.rows[0].stiffness == results["fleet"].result.rows[0].stiffness
     assert js.rehearse(file).joints == js.rehearse(results["run"]).joints
     for predicted in (
         js.predict(file, POSTURES, FORCE, at=(0, 0, 120)),
@@ -177,7 +174,6 @@ def test_a_client_accepts_a_saved_run(name, in_process, served_in_process, tmp_p
         assert client.predict(file, POSTURES, FORCE, at=(0, 0, 120)) == (
             js.predict(file, POSTURES, FORCE, at=(0, 0, 120))
         )
-        assert client.fleet(file).result.rows[0].stiffness == js.fleet(file).result.rows[0].stiffness
         if name != "run by own weight":
             assert client.plan(file, readings=2, candidates=200).result == (
                 js.plan(file, readings=2, candidates=200).result
@@ -205,20 +201,18 @@ COMMANDS = [
     "report plan.json -o plan.html",
     "report map.json -o map.html",
     "process run.json pocket.src --accuracy-option off --force 0,0,-500 --turns 4 -o out.src",
-    "fleet run.json",
     "rehearse run.json",
     "rehearse plan.json --robot robot.json",
     "report comparison.json -o comparison.html",
     "report process.json -o process.html",
     "report program.json -o program.html",
-    "report fleet.json -o fleet.html",
 ]
 
 
 @pytest.mark.parametrize("line", COMMANDS)
 def test_every_command_reads_a_saved_result(line, in_process, document, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for name in ("run", "plan", "map", "comparison", "process", "program", "fleet"):
+    for name in ("run", "plan", "map", "comparison", "process", "program"):
         in_process[name].save(f"{name}.json")
     Path("robot.json").write_text(json.dumps(document["robot"]))
     area = AREA | {"area": [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]], "place": (0, 0, 0.25)}  # in SI units

@@ -320,8 +320,8 @@ def test_forces_of_several_sizes_are_said_from_the_least_to_the_greatest(laborat
             "cannot read x.svg: No such file or directory: give the name of an existing file",
         ),
         (
-            'name = "x"\ncountry = "France"\n',
-            "lab.toml: country: String should match pattern '^[A-Z]{2}$': see docs/report.md for the fields",
+            'name = "x"\ncountry = "FR"\n',
+            "lab.toml: country: Extra inputs are not permitted: see docs/report.md for the fields",
         ),
     ],
 )
