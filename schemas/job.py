@@ -83,11 +83,6 @@ class Job(Message):
         """Return the kind of all jobs of this class."""
         return str(cls.model_fields["kind"].default)
 
-    @property
-    def failed_parts(self) -> int:
-        """Number of parts that have failed in a job that has succeeded as a whole."""
-        return 0
-
 
 class JobSummary(ResultSummary):
     """A job in a listing. Fields that the kind of job does not have are null or empty."""

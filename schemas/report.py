@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import date
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field
 
@@ -26,28 +25,6 @@ class Party(Message):
 class Laboratory(Party):
     """Settings of a laboratory that issues reports, in a TOML file."""
 
-    country: Annotated[str, Field(pattern="^[A-Z]{2}$")] | None = Field(
-        default=None,
-        description="Country of the measurement, ISO 3166-1, for certificates.",
-        examples=["FR"],
-    )
-    languages: Annotated[list[Annotated[str, Field(pattern="^[a-z]{2}$")]], Field(max_length=8)] = Field(
-        default_factory=list,
-        description="Languages of names, notes and conditions other than English, ISO 639-1, for "
-        "certificates.",
-        examples=[["fr"]],
-    )
-    responsible: Name | None = Field(
-        default=None, description="Name of the person who is responsible for certificates."
-    )
-    kind_of_place: Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"] = Field(
-        default="laboratory", description="Kind of place in which the measurement is made, for certificates."
-    )
-    ended_on: date | None = Field(
-        default=None,
-        description="Day on which the measurement ended, for certificates; default: the day of "
-        "`measured_at`.",
-    )
     place: Name | None = Field(
         default=None, description="Place of the measurement; default: the laboratory's address."
     )

@@ -1,7 +1,7 @@
 """Jobs that do not move: how soon health, job and metrics say why; and no alarm for jobs that move.
 
 Six kinds, with services and workers as processes: a lock, a silent worker, no worker, a full disk, a queue
-behind a fleet, a part that is handed back. By name only: 20 minutes, or the kinds alone with `--part 1/2`.
+behind long runs, a part that is handed back. By name only: 20 minutes, or the kinds alone with `--part 1/2`.
 The full disk is a small one in memory, which takes root.
 """
 
@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import httpx2
 import psycopg
@@ -24,8 +24,6 @@ from prometheus_client.parser import text_string_to_metric_families
 from benchmarks.attacks.faults import full, small_disk
 from benchmarks.report import Figure, Part, Section
 from benchmarks.services import Service, begin_run, ended, free_port, post_campaign, postgresql, worker
-from jointstiff.service.store.store import Store
-from tests.support.copied_rows import Copies, Names, Template, make_engine
 
 __all__ = ["run"]
 
@@ -33,8 +31,6 @@ REQUIRED_SECONDS: Final = 40.0
 _LONGEST_SECONDS: Final = 120.0
 _AT_ONCE: Final = 2
 """Kinds at the same time: six of them would not start in time on a busy machine of two processors."""
-_SETS: Final = 2_000
-"""Sets of the fleet beside which there must be no alarm."""
 _RUNS: Final = 200
 """Ordinary runs during which there must be no alarm."""
 _END_SECONDS: Final = 1_200.0
@@ -75,7 +71,7 @@ _KINDS: Final[Mapping[str, _Signs]] = {
     "silent worker": _Signs("has shown no sign of life", "stuck_jobs", 1, _is_listed),
     "no worker": _Signs("no worker is running", "stuck_jobs", 1, _is_listed),
     "full disk": _Signs("cannot be written", "database_writable", 0, _is_refused),
-    "queue behind a fleet": _Signs("parts of other jobs come first", "waiting_parts", 1, _waits_in_queue),
+    "queue behind long runs": _Signs("parts of other jobs come first", "waiting_parts", 1, _waits_in_queue),
     "part handed back": _Signs("was handed back", "stuck_jobs", 1, _is_listed),
 }
 
@@ -84,7 +80,7 @@ def run(*, quick: bool, part: Part) -> list[Section]:
     """Cause each kind, in a database of its own; then look for false alarms."""
     studies: list[Callable[[], Section]] = [
         _kinds,
-        lambda: _alarms(20 if quick else _SETS, 4 if quick else _RUNS),
+        lambda: _alarms(4 if quick else _RUNS),
     ]
     return [studies[number]() for number in part.of(len(studies))]
 
@@ -96,7 +92,7 @@ def _kinds() -> Section:
             "silent worker": pool.submit(_silent, server()),
             "no worker": pool.submit(_alone, server()),
             "full disk": pool.submit(_full),
-            "queue behind a fleet": pool.submit(_queued, server()),
+            "queue behind long runs": pool.submit(_queued, server()),
             "part handed back": pool.submit(_locked, server(), "part handed back"),
         }
         found = {name: task.result() for name, task in tasks.items()}
@@ -221,60 +217,29 @@ def _full() -> dict[str, float]:
 
 
 def _queued(database: str) -> dict[str, float]:
-    """Post a fleet and long runs before a run, to one worker."""
+    """Post long runs before a run, to one worker."""
     with _serving(database) as service, worker(database, "one"):
         client = service.client
-        sets = _add_sets(database, client, 500)
-        client.post("/v1/fleets?wait=0", json={"measurement_set_ids": sets}).raise_for_status()
         body = {"measurement_set_id": post_campaign(client, _CONFIGURATIONS), "resampling": _LONG}
         for _ in range(_BEHIND):
             client.post("/v1/runs?wait=0", json=body).raise_for_status()
         address = str(client.post("/v1/runs?wait=0", json=body).raise_for_status().headers["location"])
-        return service.times_until_said("queue behind a fleet", address, time.monotonic())
-
-
-def _add_sets(database: str, client: httpx2.Client, count: int) -> list[str]:
-    """Copy a set so many times, each of a robot of its own; return the ids."""
-    set_id = post_campaign(client, 19)
-    measured = client.get(f"/v1/measurement-sets/{set_id}").json()
-    run = client.post("/v1/runs", json={"measurement_set_id": set_id}).raise_for_status().json()
-    copies = Copies([Template(measured["robot_id"], set_id, run["id"])], count, count, 1, Names("copy {}"))
-    engine = make_engine(database)
-    copies.add_robots_and_sets(engine)
-    engine.dispose()
-    with Store.open(database) as store:
-        listed = [store.sets_of_robot(robot.id) for robot in _all_robots(store)]
-    return [each.id for sets in listed for each in sets][:count]
-
-
-def _all_robots(store: Store) -> list[Any]:
-    """Return the entries of all robots."""
-    found, cursor = list[Any](), None
-    while True:
-        page = store.robots.page(limit=100, cursor=cursor)
-        found += page.records
-        cursor = page.next
-        if cursor is None:
-            return found
+        return service.times_until_said("queue behind long runs", address, time.monotonic())
 
 
 # False alarms
 
 
-def _alarms(sets: int, runs: int) -> Section:
-    """Look at the health during a large fleet, and during many runs; nothing of them is stuck."""
+def _alarms(runs: int) -> Section:
+    """Look at the health during many runs; none of them is stuck."""
     with postgresql() as server:
-        of_fleet = _alarms_of(server(), lambda client, database: _post_fleet(client, database, sets))
-        of_runs = _alarms_of(server(), lambda client, _: _post_runs(client, runs))
-    rows = (
-        (f"a fleet of {sets:,} sets", str(of_fleet.looks), str(of_fleet.alarms)),
-        (f"{runs} runs", str(of_runs.looks), str(of_runs.alarms)),
-    )
+        of_runs = _alarms_of(server(), lambda client: _post_runs(client, runs))
+    rows = ((f"{runs} runs", str(of_runs.looks), str(of_runs.alarms)),)
     return Section(
         title="looks at the health while two workers compute",
         columns=("work", "looks", "with a stuck job"),
         rows=rows,
-        figures=(Figure.none("false alarms", of_fleet.alarms + of_runs.alarms),),
+        figures=(Figure.none("false alarms", of_runs.alarms),),
     )
 
 
@@ -286,7 +251,7 @@ class _Looks:
     alarms: int = 0
 
 
-def _alarms_of(database: str, work: Callable[[httpx2.Client, str], None]) -> _Looks:
+def _alarms_of(database: str, work: Callable[[httpx2.Client], None]) -> _Looks:
     """Return how often the health names a stuck job during some work."""
     seen, is_over = _Looks(), threading.Event()
     with ExitStack() as stack:
@@ -302,16 +267,10 @@ def _alarms_of(database: str, work: Callable[[httpx2.Client, str], None]) -> _Lo
 
         thread = threading.Thread(target=look)
         thread.start()
-        work(service.client, database)
+        work(service.client)
         is_over.set()
         thread.join()
     return seen
-
-
-def _post_fleet(client: httpx2.Client, database: str, sets: int) -> None:
-    ids = _add_sets(database, client, sets)
-    answer = client.post("/v1/fleets?wait=0", json={"measurement_set_ids": ids}).raise_for_status()
-    ended(client, str(answer.headers["location"]), _END_SECONDS)
 
 
 def _post_runs(client: httpx2.Client, runs: int) -> None:

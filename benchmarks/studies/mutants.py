@@ -205,7 +205,7 @@ def measured_lane(folder: Path, *, quick: bool = False) -> Lane:
         "--cov-report=",
         "--cov-fail-under=0",
     ]
-    tests = ["tests/studies"] if quick else []
+    tests = ["tests/studies"] if quick else ["tests", "packages/robotprograms"]
     _pytest([*measured, "-p", "benchmarks.studies.caches", "-n", "auto", *tests], COVERAGE_FILE=str(data))
     return Lane(data)
 

@@ -90,8 +90,7 @@ const GeometriesView = lazy(async () => (await import("./features/geometry/view"
 const GeometryView = lazy(async () => (await import("./features/geometry/view")).GeometryView);
 const GearboxesView = lazy(async () => (await import("./features/gearbox/view")).GearboxesView);
 const GearboxView = lazy(async () => (await import("./features/gearbox/view")).GearboxView);
-const FleetsView = lazy(async () => (await import("./features/fleet/view")).FleetsView);
-const FleetView = lazy(async () => (await import("./features/fleet/view")).FleetView);
+const WallView = lazy(async () => (await import("./features/wall/view")).WallView);
 const PlansView = lazy(async () => (await import("./features/plan/view")).PlansView);
 const PlanView = lazy(async () => (await import("./features/plan/view")).PlanView);
 const MeasureView = lazy(async () => (await import("./features/measure/view")).MeasureView);
@@ -185,7 +184,7 @@ const VIEWS = new Map<string, [FunctionComponent<Place>, FunctionComponent<Place
   ["sets", [({ query }) => <RobotsView list="sets" query={query} />, SetView, "robots"]],
   ["geometries", [GeometriesView, GeometryView, "robots"]],
   ["gearboxes", [GearboxesView, GearboxView, "robots"]],
-  ["fleets", [FleetsView, FleetView, "robots"]],
+  ["wall", [WallView, WallView, "robots"]],
   ["plans", [PlansView, PlanView, "robots"]],
   ["measure", [MeasureView, LiveView, ""]],
   ["robots", [({ query }) => <RobotsView list="robots" query={query} />, OneRobot]],

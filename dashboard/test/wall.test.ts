@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { RobotSummary } from "../src/api/types";
-import { significanceOf, wallOf } from "../src/features/fleet/rows";
+import { significanceOf, wallOf } from "../src/features/wall/rows";
 
 const arm = (at: string, rank = 0, serial: string | null = null, tested = ["joint_1", "joint_2"]) => ({
   serial_number: serial,

@@ -31,7 +31,6 @@ from jointstiff.service.kinds.program.files import decompress_file
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.retired import RETIRED
 from jointstiff.service.problems import NotFoundError
-from jointstiff.service.reports.certificate import build_certificate
 from jointstiff.service.reports.document import Document
 from jointstiff.service.reports.exports import FORMATS, ExportedModel, ModelFormat, export_model
 from jointstiff.service.reports.job import build_job_report, build_job_sheet, job_parts
@@ -139,7 +138,6 @@ def _find_content_makers(kind: AnyKind) -> Mapping[str, _MakeContent]:
         maker_by_name |= {
             "report.pdf": _make_run_report,
             "report.html": _make_run_report,
-            "report.xml": _make_certificate,
         }
         maker_by_name |= {f"model.{suffix}": _make_model_file for suffix in FORMATS}
     elif kind.has_report:
@@ -215,16 +213,6 @@ def _make_run_report(requested: _RequestedFile) -> Content:
     """Return the report of a run, as PDF or HTML."""
     subject = make_run_subject(requested.parts, requested.job_id, requested.laboratory)
     return _render_report(build_run_report(subject), requested)
-
-
-def _make_certificate(requested: _RequestedFile) -> Content:
-    """Return the digital calibration certificate of a run, as XML."""
-    subject = make_run_subject(requested.parts, requested.job_id, requested.laboratory)
-    return Content(
-        build_certificate(subject),
-        "application/xml",
-        _make_disposition(requested, "certificate", "xml"),
-    )
 
 
 def _make_model_file(requested: _RequestedFile) -> Content:
@@ -380,8 +368,6 @@ _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
 * `tables.json` of any job: the tables and lines of the terminal, and the `assessment`
 * `report.pdf`, `report.html`: request, tables, versions, hash of the input; of a run after ISO/IEC 17025,
   with lines to sign, PDF/A-3b with the run attached
-* `report.xml` of a run: a calibration certificate, DCC 3.3.0; needs `measured_at` of the set, and `country`
-  and `responsible` in the laboratory's settings
 * `model.…` of a run: tables with intervals (csv, xlsx), or MJCF with springs; `do_not_use` needs
   `accept_verdict`
 * `rehearsal.json` of a run or plan: its readings simulated with known stiffnesses, and identified

@@ -23,8 +23,8 @@ _EXTRA_ARGUMENTS: Final = re.compile(r"Got unexpected extra arguments?(?:\(s\))?
 """Message of Typer about more arguments than the command has, with these arguments."""
 _MORE_FILES: Final[Mapping[str, str]] = MappingProxyType(
     {
-        "identify": "Give one campaign: `jointstiff compare` takes two, `jointstiff fleet` takes many",
-        "compare": "Give one or two campaigns: `jointstiff fleet` takes many",
+        "identify": "Give one campaign: `jointstiff compare` takes two",
+        "compare": "Give one or two campaigns",
         "robots": "Write the name of the arm in quotes: jointstiff robots 'KUKA KR'",
     }
 )

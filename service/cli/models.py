@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from jointstiff.service.tables.table import Part, Table
 
 _FORMATS: Final = (".csv", ".xlsx", ".mjcf")
-_REPORTS: Final = (".pdf", ".html", ".xml")
+_REPORTS: Final = (".pdf", ".html")
 
 
 def export(
@@ -49,7 +49,7 @@ def report(
     *,
     output: Annotated[
         Path,
-        cli.output_option("File to write the report to: .pdf, .html, or .xml (certificate of a run, DCC)."),
+        cli.output_option("File to write the report to: .pdf or .html."),
     ],
     run: cli.RunFile = None,
     laboratory: LaboratoryFile = None,

@@ -659,12 +659,6 @@ def _refuse_other_joint_counts(observations: Sequence[Observation]) -> None:
             )
 
 
-def has_loads(blob: bytes) -> bool:
-    """Return whether any reading was made under a load, in arrays that `ReadingArrays.pack` serialised."""
-    with np.load(io.BytesIO(blob), allow_pickle=False) as archive:
-        return bool((archive["present"] & ~np.isnan(archive["loaded"][..., 0])).any())
-
-
 def hash_texts(*texts: str) -> str:
     """Return the SHA-256, in hexadecimal digits, of texts that are joined by blanks."""
     return hashlib.sha256(" ".join(texts).encode()).hexdigest()

@@ -57,7 +57,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.comparison import Comparison
     from jointstiff.schemas.correction import CorrectionJob
     from jointstiff.schemas.deflection import Map
-    from jointstiff.schemas.fleet import Fleet
     from jointstiff.schemas.geometry import Geometry
     from jointstiff.schemas.joints import JointKind
     from jointstiff.schemas.plan import Plan
@@ -109,7 +108,6 @@ class Client(Verbs):
     geometries: Jobs[Geometry]
     plans: Jobs[Plan]
     maps: Jobs[Map]
-    fleets: Jobs[Fleet]
     programs: Jobs[Program]
     corrections: Jobs[CorrectionJob]
 

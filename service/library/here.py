@@ -274,8 +274,7 @@ class Here(Verbs):
         return correct_here(measured_run.prepared.robot, poses, joints, stated, monitor, measured_run.run)
 
     def _report(self, kind: AnyKind, job: Job, suffix: str, laboratory: Path | None) -> bytes:
-        """Return the report of a job as PDF or HTML, or the calibration certificate of a run as XML."""
-        from jointstiff.service.reports.certificate import build_certificate
+        """Return the report of a job as PDF or HTML."""
         from jointstiff.service.reports.job import build_job_report
         from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
         from jointstiff.service.reports.rendering import render_html, render_pdf
@@ -284,14 +283,7 @@ class Here(Verbs):
         settings = LaboratorySettings() if laboratory is None else read_laboratory(laboratory)
         if isinstance(job, TabledRun):
             subject = RunSubject(_make_exported_model(job), job.campaign.measurement_set, settings)
-            if suffix == "xml":
-                with as_campaign_error("report"):
-                    return build_certificate(subject)
             document = build_run_report(subject)
-        elif suffix == "xml":
-            with as_campaign_error(""):
-                reason = f"a {kind.name} has no certificate: only a run has a certificate"
-                raise RequestError(reason, where="output", remedy="write the report as .pdf or .html")
         else:
             document = build_job_report(kind, job, job.model_dump_json(), settings)
         with as_campaign_error("report"):

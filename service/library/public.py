@@ -57,7 +57,6 @@ if TYPE_CHECKING:
     geometry = _here.geometry
     gearbox = _here.gearbox
     plan = _here.plan
-    fleet = _here.fleet
     map = _here.map  # noqa: A001 - the command's name
     compensate = _here.compensate
 
@@ -124,7 +123,6 @@ __all__ = [
     "compensate",
     "correct",
     "datasets",
-    "fleet",
     "gearbox",
     "geometry",
     "identify",

@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas import run as messages
     from jointstiff.schemas.comparison import Comparison
     from jointstiff.schemas.deflection import Map
-    from jointstiff.schemas.fleet import Fleet
     from jointstiff.schemas.gearbox import Gearbox
     from jointstiff.schemas.geometry import Geometry
     from jointstiff.schemas.plan import Plan
@@ -296,9 +295,9 @@ class Presented(ABC):
         Args:
             path: ends in `.json` (the whole result, read by `jointstiff.load` and by every verb), `.csv` (the
                 first table), `.xlsx` (all tables), `.svg` or `.png` (the plot); of jobs `.pdf` or `.html`
-                (the report); of a map `.npz`; of a run `.mjcf` (the model) and `.xml` (the
-                certificate); of a program as the program itself (the corrected file, with its .dat next to
-                it); or is a folder, in which the files of a program keep their names.
+                (the report); of a map `.npz`; of a run `.mjcf` (the model); of a program as the program
+                itself (the corrected file, with its .dat next to it); or is a folder, in which the files
+                of a program keep their names.
             dpi: resolution of a `.png` [dots per inch]; None for 100. Other files have none.
 
         Raises:
@@ -386,7 +385,7 @@ class PresentedJob(Presented):
         if any(file.suffix == "npz" for file in kind.files):
             endings.append(".npz")
         if kind.message is Run:
-            endings += [".mjcf", ".xml"]
+            endings += [".mjcf"]
         return endings
 
     @property
@@ -491,8 +490,7 @@ class PresentedJob(Presented):
         """Write the report of the job to a file.
 
         Args:
-            path: file to write, ending in `.pdf` or `.html`; for a run also `.xml`, a digital calibration
-                certificate (DCC 3.3.0).
+            path: file to write, ending in `.pdf` or `.html`.
             laboratory: TOML file about the laboratory that issues the report; only in this process, as a
                 service has its own file.
 
@@ -500,7 +498,7 @@ class PresentedJob(Presented):
             CampaignError: the report cannot be made, or Typst is not installed.
             RefusedError: the service refuses the request.
         """
-        name = f"report.{_require_suffix(path, _REPORTS | {'xml'})}"
+        name = f"report.{_require_suffix(path, _REPORTS)}"
         settings = None if laboratory is None else Path(laboratory)
         target = require_folder(Path(path))
         target.write_bytes(self._require_origin().file(self._job, name, None, settings))
@@ -538,9 +536,6 @@ if TYPE_CHECKING:  # `make_presented_class` makes them when they are needed
 
     class TabledComparison(PresentedJob, Comparison):
         """A comparison, with its tables, plots and files."""
-
-    class TabledFleet(PresentedJob, Fleet):
-        """A fleet, with its tables, plots and files."""
 
     class TabledGearbox(PresentedJob, Gearbox):
         """Gearboxes, with their tables, plots and files."""
@@ -869,11 +864,9 @@ class TabledRun(PresentedJob, Run):
         target.write_bytes(self._require_origin().file(self, f"model.{suffix}", query))
 
     def _save_other(self, path: Path, suffix: str) -> None:
-        """Write a model for simulators, a certificate, or a file that every kind of job can write."""
+        """Write a model for simulators, or a file that every kind of job can write."""
         if suffix == "mjcf":
             self.export(path)
-        elif suffix == "xml":
-            self.report(path)
         else:
             super()._save_other(path, suffix)
 

@@ -20,7 +20,6 @@ from jointstiff.service.problems import CampaignError, http_problem, naming_miss
 if TYPE_CHECKING:
     from jointstiff.service.library.results import (
         TabledComparison,
-        TabledFleet,
         TabledGeometry,
         TabledMap,
         TabledPlan,
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
 LoadedKind = Literal[
     "run",
     "comparison",
-    "fleet",
     "geometry",
     "map",
     "plan",
@@ -58,8 +56,6 @@ def load(path: str | PathLike[str], kind: None = None) -> Any: ...  # noqa: ANN4
 def load(path: str | PathLike[str], kind: Literal["run"]) -> TabledRun: ...
 @overload
 def load(path: str | PathLike[str], kind: Literal["comparison"]) -> TabledComparison: ...
-@overload
-def load(path: str | PathLike[str], kind: Literal["fleet"]) -> TabledFleet: ...
 @overload
 def load(path: str | PathLike[str], kind: Literal["geometry"]) -> TabledGeometry: ...
 @overload

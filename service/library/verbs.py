@@ -12,7 +12,6 @@ from jointstiff.service.kinds.verb import import_verb
 if TYPE_CHECKING:
     from jointstiff.service.kinds.comparison import verb as of_comparison
     from jointstiff.service.kinds.correction import verb as of_correction
-    from jointstiff.service.kinds.fleet import verb as of_fleet
     from jointstiff.service.kinds.gearbox import verb as of_gearbox
     from jointstiff.service.kinds.geometry import verb as of_geometry
     from jointstiff.service.kinds.map import verb as of_map
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from jointstiff.service.library.correction import Correction
     from jointstiff.service.library.results import (
         TabledComparison,
-        TabledFleet,
         TabledGearbox,
         TabledGeometry,
         TabledMap,
@@ -51,7 +49,6 @@ class Verbs:
         gearbox = _presenting(of_gearbox.gearbox, TabledGearbox)
         plan = _presenting(of_plan.plan, TabledPlan)
         map = _presenting(of_map.map, TabledMap)
-        fleet = _presenting(of_fleet.fleet, TabledFleet)
         correct = _presenting(of_correction.correct, Correction)
         compensate = _presenting(of_program.compensate, TabledProgram)
     else:

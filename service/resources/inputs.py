@@ -68,11 +68,11 @@ class Inputs(Protocol):
         """
         ...
 
-    def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
+    def named_sets(self, set_ids: Sequence[str], where: str) -> list[NamedSet]:
         """Return ids and names of measurement sets, also of deleted sets, in the order of `set_ids`.
 
         Args:
-            set_ids: ids of the sets; None to return, for each robot, its last measured set with loads.
+            set_ids: ids of the sets.
             where: field of the request that holds the ids.
 
         Raises:
@@ -153,13 +153,13 @@ class InMemoryInputs:
         shorter = prepare_set(shorter_set, robot, prepared.robot_id, catalogue_robots())
         return shorter.number_as_in(document.observations)
 
-    def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
-        """Return ids and names of measurement sets in memory; of all of them if `set_ids` is None.
+    def named_sets(self, set_ids: Sequence[str], where: str) -> list[NamedSet]:
+        """Return ids and names of measurement sets in memory.
 
         `where` is the field of the request that has the ids, for errors.
         """
         named_sets = []
-        for index, set_id in enumerate(self._sets if set_ids is None else set_ids):
+        for index, set_id in enumerate(set_ids):
             content = self.measured(set_id, f"{where}[{index}]").content
             document, robot, prepared = self._sets[set_id]
             named_sets.append(

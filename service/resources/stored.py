@@ -38,7 +38,7 @@ from jointstiff.service.conversion.prepared import (
     to_resolved_frame,
     transform_to_base,
 )
-from jointstiff.service.conversion.readings import ReadingArrays, has_loads, hash_texts
+from jointstiff.service.conversion.readings import ReadingArrays, hash_texts
 from jointstiff.service.conversion.robots import describe_joints
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.problems import NotFoundError, Resource
@@ -568,16 +568,15 @@ class Resources:
         with _refuse_at_field(where):
             return self.sets.prepared(set_id, leave_out)
 
-    def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
+    def named_sets(self, set_ids: Sequence[str], where: str) -> list[NamedSet]:
         """Return ids and names of stored sets, also of deleted sets, in the order of `set_ids`.
 
         Args:
-            set_ids: ids of the sets; None returns, for each robot, its last measured set with loads.
+            set_ids: ids of the sets.
             where: field of the request that has the ids, for errors.
         """
-        chosen_ids = self._find_last_sets_with_loads() if set_ids is None else set_ids
-        rows = {row.id: row for row in self.store.sets.rows_with_names(chosen_ids)}
-        for i, set_id in enumerate(chosen_ids):
+        rows = {row.id: row for row in self.store.sets.rows_with_names(set_ids)}
+        for i, set_id in enumerate(set_ids):
             if set_id not in rows:
                 with _refuse_at_field(f"{where}[{i}]"):
                     raise NotFoundError(MEASUREMENT_SET, set_id)
@@ -589,27 +588,8 @@ class Resources:
                 robot_name=rows[set_id].robot_name,
                 content=hash_texts(rows[set_id].robot_hash, rows[set_id].content_hash),
             )
-            for set_id in chosen_ids
+            for set_id in set_ids
         ]
-
-    def _find_last_sets_with_loads(self) -> list[str]:
-        """Return the ids of the last measured sets with loads, one for each robot that has such a set."""
-        sets_of_robot = self.store.sets.list_by_robot()  # robot → ids of its sets, newest first
-        found: dict[str, str] = {}  # robot → its last set with loads
-        most_sets = max(map(len, sets_of_robot.values()), default=0)
-        # Each round reads the next set of every robot without such a set: few sets are read, in few queries.
-        for age in range(most_sets):
-            robot_of_set = {
-                sets[age]: robot_id
-                for robot_id, sets in sets_of_robot.items()
-                if robot_id not in found and age < len(sets)
-            }
-            if not robot_of_set:
-                break
-            for set_id, arrays in self.store.sets.iterate_arrays(list(robot_of_set)):
-                if has_loads(arrays):
-                    found[robot_of_set[set_id]] = set_id
-        return [found[robot_id] for robot_id in sets_of_robot if robot_id in found]
 
     def job_summaries(self, message: type[Job], robot_id: str) -> Iterator[Mapping[str, Any]]:
         """Yield the summaries of the newest jobs of a kind on a robot, at most 1,000.

@@ -662,28 +662,6 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
             for row in self._database.rows(query.where(sets.id.in_(ids)))
         ]
 
-    def list_by_robot(self) -> dict[str, list[str]]:
-        """Return robot id → ids of its sets, the last measured first; without deleted robots and sets."""
-        sets = measurement_sets.c
-        measured_at = sa.func.coalesce(sets.measured_at, sets.created_at)
-        query = (
-            sa.select(sets.robot_id, sets.id)
-            .join_from(measurement_sets, robots, robots.c.id == sets.robot_id)
-            .where(sets.deleted_at.is_(None), robots.c.deleted_at.is_(None))
-            .order_by(robots.c.sequence, measured_at.desc(), sets.sequence.desc())
-        )
-        sets_by_robot = dict[str, list[str]]()
-        for row in self._database.rows(query):
-            sets_by_robot.setdefault(str(row.robot_id), []).append(str(row.id))
-        return sets_by_robot
-
-    def iterate_arrays(self, set_ids: Sequence[str]) -> Iterator[tuple[str, bytes]]:
-        """Yield (id, packed readings in npz format) of some sets."""
-        query = sa.select(measurement_sets.c.id, measurement_sets.c.arrays)
-        for ids in _iterate_portions(set_ids):
-            for row in self._database.rows(query.where(measurement_sets.c.id.in_(ids))):
-                yield str(row.id), row.arrays
-
     def _hide_or_restore_related(
         self, connection: sa.Connection, identifier: str, deleted_at: datetime | None
     ) -> None:

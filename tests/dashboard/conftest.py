@@ -154,9 +154,8 @@ def stored(api: httpx2.Client) -> Stored:
     work_map = add_job("maps", work | tool)
     sweeps = json.loads((ROOT / "examples" / "sweeps.json").read_text(encoding="utf-8"))
     geometry = add_job("geometries", {**sweeps, "name": "stored sweeps"})
-    fleet = add_job("fleets", {"measurement_set_ids": [first, second], "name": "stored fleet"})
     program, live = compensated(api, run), opened(api, robot)
-    return Stored(robot, first, second, run, comparison, pair, plan, work_map, program, geometry, live, fleet)
+    return Stored(robot, first, second, run, comparison, pair, plan, work_map, program, geometry, live)
 
 
 def opened(api: httpx2.Client, robot: str) -> str:

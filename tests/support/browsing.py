@@ -101,7 +101,6 @@ class Stored:
     program: str
     geometry: str
     live: str
-    fleet: str
 
 
 def file_of(name: str, content: Any) -> dict[str, Any]:

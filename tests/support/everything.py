@@ -149,7 +149,6 @@ def of_one_arm(filling: Filling) -> dict[str, str]:
         "pair": filling.add("comparisons", {"run_ids": [run, other], "ordered": True}),
         "plan": filling.add("plans", plan),
         "step_plan": filling.add("plans", step),
-        "fleet": filling.add("fleets", {"measurement_set_ids": [first, second], "name": "two sets"}),
         "program": filling.program(run, 6),
         "long_program": filling.program(run, 400, "pocket.src"),
         "geometry": filling.add("geometries", sweeps | {"name": "sweeps"}),
@@ -216,7 +215,6 @@ def campaigns_of_a_robot(filling: Filling) -> dict[str, str]:
         filling.run(measured)
     return {
         "worn": robot,
-        "worn_fleet": filling.add("fleets", {"measurement_set_ids": sets, "name": "a robot that wears"}),
     }
 
 

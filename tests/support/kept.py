@@ -57,10 +57,6 @@ LISTS: Final = (
 """Lists whose first page is an answer."""
 
 
-NUMBERS: Final = sorted({path.name[:4] for path in FOLDER.iterdir()})
-"""Layouts of which there are dumps."""
-
-
 def make_database(number: str, path: Path) -> str:
     """Make the SQLite file of a layout; return its URL."""
     url = f"sqlite:///{path}"
@@ -117,7 +113,6 @@ def jobs_of_every_kind(filling: Filling) -> dict[str, str]:
     filling.add("comparisons", {"run_ids": [run, other], "ordered": True})
     filling.add("plans", {"measurement_set_id": first, "readings": 2})
     filling.add("maps", box | area)
-    filling.add("fleets", {"measurement_set_ids": [second], "name": "one set"})
     filling.program(run, 4)
     filling.add("geometries", sweeps | {"name": "sweeps"})
     filling.identify(shortened(campaign("weight_1"), 8))

@@ -24,7 +24,6 @@ CHANGES: dict[str, dict[str, Any]] = {
     "geometry": {"fit": "one_by_one"},
     "plan": {"seed": 1},
     "map": {"turns": 3},
-    "fleet": {"run": {"positive": False}},
     "program": {"confidence": 0.9},
     "correction": {"confidence": 0.9},
 }
@@ -73,7 +72,6 @@ def posted_job(
         "geometry": ("geometries", next(iter(GEOMETRY.examples.values()))),
         "plan": ("plans", PLAN | of_set),
         "map": ("maps", MAP | {"run_id": run["id"]}),
-        "fleet": ("fleets", {"measurement_set_ids": [of_set["measurement_set_id"]]}),
     }
     collection, body = known.get(kind) or (
         import_kind(kind).collection,

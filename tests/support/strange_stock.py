@@ -109,7 +109,6 @@ def odd_arms(filling: Filling) -> dict[str, str]:
         "pair": filling.add("comparisons", {"run_ids": [of_arm, unusable]}),
         "map": filling.add("maps", tool | {"area": [[1.2, -0.3, 0.6], [1.6, 0.3, 0.9]], "grid": [5, 3, 1]}),
         "gearbox": filling.add("gearboxes", step | {"name": EMOJI}),
-        "fleet": filling.add("fleets", {"measurement_set_ids": [of_six, of_cobot], "name": RIGHT_TO_LEFT}),
     }
 
 

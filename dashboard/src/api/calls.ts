@@ -73,12 +73,11 @@ export type SetQuery = QueryOf<"/v1/measurement-sets">;
 const described = <Path extends keyof paths>(query: QueryOf<Path>) => query as Described<Path>;
 
 /** Kinds of work, as the API names them. */
-export type Collection = "runs" | "comparisons" | "fleets" | "geometries" | "gearboxes" | "plans" | "maps" | "programs";
+export type Collection = "runs" | "comparisons" | "geometries" | "gearboxes" | "plans" | "maps" | "programs";
 
 interface Messages {
   runs: of.Run;
   comparisons: of.Comparison;
-  fleets: of.Fleet;
   geometries: of.Geometry;
   gearboxes: of.Gearbox;
   plans: of.Plan;
@@ -95,7 +94,6 @@ export type Summary<Of extends Collection> = Of extends "runs" ? of.RunSummary :
 const KINDS = {
   runs: "run",
   comparisons: "comparison",
-  fleets: "fleet",
   geometries: "geometry",
   gearboxes: "gearbox",
   plans: "plan",
@@ -241,7 +239,6 @@ export const api = {
   jobs,
   runs: { ...kind("runs"), add: add("runs") },
   comparisons: { ...kind("comparisons"), add: add("comparisons") },
-  fleets: { ...kind("fleets"), add: add("fleets") },
   geometries: { ...kind("geometries"), add: add("geometries") },
   gearboxes: { ...kind("gearboxes"), add: add("gearboxes") },
   plans: { ...kind("plans"), add: add("plans") },

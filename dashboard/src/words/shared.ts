@@ -440,8 +440,6 @@ export const en = {
   },
   earlier: {
     comparisons: "Earlier comparisons",
-    fleets: "Earlier fleets",
-    fleet: "Fleet",
     geometries: "Earlier geometries",
     gearboxes: "Earlier weight steps",
     plans: "Earlier plans",

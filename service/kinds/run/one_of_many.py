@@ -1,4 +1,4 @@
-"""Identification of one of many measurement sets; fleets and `identify_many` consist of such runs."""
+"""Identification of one of many measurement sets; `identify_many` consists of such runs."""
 
 from __future__ import annotations
 

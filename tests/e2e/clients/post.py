@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 from jointstiff_client import AuthenticatedClient
 from jointstiff_client.api.comparisons import create_comparison
-from jointstiff_client.api.fleets import create_fleet
 from jointstiff_client.api.geometries import create_geometry
 from jointstiff_client.api.jobs import change_job
 from jointstiff_client.api.maps import create_map
@@ -23,8 +22,6 @@ from jointstiff_client.models.comparison_request import ComparisonRequest
 from jointstiff_client.models.dh_model import DhModel
 from jointstiff_client.models.dh_model_convention import DhModelConvention
 from jointstiff_client.models.dh_row import DhRow
-from jointstiff_client.models.fleet import Fleet
-from jointstiff_client.models.fleet_request import FleetRequest
 from jointstiff_client.models.geometry import Geometry
 from jointstiff_client.models.geometry_request import GeometryRequest
 from jointstiff_client.models.import_answer import ImportAnswer
@@ -74,8 +71,6 @@ def jobs() -> None:
         check(create_plan.sync_detailed(client=CLIENT, body=PlanRequest.from_dict(body)), Plan)
     for body in BODIES["/v1/maps"]:
         check(create_map.sync_detailed(client=CLIENT, body=MapRequest.from_dict(body)), Map)
-    for body in BODIES["/v1/fleets"]:
-        check(create_fleet.sync_detailed(client=CLIENT, body=FleetRequest.from_dict(body)), Fleet)
     for body in BODIES["/v1/geometries"]:
         answer = create_geometry.sync_detailed(client=CLIENT, body=GeometryRequest.from_dict(body))
         if isinstance(answer.parsed, Problem):  # the example that shows one pose, where more are needed

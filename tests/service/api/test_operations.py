@@ -87,13 +87,11 @@ def test_the_description_names_the_service_and_where_to_begin(openapi, local):
 
 
 FILES = """\
-* `report.xml` of a run: a calibration certificate, DCC 3.3.0; needs `measured_at` of the set, and `country`
 * `model.…` of a run: tables with intervals (csv, xlsx), or MJCF with springs; `do_not_use` needs
 * `program` of a program: a compensated file (`file`); only numbers of its targets differ
 * tables, by the kind of the job; their headers have the units
 * geometry: `axes.csv` (each axis: a point, the direction, and the uncertainties of both, in the base frame R0 at model angle zero)
 * plan: `report.pdf`, `report.html`, `rehearsal.json`, `readings.csv` (the readings in their order)
-* fleet: `report.pdf`, `report.html`, `table.csv` (one row per measurement set and joint: stiffness with its interval and verdict, or the error of the set)
 """  # noqa: E501 - lines of the description
 
 

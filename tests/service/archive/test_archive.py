@@ -99,7 +99,7 @@ def without(document, dropped):
 
 
 class TestLayouts:
-    @pytest.mark.parametrize("number", kept.NUMBERS)
+    @pytest.mark.parametrize("number", kept.kept_numbers())
     def test_every_record_of_an_old_layout_comes_over_with_its_numbers(
         self, number: str, empty: Callable[[], str], tmp_path: Path
     ) -> None:

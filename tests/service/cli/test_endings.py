@@ -27,7 +27,7 @@ def campaign(tmp_path_factory):
         ("plan", [], ".docx", "must end in .csv"),
         ("predict", POINTS, ".pdf", "must end in .csv"),
         ("export", [], ".pdf", "must end in .csv, .xlsx or .mjcf; `jointstiff report` writes reports"),
-        ("report", [], ".csv", "must end in .pdf, .html or .xml"),
+        ("report", [], ".csv", "must end in .pdf or .html"),
         ("identify", [], ".pdf", "`jointstiff export` writes tables, `jointstiff report` writes reports"),
         ("identify", ["--apply", "use_huber"], ".pdf", "must end in .json"),
         ("import", [], ".csv", "must end in .json"),

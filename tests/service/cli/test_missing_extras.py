@@ -22,7 +22,6 @@ WITHOUT = {
     "compare campaign.json second.json --paper paper.svg": "plot",
     "plan campaign.json --readings 6": "",
     "map campaign.json --force 0,0,-500 --place 0,0,250 --options map.json": "",
-    "fleet campaign.json second.json": "",
     "geometry examples/sweeps.json --robot examples/nominal.json": "",
     "gearbox examples/weight_step.json": "",
     "predict campaign.json examples/postures.csv --load-point 0,0,120": "",

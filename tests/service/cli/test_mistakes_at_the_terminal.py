@@ -234,13 +234,13 @@ def folder(tmp_path_factory):
         ),
         (
             "identify pull.json monday/m.json",
-            "`jointstiff compare` takes two, `jointstiff fleet` takes many",
-            "fleet pull.json monday/m.json",
+            "Give one campaign: `jointstiff compare` takes two",
+            "compare pull.json monday/m.json",
         ),
         (
             "compare pull.json monday/m.json other.json",
-            "Give one or two campaigns: `jointstiff fleet` takes many",
-            "fleet pull.json monday/m.json other.json",
+            "Give one or two campaigns",
+            "compare pull.json monday/m.json",
         ),
         (
             "identify arm.json",

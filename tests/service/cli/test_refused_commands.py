@@ -185,7 +185,7 @@ def test_the_help_lists_the_commands_in_the_order_of_work():
     lines = shown[shown.index("Commands:") :].splitlines()[1:]
     assert [line.split()[0] for line in lines] == [
         "simulate", "examples", "rehearse", "identify", "compare", "geometry", "gearbox", "plan", "map",
-        "fleet", "compensate", "correct", "measure", "import", "predict", "robots", "export", "report",
+        "compensate", "correct", "measure", "import", "predict", "robots", "export", "report",
         "serve", "worker", "status", "post", "demo", "archive", "restore", "keys", "database",
     ]  # fmt: skip
     assert "  identify    Identify the joint stiffnesses of a campaign." in lines

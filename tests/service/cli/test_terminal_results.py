@@ -20,7 +20,6 @@ POSTURES = (
     "label,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],Fx [N],Fy [N],Fz "
     "[N]\na,0,-20,30,0,45,0,0,0,-800\nb,40,-10,5,7,30,2,100,0,0\n"
 )
-LAB = 'name = "Lab"\ncountry = "FR"\nresponsible = "A. Martin"\n'
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +27,6 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
     campaign = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
     (folder / "pull.json").write_text(json.dumps(campaign))
-    campaign["measurement_set"]["measured_at"] = "2021-02-03T04:05:06Z"
-    (folder / "timed.json").write_text(json.dumps(campaign))
     (folder / "run.json").write_text(terminal("identify", folder / "pull.json", "--json").stdout)
     (folder / "postures.csv").write_text(POSTURES)
     (folder / "area.json").write_text(json.dumps(MAP))
@@ -66,26 +63,6 @@ def test_a_run_without_its_campaign_is_refused_with_the_way_to_keep_it():
     assert refused("report run.json -o again.html") == (
         "run.json is a result without a campaign remedy: give the campaign; "
         "`jointstiff identify FILE --save RUN` writes a run with its campaign"
-    )
-
-
-def test_a_certificate_needs_the_country_and_the_responsible_person():
-    assert refused("report pull.json -o c.xml") == (
-        "report.laboratory: a certificate requires the country of the measurement and the responsible person "
-        "remedy: give `country` and `responsible` in the settings of the laboratory"
-    )
-    Path("lab.toml").write_text(LAB)
-    typed("report timed.json -o c.xml --laboratory lab.toml")
-    assert_said(
-        Path("c.xml").read_text(),
-        '<dcc:digitalCalibrationCertificate xmlns:dcc="https://ptb.de/dcc"',
-        'schemaVersion="3.3.0"',
-        "<dcc:countryCodeISO3166_1>FR</dcc:countryCodeISO3166_1>",
-        "<dcc:beginPerformanceDate>2021-02-03</dcc:beginPerformanceDate>",
-        "<dcc:endPerformanceDate>2021-02-03</dcc:endPerformanceDate>",
-        "<dcc:performanceLocation>laboratory</dcc:performanceLocation>",
-        "Industrial robot simulated 6R, 6 joints",
-        "A. Martin",
     )
 
 

@@ -185,7 +185,6 @@ FIRST = {
     "comparison": "Do not use this comparison: 2 reasons of its run",
     "plan": "Do not use this plan: 1 reason of its own, 1 reason of its run",
     "map": "Do not use this map: 1 reason of its run",
-    "fleet": "Do not use 1 of 1 sets",
     "program": "Do not use this program: 1 reason of its run",
 }
 TABLES = {
@@ -193,7 +192,6 @@ TABLES = {
     "comparison": ["table.csv", "ratios.csv", "configurations.csv"],
     "plan": ["readings.csv"],
     "map": ["map.csv"],
-    "fleet": ["table.csv"],
     "program": ["points.csv"],
 }
 

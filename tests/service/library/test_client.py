@@ -421,10 +421,6 @@ VERBS = {
         ),
         lambda job: job.result,
     ),
-    "fleet": (
-        lambda backend, source: backend.fleet(source, run={"method": "complete_pose"}),
-        lambda job: [(row.verdict, row.stiffness, row.stiffness_interval) for row in job.result.rows],
-    ),
     "compensate": (
         lambda backend, source: backend.compensate(
             source, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE

@@ -471,13 +471,9 @@ def test_files_of_a_program_keep_their_names_in_a_folder_and_none_takes_the_plac
         assert (tmp_path / name).read_text() == (saved / kept).read_text()
 
 
-def test_only_a_run_has_a_certificate_and_a_single_program_the_name_that_it_is_given(results, tmp_path):
+def test_a_single_program_has_the_name_that_it_is_given(results, tmp_path):
     results["program"].save(tmp_path / "out.txt")
     assert "LIN" in (tmp_path / "out.txt").read_text()
-    with pytest.raises(js.CampaignError, match="a plan has no certificate") as refused:
-        results["plan"].report(tmp_path / "x.xml")
-    assert refused.value.problem.remedy
-    assert not (tmp_path / "x.xml").exists()
 
 
 def test_a_prediction_of_arrays_is_that_of_cases_and_near_the_simulator(run):
@@ -513,7 +509,7 @@ def test_the_covariance_matrix_has_the_standard_uncertainties(run):
 
 @pytest.mark.parametrize("nothing", [None, 5, [1], np.zeros((3, 6))], ids=lambda each: type(each).__name__)
 def test_what_is_no_campaign_is_refused_with_what_a_campaign_is(nothing):
-    for verb in (js.identify, js.compare, js.plan, js.fleet):
+    for verb in (js.identify, js.compare, js.plan):
         with pytest.raises(
             js.CampaignError, match=r"a campaign is a file, a document, a `Campaign`|` is an array"
         ) as caught:

@@ -46,7 +46,6 @@ def results(run, document):
         "map": js.map(run, area=area, grid=(3, 3, 1), place=(0, 0, 250), force=FORCE),
         "program": js.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
         "prediction": run.predict(postures, FORCE, at=(0, 0, 120)),
-        "fleet": js.fleet(document, simulate_campaign(default_arm(), load="pull", configurations=12, seed=4)),
     }
 
 
@@ -114,7 +113,7 @@ def test_a_printed_result_has_its_numbers(results, name, sentences):
     assert_said(" ".join(str(results[name]).split()), *sentences)
 
 
-KINDS = ("run", "comparison", "geometry", "plan", "map", "fleet", "program", "gearbox")
+KINDS = ("run", "comparison", "geometry", "plan", "map", "program", "gearbox")
 """Every kind of work."""
 
 
@@ -156,10 +155,6 @@ def test_every_kind_has_the_common_names(results, name, tmp_path):
     assert len(result.to_frame()) >= 1
     with pytest.raises(ValueError, match="omit `dpi`"):
         result.save(tmp_path / "plot.svg", dpi=300)
-    if name == "fleet":
-        with pytest.raises(ValueError, match="no numbers to draw: print the result"):
-            result.plot(dpi=72)
-        return
     assert result.plot(dpi=72).get_dpi() == 72
     sizes = []
     for dpi in (60, 120):
@@ -318,8 +313,6 @@ def test_what_is_not_there_is_the_error_of_python(run):
         run.joints["joint_9"]
     with pytest.raises(FileNotFoundError, match=r"nowhere\.json"):
         js.identify("nowhere.json")
-    with pytest.raises(TypeError, match="`options` must be a CampaignComparison"):
-        js.compare(run, run, run)
     with pytest.raises(ValueError, match=r"a run has these tables: .*csv"):
         run.table("docx")
 

@@ -33,10 +33,8 @@ KINDS = [
     "gearbox",
     "plan",
     "map",
-    "fleet",
     "program",
     "prediction",
-    "imported",
     "trend",
 ]
 IN_PROCESS = [*(name for name in KINDS if name != "trend"), "rehearsal"]  # a trend needs a store
@@ -68,7 +66,6 @@ def results_of(backend, document):
         "map": backend.map(run, **AREA),
         "program": backend.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
         "prediction": run.predict(POSTURES, FORCE, at=(0, 0, 120)),
-        "fleet": backend.fleet(run),
     }
 
 
@@ -137,7 +134,6 @@ def test_every_verb_accepts_a_saved_run(backend, request, tmp_path, document):
     assert str(js.compare(file, constraints=["positive"])) == str(results["comparison"])  # other ids of runs
     program = js.compensate(file, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE)
     assert program.result.worst == results["program"].result.worst
-    assert js.fleet(file).result.rows[0].stiffness == results["fleet"].result.rows[0].stiffness
     assert js.rehearse(file).joints == js.rehearse(results["run"]).joints
     for predicted in (
         js.predict(file, POSTURES, FORCE, at=(0, 0, 120)),
@@ -167,7 +163,6 @@ def test_a_client_accepts_a_saved_run(name, in_process, served_in_process, tmp_p
         assert client.predict(file, POSTURES, FORCE, at=(0, 0, 120)) == (
             js.predict(file, POSTURES, FORCE, at=(0, 0, 120))
         )
-        assert client.fleet(file).result.rows[0].stiffness == js.fleet(file).result.rows[0].stiffness
         if name != "run by own weight":
             assert client.plan(file, readings=2, candidates=200).result == (
                 js.plan(file, readings=2, candidates=200).result
@@ -194,19 +189,17 @@ COMMANDS = [
     "report run.json -o report.html",
     "report plan.json -o plan.html",
     "report map.json -o map.html",
-    "fleet run.json",
     "rehearse run.json",
     "rehearse plan.json --robot robot.json",
     "report comparison.json -o comparison.html",
     "report program.json -o program.html",
-    "report fleet.json -o fleet.html",
 ]
 
 
 @pytest.mark.parametrize("line", COMMANDS)
 def test_every_command_reads_a_saved_result(line, in_process, document, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for name in ("run", "plan", "map", "comparison", "program", "fleet"):
+    for name in ("run", "plan", "map", "comparison", "program"):
         in_process[name].save(f"{name}.json")
     Path("robot.json").write_text(json.dumps(document["robot"]))
     area = AREA | {"area": [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]], "place": (0, 0, 0.25)}  # in SI units

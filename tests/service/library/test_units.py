@@ -102,7 +102,6 @@ LENGTHS = {"methods": [{"method": "complete_pose", "characteristic_length": 500.
 LENGTHS_IN_OTHER = {"methods": [{"method": "complete_pose", "characteristic_length": 0.5}]}
 IN_SI = {
     "identify": ((None,), {"characteristic_length": 500.0}, {"characteristic_length": 0.5}),
-    "fleet": ((), {"run": {"characteristic_length": 500.0}}, {"run": {"characteristic_length": 0.5}}),
     "plan": ((ROBOT,), PLAN, PLAN_IN_OTHER),
     "map": ((None,), MAP, MAP_IN_OTHER),
 }

@@ -1,8 +1,6 @@
 """Reports of a service for a laboratory, as they are read: results, budgets, deviations, and origin."""
 
-from datetime import date
 from pathlib import Path
-from xml.etree import ElementTree
 
 import pytest
 from fastapi.testclient import TestClient
@@ -13,7 +11,6 @@ from support.pages import words_of
 
 from jointstiff.schemas.report import Laboratory
 from jointstiff.service.app import create_app
-from jointstiff.service.reports.certificate import NAMESPACES
 from jointstiff.service.reports.laboratory import LaboratorySettings, SettingsError, read_laboratory
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -21,11 +18,6 @@ from jointstiff.simulator import default_arm, simulate_campaign
 LABORATORY = Laboratory(
     name="Metrology Lab",
     address=["1 Main Street", "44000 Nantes"],
-    country="FR",
-    languages=["fr", "en"],
-    responsible="A. Martin",
-    kind_of_place="customer",
-    ended_on=date(2021, 11, 21),
     traceability="K-17",
     method="Procedure 4",
     conditions="warmed up",
@@ -237,27 +229,6 @@ def test_the_tables_of_a_run_have_its_lines_and_its_evidence(laboratory, weighed
     ]
 
 
-def test_a_certificate_states_place_days_and_languages_of_the_laboratory(laboratory, weighed):
-    root = ElementTree.fromstring(file_of(laboratory, weighed, "report.xml").content)  # noqa: S314 - our own
-
-    def texts(path):
-        return [each.text for each in root.findall(path, NAMESPACES)]
-
-    assert root.get("schemaVersion") == "3.3.0"
-    assert texts(".//dcc:countryCodeISO3166_1")[0] == "FR"
-    assert texts(".//dcc:usedLangCodeISO639_1") == ["en", "fr"]
-    assert texts(".//dcc:mandatoryLangCodeISO639_1") == ["en"]
-    assert texts(".//dcc:uniqueIdentifier") == [weighed["id"]]
-    assert texts(".//dcc:beginPerformanceDate") == ["2021-11-20"]
-    assert texts(".//dcc:endPerformanceDate") == ["2021-11-21"]
-    assert texts(".//dcc:performanceLocation") == ["customer"]
-    known = [joint for joint in weighed["result"]["joints"] if joint["stiffness"]]
-    values = [float(text) for text in texts(".//si:real/si:value")]
-    stated = [number for joint in known for number in (joint["stiffness"], *joint["stiffness_interval"])]
-    assert len(stated) == 15
-    assert values[:15] == pytest.approx(stated)
-
-
 @pytest.mark.parametrize(
     ("seed", "options", "stated", "sentences"),
     [
@@ -349,8 +320,8 @@ def test_forces_of_several_sizes_are_said_from_the_least_to_the_greatest(laborat
             "cannot read x.svg: No such file or directory: give the name of an existing file",
         ),
         (
-            'name = "x"\ncountry = "France"\n',
-            "lab.toml: country: String should match pattern '^[A-Z]{2}$': see docs/report.md for the fields",
+            'name = "x"\ncountry = "FR"\n',
+            "lab.toml: country: Extra inputs are not permitted: see docs/report.md for the fields",
         ),
     ],
 )

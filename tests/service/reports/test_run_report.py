@@ -4,22 +4,17 @@ import contextlib
 import io
 import json
 import math
-import os
 import re
 import subprocess
 import sys
 from dataclasses import replace
-from datetime import UTC, date, datetime
 from functools import lru_cache
 from pathlib import Path
-from xml.etree import ElementTree
 
 import matplotlib as mpl
 import numpy as np
 import pypdf
 import pytest
-from reference.kinematics import flange_by_pinocchio
-from support.api import file_at
 from support.terminal import terminal
 
 import jointstiff
@@ -30,7 +25,6 @@ from jointstiff.schemas.run import Campaign, JointResult, Run
 from jointstiff.service import reports as service_reports
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.map.kind import make_area_map
-from jointstiff.service.reports.certificate import NAMESPACES, build_certificate
 from jointstiff.service.reports.exports import ExportedModel, write_joints_csv
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.pictures import draw_arm, draw_bars, draw_intervals
@@ -45,8 +39,6 @@ from jointstiff.service.reports.run import (
 )
 from jointstiff.service.tables.table import Area, Chart, Sheet
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.simulator.own_weight import unloaded_campaign
-from jointstiff.solver.errors import RequestError
 
 LABORATORY = Laboratory(
     name="Metrology Lab",
@@ -263,235 +255,6 @@ def test_noise_is_stated_with_each_reading_or_estimated(campaign, run, by_readin
     ]
     subject = subject_of(campaign, run, noise=None, observations=observations)
     assert said in repr(build_run_report(subject))
-
-
-ABROAD = Laboratory(
-    name="Metrology Lab",
-    address=["1 Main Street", "44000 Nantes"],
-    country="FR",
-    languages=["fr"],
-    responsible="A. Martin",
-    kind_of_place="customer",
-    ended_on=date(2026, 11, 21),
-)
-MEASURED = {"measured_at": "2026-11-20T14:30:00+01:00", "instrument": "Tracker 750123"}
-
-
-@pytest.fixture(scope="module")
-def certified():
-    document = simulate_campaign(default_arm(), load="dead_weight", configurations=12, seed=2)
-    document["measurement_set"] |= MEASURED
-    run = js.identify(document)
-    model = ExportedModel.from_run(run, prepare_robot(run.campaign.robot).robot, "cell <3>")
-    return RunSubject(model, run.campaign.measurement_set, LaboratorySettings(ABROAD))
-
-
-def read(content):
-    return ElementTree.fromstring(content)  # noqa: S314 - our own
-
-
-def names(element):
-    return [child.tag.partition("}")[2] for child in element]
-
-
-def texts(element, path):
-    return [each.text for each in element.findall(path, NAMESPACES)]
-
-
-@pytest.fixture(scope="module")
-def root(certified):
-    return read(build_certificate(certified))
-
-
-def test_customer_and_serial_number_are_optional(root, certified):
-    assert texts(root, ".//dcc:customer/dcc:name/dcc:content") == ["not stated"]
-    identification = root.find(".//dcc:item//dcc:identification", NAMESPACES)
-    assert next(child.text for child in identification) == "calibrationLaboratory"
-    laboratory = ABROAD.model_copy(update={"customer": Party(name="Arms Inc.", address=["2 Side Street"])})
-    readings = certified.readings.model_copy(update={"serial_number": "SN-4711"})
-    stated = replace(certified, readings=readings, settings=LaboratorySettings(laboratory))
-    full = read(build_certificate(stated))
-    assert texts(full, ".//dcc:customer/dcc:name/dcc:content") == ["Arms Inc."]
-    assert texts(full, ".//dcc:item//dcc:identification/dcc:value") == ["SN-4711"]
-    assert texts(full, ".//dcc:uniqueIdentifier") == [certified.model.run.id]
-
-
-def test_the_results_are_those_of_the_run(root, certified):
-    results = root.findall(".//dcc:result", NAMESPACES)
-    run, budget = certified.model.run, certified.model.result.budget
-    for result, joint in zip(results, run.result.joints, strict=False):
-        assert texts(result, "dcc:name/dcc:content") == [f"Stiffness of {joint.name}"]
-        if joint.stiffness is None:
-            assert texts(result, ".//dcc:noQuantity/dcc:content")[0].startswith("No number: ")
-            continue
-        values = [float(text) for text in texts(result, ".//si:value")]
-        assert values == [joint.stiffness, *(end for end in joint.stiffness_interval if end is not None)]
-        assert set(texts(result, ".//si:unit")) == {r"\newton\metre\radian\tothe{-1}"}
-        place = budget.joints.index(joint.name)
-        of_compliance = budget.expanded_with_model_error[place] / budget.coverage_factor
-        (u,), (k,) = texts(result, ".//si:valueExpandedMU"), texts(result, ".//si:coverageFactor")
-        assert float(u) / float(k) == pytest.approx(of_compliance * joint.stiffness**2, rel=1e-12)
-        assert texts(result, ".//si:coverageProbability") == ["0.95"]
-
-
-def test_the_compliance_of_the_flange_is_called_predicted_and_is_that_of_the_springs(root, certified):
-    """Compare with J C Jᵀ by finite differences of the kinematics, for the axes that a weight shows."""
-    result = root.findall(".//dcc:result", NAMESPACES)[-1]
-    assert texts(result, "dcc:name/dcc:content")[0].startswith("Predicted static compliance")
-    assert "not measured" in texts(result, "dcc:description/dcc:content")[0]
-    quantity_names = texts(result, ".//dcc:quantity/dcc:name/dcc:content")
-    assert all("redicted displacement" in text for text in quantity_names)
-    robot = certified.model.run.campaign.robot.model
-    assert certified.readings.units.angle == "rad"
-    joints = certified.model.robot.joint_names
-    q, step = np.array(certified.readings.observations[0].joints), 1e-6
-    postures = [q + d * e for e in np.eye(6) for d in (step, -step)]
-    flange = [
-        flange_by_pinocchio(robot.urdf, dict(zip(joints, each, strict=True)), robot.base, robot.flange)[:3, 3]
-        for each in postures
-    ]
-    jacobian = (np.array(flange[::2]) - np.array(flange[1::2])).T / (2 * step)
-    compliance = np.array([joint.compliance or 0.0 for joint in certified.model.run.result.joints])
-    expected = jacobian * compliance @ jacobian.T
-    quantities = np.array([float(text) for text in texts(result, ".//si:value")]).reshape(-1, 4)
-    values, lengths = quantities[:, :3], quantities[:, 3]
-    np.testing.assert_allclose(lengths, np.linalg.norm(values, axis=1), rtol=1e-12)
-    assert all(text.startswith("Length of the predicted") for text in quantity_names[3::4])
-    budgets = [case.budget for case in predict_flange_compliance(certified) if case.displacement is not None]
-    stated = [float(text) for text in texts(result, ".//si:valueExpandedMU")]
-    np.testing.assert_allclose(stated, [each.expanded_with_model_error / 100.0 for each in budgets])
-    forces = [text.split()[-1] for text in quantity_names[::4]]
-    np.testing.assert_allclose(
-        values, expected[["XYZ".index(axis) for axis in forces]], rtol=2e-3, atol=1e-10
-    )
-
-
-def test_a_run_by_own_weight_states_its_uncertainty_by_the_interval():
-    document = unloaded_campaign(default_arm(), configurations=30, seed=1)
-    document["measurement_set"] |= MEASURED
-    run = js.identify(document)
-    model = ExportedModel.from_run(run, prepare_robot(run.campaign.robot).robot, "cell")
-    certified = RunSubject(model, run.campaign.measurement_set, LaboratorySettings(ABROAD))
-    results = read(build_certificate(certified)).findall(".//dcc:result", NAMESPACES)
-    assert run.result.budget is None
-    known = [
-        (result, joint)
-        for result, joint in zip(results, run.result.joints, strict=False)
-        if joint.stiffness is not None
-    ]
-    assert len(known) == 5
-    for result, joint in known:
-        u, factor, probability = (
-            float(*texts(result, f".//si:{name}"))
-            for name in ("valueExpandedMU", "coverageFactor", "coverageProbability")
-        )
-        low, high = joint.stiffness_interval
-        assert joint.stiffness - u <= low * (1 + 1e-12)
-        assert joint.stiffness + u >= high * (1 - 1e-12)
-        assert (probability, factor) == (0.95, pytest.approx(1.959964, abs=1e-6))
-    described = texts(results[-1], "dcc:description/dcc:content")
-    assert described[0].endswith("No uncertainty of these predictions is stated.")
-
-
-@pytest.mark.parametrize(
-    ("laboratory", "measured_at", "where"),
-    [
-        (None, True, "laboratory"),
-        (ABROAD.model_copy(update={"country": None}), True, "laboratory"),
-        (ABROAD.model_copy(update={"responsible": None}), True, "laboratory"),
-        (ABROAD.model_copy(update={"ended_on": date(2026, 11, 19)}), True, "laboratory.ended_on"),
-        (ABROAD, False, "measurement_set.measured_at"),
-    ],
-)
-def test_what_every_certificate_states_is_not_guessed(certified, laboratory, measured_at, where):
-    readings = certified.readings
-    if not measured_at:
-        readings = readings.model_copy(update={"measured_at": None})
-    with pytest.raises(RequestError) as refused:
-        build_certificate(replace(certified, readings=readings, settings=LaboratorySettings(laboratory)))
-    assert refused.value.where == where
-    assert refused.value.remedy
-
-
-@pytest.mark.parametrize(
-    ("measured_at", "ended_on", "days"),
-    [
-        ("2026-11-20T20:00:00-08:00", date(2026, 11, 20), ["2026-11-20", "2026-11-20"]),
-        ("2026-11-20T20:00:00-08:00", None, ["2026-11-21", "2026-11-21"]),
-        ("2026-11-20T00:30:00+01:00", date(2026, 11, 20), ["2026-11-19", "2026-11-20"]),
-    ],
-)
-def test_days_are_those_of_utc_or_of_the_laboratory(certified, measured_at, ended_on, days):
-    """20:00 in San Francisco is the next day in UTC, in which the set keeps its time."""
-    at = datetime.fromisoformat(measured_at).astimezone(UTC)
-    readings = certified.readings.model_copy(update={"measured_at": at})
-    settings = LaboratorySettings(ABROAD.model_copy(update={"ended_on": ended_on}))
-    core = read(build_certificate(replace(certified, readings=readings, settings=settings)))
-    assert [*texts(core, ".//dcc:beginPerformanceDate"), *texts(core, ".//dcc:endPerformanceDate")] == days
-
-
-def test_only_texts_of_this_program_have_its_language(certified):
-    own = {
-        "name": "Messlabor",
-        "address": ["Hauptstraße 1"],
-        "traceability": "Schein K-17",
-        "method": "Anweisung 4",
-        "conditions": "warm gelaufen",
-        "customer": Party(name="Kunde", address=["Nebenstraße 2"]),
-        "languages": ["de", "en", "de"],
-    }
-    laboratory = ABROAD.model_copy(update=own)
-    readings = certified.readings.model_copy(update={"conditions": None})
-    settings = LaboratorySettings(laboratory)
-    root = read(build_certificate(replace(certified, readings=readings, settings=settings)))
-    assert texts(root, ".//dcc:usedLangCodeISO639_1") == ["en", "de"]
-    contents = [(each.text, each.get("lang")) for each in root.iter(f"{{{NAMESPACES['dcc']}}}content")]
-    foreign = (
-        "Messlabor",
-        "Hauptstr",
-        "K-17",
-        "Anweisung",
-        "gelaufen",
-        "Kunde",
-        "Nebenstr",
-        "A. Martin",
-        "750123",
-    )
-    for text in foreign:
-        assert [language for content, language in contents if text in content] == [None], text
-    rest = [language for content, language in contents if not any(text in content for text in foreign)]
-    assert set(rest) == {"en"}
-
-
-def test_hostile_names_are_text(certified):
-    hostile = "]]><a>\x00\x1b[31m\ud800 &amp;"
-    readings = certified.readings.model_copy(update={"instrument": hostile})
-    root = read(build_certificate(replace(certified, readings=readings)))
-    assert texts(root, ".//dcc:measuringEquipment/dcc:name/dcc:content") == ["]]><a>  [31m  &amp;"]
-
-
-@pytest.mark.skipif("DCC_XSD" not in os.environ, reason="DCC_XSD names no schema (dcc.xsd of version 3.3.0)")
-def test_the_schema_accepts_it(certified):
-    xmlschema = pytest.importorskip("xmlschema")
-    schema = xmlschema.XMLSchema(os.environ["DCC_XSD"])
-    assert [str(error) for error in schema.iter_errors(build_certificate(certified).decode())] == []
-
-
-def test_a_service_and_this_process_answer_with_a_certificate(local, certified, tmp_path):
-    campaign = certified.model.run.campaign
-    path = tmp_path / "lab.toml"
-    path.write_text('name = "Lab"\ncountry = "FR"\nresponsible = "A. Martin"\n')
-    run = js.identify(campaign)
-    run.report(tmp_path / "certificate.xml", path)
-    here = read((tmp_path / "certificate.xml").read_bytes())
-    assert texts(here, ".//dcc:respPerson/dcc:person/dcc:name/dcc:content") == ["A. Martin"]
-    with pytest.raises(js.CampaignError, match="country"):
-        run.report(tmp_path / "certificate.xml")
-    document = campaign.model_dump(mode="json", exclude_unset=True)
-    stored = local.request("POST", "/v1/campaigns", json=document).json()
-    answer = local.get(file_at(stored, "report.xml"))
-    assert answer.status_code == 422
-    assert "country" in answer.json()["remedy"]
 
 
 def joint(name, stiffness, interval):

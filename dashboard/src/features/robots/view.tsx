@@ -52,7 +52,7 @@ import { factsOf, measuredBetween, notedIn, type Typed, typedOf } from "../../li
 import { MetadataForm } from "../../components/schema_form";
 import { Preview } from "../../components/findings";
 import { Arm } from "../../scene/view";
-import { fleetWords } from "../fleet/words";
+import { wallWords } from "../wall/words";
 import { gearboxWords } from "../gearbox/words";
 import { geometryWords } from "../geometry/words";
 import { measureWords } from "../measure/words";
@@ -341,8 +341,8 @@ export const NoSets = () => (
   </Empty>
 );
 
-/** Robots, their sets, their geometries and gearboxes, and fleets of them: five lists of one section. */
-export function RobotTabs({ current }: { current: "robots" | "sets" | "geometries" | "gearboxes" | "fleets" }) {
+/** Robots, their sets, their geometries and gearboxes, and the wall: five lists of one section. */
+export function RobotTabs({ current }: { current: "robots" | "sets" | "geometries" | "gearboxes" | "wall" }) {
   return (
     <Tabs
       label={words.tabs}
@@ -352,7 +352,7 @@ export function RobotTabs({ current }: { current: "robots" | "sets" | "geometrie
         { id: "sets", label: words.sets, href: "#/sets" },
         { id: "geometries", label: geometryWords.title, href: "#/geometries" },
         { id: "gearboxes", label: gearboxWords.title, href: "#/gearboxes" },
-        { id: "fleets", label: fleetWords.title, href: "#/fleets" },
+        { id: "wall", label: wallWords.title, href: "#/wall" },
       ]}
     />
   );

@@ -44,7 +44,6 @@ const ABOUT: { [Of in Collection]: (item: Summary<Of>) => About } = {
   comparisons: ({ name, measurement_set_name: first, second_set_id: second }) => ({
     name: name ?? (second ? `${first ?? "…"} → …` : (first ?? "…")),
   }),
-  fleets: ({ name }) => ({ name: name ?? text.earlier.fleet }),
   geometries: ({ name }) => ({ name: name ?? "…" }),
   gearboxes: ({ name }) => ({ name: name ?? "…" }),
   plans: ({ measurement_set_name: set, robot_name: robot }) => ({ name: set ?? robot ?? "…" }),

@@ -18,7 +18,7 @@ import { text } from "../../words";
 import { FileDrop, GoBar, Refused, Step, Advanced, useRunForm } from "../readings/flow";
 import { withNoise } from "../run/assumed";
 import { Rows } from "../../components/list";
-import { WorstArms } from "../fleet/wall";
+import { WorstArms } from "../wall/table";
 import { OpenCampaigns, TrySimulated } from "../measure/open_campaigns";
 import { latestRows } from "../runs/view";
 import { measureWords } from "../measure/words";

@@ -1,6 +1,6 @@
-/** Words of fleets. */
-export const fleetWords = {
-  title: "Fleet",
+/** Words of the wall. */
+export const wallWords = {
+  title: "Changes",
   wall: "Robots and their joints: change since the first campaign",
   none: "No robot was measured yet",
   noneHint: "A robot appears in this list after the first campaign, with the change of each joint.",
@@ -12,13 +12,4 @@ export const fleetWords = {
   untestedShort: "not tested",
   colours: "red: softer; blue: stiffer; the stronger, the more certain",
   all: "All robots",
-  again: "Identify again",
-  sets: "Sets",
-  set: "Measurement set",
-  unit: (unit: string) => `Stiffness in ${unit}, with its interval.`,
-  intro:
-    "Identify the last measurement set with loads of each robot again in one job, such as after an update. The API also accepts chosen sets and options.",
-  start: "Identify all robots again",
-  going: "Looking for the sets…",
-  csv: "Table (CSV)",
 };

@@ -9,7 +9,7 @@ import { usePages, useQuery } from "../../state/query";
 import { text } from "../../words";
 import { changeText } from "../trend/trend";
 import { significanceOf, type WallCell, type WallRow, wallOf } from "./rows";
-import { fleetWords as words } from "./words";
+import { wallWords as words } from "./words";
 
 /** Marks of cells without a change. */
 const [SAME, UNTESTED] = ["=", "?"];
@@ -33,7 +33,7 @@ export function WorstArms({ most, title }: { most: number; title: string }) {
       <h3>{title}</h3>
       <WallTable rows={rows.slice(0, most)} />
       {(rows.length > most || page?.next) && (
-        <LinkButton look="quiet" href="#/fleets">
+        <LinkButton look="quiet" href="#/wall">
           {words.all}
         </LinkButton>
       )}
