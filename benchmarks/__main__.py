@@ -31,7 +31,6 @@ class Benchmark:
     what: str
     always: bool = False  # runs when no benchmark is named
     in_parts: bool = False  # `--part 2/4` runs the second of four parts
-    has_more: bool = False  # `--all` runs cases that are left out otherwise
 
 
 BENCHMARKS = {
@@ -191,8 +190,6 @@ def _functions(arguments: argparse.Namespace) -> dict[str, Callable[[], Iterable
         benchmark = BENCHMARKS[name]
         run = importlib.import_module(f"benchmarks.{benchmark.module}").run
         options: dict[str, Any] = {"part": Part(*arguments.part)} if benchmark.in_parts else {}
-        if benchmark.has_more:
-            options["full"] = arguments.full
         functions[name] = partial(run, quick=arguments.quick, **options)
     return functions
 
@@ -224,10 +221,7 @@ def _arguments() -> argparse.Namespace:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("benchmarks", nargs="*", metavar="BENCHMARK", help="names from the list below")
-    have_more = ", ".join(name for name, each in BENCHMARKS.items() if each.has_more)
-    parser.add_argument(
-        "--all", action="store_true", help=f"run all benchmarks; with names, all cases of {have_more}"
-    )
+    parser.add_argument("--all", action="store_true", help="run all benchmarks")
     parser.add_argument("--quick", action="store_true", help="tiny sizes: a smoke test, nothing is judged")
     parser.add_argument(
         "--part", type=_part, default=(1, 1), metavar="K/N", help=f"the K-th of N parts of {in_parts}"
@@ -241,7 +235,6 @@ def _arguments() -> argparse.Namespace:
         parser.error(f"no benchmark {', '.join(sorted(unknown))}; there are {', '.join(BENCHMARKS)}")
     if arguments.record and arguments.quick:
         parser.error("--quick measures nothing to record")
-    arguments.full = arguments.all and bool(arguments.benchmarks)
     if not arguments.benchmarks and (arguments.all or arguments.record):
         arguments.benchmarks = list(BENCHMARKS)
     arguments.benchmarks = arguments.benchmarks or [name for name, each in BENCHMARKS.items() if each.always]

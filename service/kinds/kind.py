@@ -104,10 +104,9 @@ class Kind(Generic[AnyJob, AnyRequest]):
     to_answer: Callable[[str], str] = str  # convert a stored job's JSON to the JSON that the API returns
     # return the charts of a result, for reports and `plot`
     make_charts: Callable[[Any], Sequence[Chart]] = lambda _result: ()
-    # make the map of the work area that `plot` draws below the charts, from the table `area_table`; None if
-    # results of this kind have no places
+    # make the map of the work area that `plot` draws below the charts, from the first table; None if results
+    # of this kind have no places
     make_area_map: Callable[[Sheet], Area | None] | None = None
-    area_table: str | None = None  # name of that table, such as `places`; None for the first
 
     @cached_property
     def name(self) -> str:

@@ -463,7 +463,7 @@ class PresentedJob(Presented):
             raise ValueError(job.error.detail if job.error else f"the {job.kind} is {job.state}")
         area_maps = []
         if kind.make_area_map is not None:
-            area_map = kind.make_area_map(self._make_table(kind.area_table))
+            area_map = kind.make_area_map(self._make_table(None))
             area_maps = [] if area_map is None else [area_map]
         return draw_figure(list(kind.make_charts(job.result)), area_maps, style)
 
