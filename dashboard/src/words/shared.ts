@@ -48,8 +48,6 @@ export const en = {
     compare: "Compare",
     robots: "Robots",
     settings: "Display",
-    find: "Find",
-    archive: "Archive and restore",
     docs: "Documentation",
     noAccessControl:
       "No access control: everyone who reaches this address can read, post and delete, unless a proxy prevents it.",
@@ -164,7 +162,7 @@ export const en = {
       ],
       sweeps: [
         "These are sweeps of single joints",
-        "Sweeps determine geometry. For stiffness, choose readings under load.",
+        "They determine the geometry: jointstiff geometry FILE at the terminal. For stiffness, choose readings under load.",
       ],
       too_large: ["This file is too large", "Split the file into smaller sets."],
     } satisfies Record<FileFault, [string, string]>,
@@ -233,7 +231,6 @@ export const en = {
     shared: "Link copied",
     delete: "Delete",
     download: "JSON",
-    rehearse: "Rehearse",
     pdf: "PDF report",
     downloadHint: "Download this run as JSON",
     summary: {
@@ -460,7 +457,6 @@ export const en = {
   },
   earlier: {
     comparisons: "Earlier comparisons",
-    geometries: "Earlier geometries",
     gearboxes: "Earlier weight steps",
     plans: "Earlier plans",
     maps: "Maps of this robot",

@@ -56,17 +56,6 @@ export function keepDraft(draft: Draft): void {
 export const keepFiles = (opened: Opened | null): void =>
   putBegun(opened?.kind === "tables" ? { opened, draft: null } : null);
 
-const HANDED = ["device", "handed"];
-
-/** Hand a file to another view, which takes it once. */
-export const handFile = (file: File): void => void client.setQueryData(HANDED, file);
-
-export function takeHanded(): File | null {
-  const file = client.getQueryData<File>(HANDED) ?? null;
-  client.removeQueries({ queryKey: HANDED });
-  return file;
-}
-
 export const keptTemplates = (): Template[] => templatesIn(recalled("templates"));
 export const keepTemplate = (template: Template): void =>
   remember("templates", withTemplate(keptTemplates(), template));

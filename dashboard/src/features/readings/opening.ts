@@ -11,7 +11,6 @@ export type Opened =
   | { kind: "campaign"; name: string; campaign: Campaign }
   | { kind: "tables"; files: File[]; template: Template | null }
   | { kind: "template"; template: Template }
-  | { kind: "sweeps"; file: File }
   | { kind: "fault"; name: string; fault: FileFault };
 
 /** Look at files. A template goes with the tables it comes with, or with those `before` or after it. */
@@ -35,7 +34,6 @@ export async function open(files: File[], before: Opened | null): Promise<Opened
   }
   if (tables.length > 0) return fault("mixed");
   const campaign = understand(content);
-  if (campaign === "sweeps") return { kind: "sweeps", file: document };
   if (campaign === "not_json") return { kind: "fault", name: await mistakeIn(document), fault: campaign };
   if (campaign === "not_finite") return { kind: "fault", name: `${name}: ${notFinite(content)}`, fault: campaign };
   return typeof campaign === "string" ? fault(campaign) : { kind: "campaign", name, campaign };
