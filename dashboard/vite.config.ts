@@ -1,5 +1,5 @@
 /// <reference types="node" />
-import { readdirSync, readFileSync, writeFileSync } from "node:fs";
+import { existsSync, readdirSync, readFileSync, writeFileSync } from "node:fs";
 import { brotliCompressSync, gzipSync } from "node:zlib";
 import { defineConfig, type Plugin } from "vite";
 
@@ -23,6 +23,7 @@ const packed: Plugin = {
   apply: "build",
   closeBundle() {
     const folder = new URL("../service/static/assets/", import.meta.url);
+    if (!existsSync(folder)) return; // the build has failed, and says why
     const names = readdirSync(folder);
     const worker = new URL("../worker.js", folder); // what a device keeps that measures without a network
     const list = `const ASSETS = ${JSON.stringify(names.map((name) => `assets/${name}`))}`;

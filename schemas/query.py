@@ -100,9 +100,6 @@ class FileQuery(AcceptingOptions):
     file: Annotated[str, Field(max_length=MAX_NAME_LENGTH)] | None = Field(
         default=None, description="Name of a file of a compensated `program`; default: the first file."
     )
-    seed: Annotated[int, Field(ge=0, lt=2**32)] = Field(
-        default=1, description="Random seed of `rehearsal.json`."
-    )
 
 
 class RobotQuery(ListQuery):

@@ -28,7 +28,6 @@ import {
   type Standing,
   Viewer,
   isViewer,
-  mayArchive,
   needsKey,
   signOut,
   useSession,
@@ -71,7 +70,6 @@ export function SignInView({ link, signedIn }: { link: string | undefined; signe
   );
 }
 
-const Palette = lazy(async () => (await import("./features/palette/view")).Palette);
 const QuestionDialog = lazy(async () => (await import("./components/question")).QuestionDialog);
 const StartView = lazy(async () => (await import("./features/start/view")).StartView);
 const RunsView = lazy(async () => (await import("./features/runs/view")).RunsView);
@@ -86,15 +84,12 @@ const RobotsView = lazy(async () => (await import("./features/robots/view")).Rob
 const RobotView = lazy(async () => (await import("./features/robots/view")).RobotView);
 const RobotNewView = lazy(async () => (await import("./features/robots/new")).RobotNewView);
 const SetView = lazy(async () => (await import("./features/robots/view")).SetView);
-const GeometriesView = lazy(async () => (await import("./features/geometry/view")).GeometriesView);
-const GeometryView = lazy(async () => (await import("./features/geometry/view")).GeometryView);
 const GearboxesView = lazy(async () => (await import("./features/gearbox/view")).GearboxesView);
 const GearboxView = lazy(async () => (await import("./features/gearbox/view")).GearboxView);
 const WallView = lazy(async () => (await import("./features/wall/view")).WallView);
 const PlansView = lazy(async () => (await import("./features/plan/view")).PlansView);
 const PlanView = lazy(async () => (await import("./features/plan/view")).PlanView);
 const MeasureView = lazy(async () => (await import("./features/measure/view")).MeasureView);
-const ArchiveView = lazy(async () => (await import("./features/archive/view")).ArchiveView);
 const LiveView = lazy(async () => (await import("./features/measure/live_view")).LiveView);
 
 const SECTIONS = [
@@ -112,20 +107,11 @@ export function App() {
   const main = useRef<HTMLElement>(null);
   const address = route.parts.join("/");
   const first = useRef(true);
-  const [finding, find] = useState(false);
   useEffect(keepPlaces, []);
   const isWide = hasArm(route);
   useLayoutEffect(() => {
     document.documentElement.toggleAttribute("data-wide", isWide);
   }, [isWide]);
-  useEffect(() => {
-    const open = (event: KeyboardEvent) => {
-      if (event.key.toLowerCase() !== "k" || !(event.metaKey || event.ctrlKey) || needsKey(session)) return;
-      event.preventDefault();
-      find(true);
-    };
-    return listen(window, { keydown: open });
-  }, [session]);
   useEffect(() => {
     goToPlace();
     if (!first.current) {
@@ -142,7 +128,7 @@ export function App() {
       <a class="skip" href="#content" onClick={toContent}>
         {text.app.skip}
       </a>
-      <Header section={sectionOf(route)} settings={settings} session={session} find={() => find(true)} />
+      <Header section={sectionOf(route)} settings={settings} session={session} />
       {isViewer(session) && <p class="note viewer">{text.signIn.viewer}</p>}
       {typeof session === "object" && session.access === "none" && <p class="note warn">{text.app.noAccessControl}</p>}
       <main id="content" tabIndex={-1} ref={main}>
@@ -159,7 +145,6 @@ export function App() {
         </Boundary>
       </main>
       <Toasts />
-      {finding && <Palette close={() => find(false)} />}
       {useQuestion() && <QuestionDialog />}
       <Tip />
     </SettingsContext.Provider>
@@ -182,14 +167,12 @@ const VIEWS = new Map<string, [FunctionComponent<Place>, FunctionComponent<Place
   ["programs", [RunsView, ProgramView, "runs"]],
   ["maps", [RunsView, MapView, "runs"]],
   ["sets", [({ query }) => <RobotsView list="sets" query={query} />, SetView, "robots"]],
-  ["geometries", [GeometriesView, GeometryView, "robots"]],
   ["gearboxes", [GearboxesView, GearboxView, "robots"]],
   ["wall", [WallView, WallView, "robots"]],
   ["plans", [PlansView, PlanView, "robots"]],
   ["measure", [MeasureView, LiveView, ""]],
   ["robots", [({ query }) => <RobotsView list="robots" query={query} />, OneRobot]],
   ["compare", [Compared, Compared]],
-  ["archive", [ArchiveView, ArchiveView]],
 ]);
 
 const sectionOf = ({ parts: [first = ""] }: Route): string => VIEWS.get(first)?.[2] ?? first;
@@ -234,10 +217,9 @@ interface HeaderProps {
   section: string;
   settings: Settings;
   session: Standing;
-  find: () => void;
 }
 
-function Header({ section, settings, session, find }: HeaderProps) {
+function Header({ section, settings, session }: HeaderProps) {
   return (
     <header class="header">
       <a class="brand" href="#/">
@@ -256,17 +238,6 @@ function Header({ section, settings, session, find }: HeaderProps) {
           </a>
         ))}
       </nav>
-      <button
-        type="button"
-        class="find"
-        disabled={session === "unknown" || needsKey(session)}
-        onClick={find}
-        aria-label={text.app.find}
-        title="Ctrl K, ⌘K"
-      >
-        <Icon d="M10.5 4a6.5 6.5 0 1 0 0 13a6.5 6.5 0 1 0 0-13M15.5 15.5L20 20" />
-        <span>{text.app.find}</span>
-      </button>
       <a class="docs" href="docs/" aria-label={text.app.docs}>
         <Icon d="M5 4h10a4 4 0 0 1 4 4v12H9a4 4 0 0 1-4-4zM9 9h6M9 13h6" />
         <span>{text.app.docs}</span>
@@ -307,7 +278,6 @@ function Display({ settings, session }: { settings: Settings; session: Standing 
           change={(unit) => settings.change({ unit: unit as StiffnessUnit })}
           options={UNIT_NAMES.map((value) => ({ value, label: STIFFNESS_UNITS[value].label }))}
         />
-        {mayArchive(session) && <LinkButton href="#/archive">{text.app.archive}</LinkButton>}
         {typeof session === "object" && session.key_name !== null && (
           <>
             <p>{text.signIn.as(session.key_name, session.role ?? "")}</p>

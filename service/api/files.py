@@ -17,14 +17,12 @@ from fastapi import HTTPException, Request
 from pydantic import BaseModel
 
 from jointstiff.schemas.job import Job
-from jointstiff.schemas.plan import Plan
 from jointstiff.schemas.program import Program
 from jointstiff.schemas.query import FileQuery
 from jointstiff.schemas.retired import RetiredJob
 from jointstiff.schemas.robot import Robot
 from jointstiff.schemas.run import Run
 from jointstiff.service.api.answers import make_missing_error
-from jointstiff.service.api.rehearsal import write_rehearsal
 from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.kind import AnyKind, File
 from jointstiff.service.kinds.program.files import decompress_file
@@ -144,8 +142,6 @@ def _find_content_makers(kind: AnyKind) -> Mapping[str, _MakeContent]:
         maker_by_name |= {"report.pdf": _make_job_report, "report.html": _make_job_report}
     if kind.writes_programs:
         maker_by_name["program"] = _make_program_file
-    if kind.name in {Run.kind_name(), Plan.kind_name()}:
-        maker_by_name["rehearsal.json"] = _make_rehearsal
     return maker_by_name | {file.name: partial(_make_table_file, file) for file in kind.files}
 
 
@@ -173,13 +169,6 @@ def _list_text_lines(parts: Sequence[Part]) -> list[str]:
     """Return the non-empty text lines of a report's parts, without its tables."""
     lines = (line.strip() for part in parts if isinstance(part, Line) for line in part.text.splitlines())
     return [line for line in lines if line]
-
-
-def _make_rehearsal(requested: _RequestedFile) -> Content:
-    """Return the rehearsal of a run's or a plan's campaign, as JSON."""
-    job, query = cast("Run | Plan", requested.job), requested.query
-    text = write_rehearsal(requested.parts, job, query.seed, UNITS[query.unit])
-    return Content(text.encode(), "application/json")
 
 
 def _make_table_file(file: File, requested: _RequestedFile) -> Content:
@@ -370,7 +359,6 @@ _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
   with lines to sign, PDF/A-3b with the run attached
 * `model.…` of a run: tables with intervals (csv, xlsx), or MJCF with springs; `do_not_use` needs
   `accept_verdict`
-* `rehearsal.json` of a run or plan: its readings simulated with known stiffnesses, and identified
 * `program` of a program: a compensated file (`file`); only numbers of its targets differ
 * tables, by the kind of the job; their headers have the units"""
 

@@ -34,6 +34,7 @@ _GROUPED: Final = {
     ",": re.compile(r"[-+]?\d{1,3}(?:\.\d{3})+,\d+", re.ASCII),
 }
 """Decimal mark → numbers with separators of thousands."""
+_BEGINS_AS_NUMBER: Final = re.compile(r"[-+.]?\d", re.ASCII)
 _LARGE: Final = re.compile(r"[-+]?\d{4,}[.,]?\d*", re.ASCII)
 _EMPTY: Final = frozenset(("", "-", "nan", "n/a", "na", "none", "null"))
 _COMMENT: Final = re.compile(r"\s*(?:#|//|%|!)+\s?")
@@ -131,13 +132,13 @@ def read_grid(name: str, lines: Sequence[Sequence[Cell]]) -> Iterator[Table]:
 
 
 def _choose_dialect(lines: Sequence[str]) -> Dialect:
-    """Return the dialect that makes most numbers and leaves fewest digits in words."""
+    """Return the dialect that makes most numbers, and leaves fewest words that begin as numbers do."""
 
     def count(dialect: Dialect) -> int:
-        """Return the number of numbers, less twice the number of words with digits."""
+        """Return the number of numbers, less twice the number of words that begin as a number."""
         cells = [cell for line in lines[:_SAMPLED] for cell in _split(line, dialect)]
         numbers = sum(isinstance(cell, float) for cell in cells)
-        broken = sum(isinstance(cell, str) and any(c.isdigit() for c in cell) for cell in cells)
+        broken = sum(isinstance(cell, str) and bool(_BEGINS_AS_NUMBER.match(cell)) for cell in cells)
         return numbers - 2 * broken
 
     candidates = [*_DIALECTS, *(each._replace(is_grouped=True) for each in _DIALECTS)]

@@ -253,21 +253,3 @@ def test_a_robots_page_begins_with_its_stiffness_today(visit, stored):
     expect(joints).to_have_count(1 + 6)
     expect(joints.nth(3)).to_contain_text(re.compile(r"joint_3.*….*since 10 Jan 2026"))
     assert joints.last.bounding_box()["y"] < 844  # on the first screen
-
-
-def test_the_palette_finds_by_keys_alone(visit, stored):
-    visited = visit("desktop", view=f"#/runs/{stored['use']}")
-    page = visited.page
-    visited.settle()
-    page.keyboard.press("Control+k")
-    field = page.get_by_role("textbox", name="Find robots, sets, runs and actions")
-    field.fill("deflec")
-    page.keyboard.press("Enter")
-    page.wait_for_url(re.compile("/deflection$"))
-    page.keyboard.press("Control+k")
-    field.fill("check 0012")
-    expect(page.get_by_role("dialog").get_by_text("check 0012").first).to_be_visible()
-    page.keyboard.press("ArrowDown")
-    page.keyboard.press("ArrowUp")
-    page.keyboard.press("Enter")
-    page.wait_for_url(re.compile("#/(sets|runs)/"))

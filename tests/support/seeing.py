@@ -26,7 +26,7 @@ HIGHEST = 20_000
 """Most that a view is high [px]."""
 ASKING = (
     *("/report", "}/map", "/program", "/predict", "/new", "plans?robot={robot}", "?set={set}"),
-    *("#/archive", "of-this-name", "compare/methods", "compare/pairs", "#/geometries", "#/wall"),
+    *("of-this-name", "compare/methods", "compare/pairs", "#/wall"),
     *("{cancelled}", "{deleted}", "{running}", "{queued}", "{empty_map}", "{live_fresh}"),
     *("plans?step=1", "#/gearboxes"),
     *("trend/{cobot}", "trend/{bare}", "plans?robot={cobot}", "measure?robot={cobot}"),

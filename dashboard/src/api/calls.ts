@@ -239,65 +239,19 @@ export const api = {
   jobs,
   runs: { ...kind("runs"), add: add("runs") },
   comparisons: { ...kind("comparisons"), add: add("comparisons") },
-  geometries: { ...kind("geometries"), add: add("geometries") },
+  geometries: kind("geometries"),
   gearboxes: { ...kind("gearboxes"), add: add("gearboxes") },
   plans: { ...kind("plans"), add: add("plans") },
   maps: { ...kind("maps"), add: add("maps") },
   programs: { ...kind("programs"), add: addForm("programs") },
-  archives: { address: "/v1/archive", restore },
   predict: (body: unknown) => read<of.DeflectionResult>(client.POST("/v1/deflections", { body: body as never })),
   apply: (run_id: string, body: of.AdvisedAction) =>
     read<of.Run>(client.POST("/v1/runs/{run_id}/apply", { params: { path: { run_id }, query: { wait: 1 } }, body })),
   tables: (job: string, view: Query, signal?: AbortSignal) => file<of.ShownTables>(job, "tables.json", view, signal),
-  /** The readings of a run or a plan simulated with known stiffnesses, and identified; nothing is stored. */
-  rehearsal: (job: string, view: Query, signal?: AbortSignal) =>
-    file<Pick<of.ShownTables, "lines" | "tables">>(job, "rehearsal.json", view, signal),
   /** A table of a job, column by column. */
   table: (job: string, name: JobTable, signal?: AbortSignal) => file<Columns>(job, `${name}.json`, {}, signal),
   programFile: (program: string, file: string) => withQuery(jobs.file(program, "program"), { file }),
 };
-
-/** Restore an archive, or with a dry run find what would be restored; `hear` gets each report. Answers with the last. */
-async function restore(
-  archive: Blob,
-  isDryRun: boolean,
-  hear: (report: of.RestoreReport) => void,
-): Promise<of.RestoreReport> {
-  const stream = await read<ReadableStream<Uint8Array>>(
-    client.POST(
-      withQuery("/v1/restores", { dry_run: isDryRun || null }) as never,
-      {
-        body: archive as never,
-        headers: { "Content-Type": "application/zip" },
-        parseAs: "stream",
-      } as never,
-    ),
-  );
-  let last: of.RestoreReport | null = null;
-  try {
-    for await (const line of linesOf(stream)) {
-      last = JSON.parse(line) as of.RestoreReport;
-      hear(last);
-    }
-  } catch {
-    throw new ApiError(localProblem(text.errors.unreachable)); // the network failed, or the service ended
-  }
-  if (last?.done) return last;
-  const { title, detail, remedy } = text.errors.unreachable;
-  throw new ApiError(localProblem({ title, detail: last?.reason ?? detail, remedy: last?.remedy ?? remedy }));
-}
-
-/** Lines of a stream of text, as they come. */
-async function* linesOf(stream: ReadableStream<Uint8Array>): AsyncGenerator<string> {
-  const reader = stream.getReader();
-  const decoder = new TextDecoder();
-  let rest = "";
-  for (let part = await reader.read(); !part.done; part = await reader.read()) {
-    const lines = (rest + decoder.decode(part.value, { stream: true })).split("\n");
-    rest = lines.pop() ?? "";
-    yield* lines;
-  }
-}
 
 /** The content of a file of a job that is JSON. */
 const file = <Content>(job_id: string, name: string, query: Query, signal?: AbortSignal) =>

@@ -72,8 +72,6 @@ export const queries = {
     query({ queryKey: ["geometries", filters], queryFn: ({ signal }) => api.geometries.list(filters, signal) }),
   tables: (job: string, view: Record<string, string>) =>
     query({ queryKey: ["tables", job, view], queryFn: ({ signal }) => api.tables(job, view, signal), ...FIXED }),
-  rehearsal: (job: string, view: Record<string, string>) =>
-    query({ queryKey: ["rehearsal", job, view], queryFn: ({ signal }) => api.rehearsal(job, view, signal), ...FIXED }),
   table: (id: string, name: JobTable) =>
     query({ queryKey: ["table", id, name], queryFn: ({ signal }) => api.table(id, name, signal), ...FIXED }),
   /** Kinematics of a source in some configurations. */

@@ -65,30 +65,6 @@ export interface Page<Item> {
   total: number | null;
 }
 
-/** Lines of a table of an archive: how many were restored, or with a dry run would be. */
-export interface TableReport {
-  lines: number;
-  added: number;
-  present: number;
-  refused: number;
-  omitted: number;
-  reasons: string[];
-}
-
-/** How far a restore has come; archives are no part of the described API. */
-export interface RestoreReport {
-  done: boolean;
-  layout: string;
-  tables: Record<string, TableReport>;
-  /** Fields without a place in this version, with the number of documents. */
-  dropped: Record<string, number>;
-  /** Tables that only the terminal restores, with the number of lines. */
-  left_out: Record<string, number>;
-  /** Why the restore ended early. */
-  reason: string | null;
-  remedy: string | null;
-}
-
 /** A new bridge from a tracker, with the code that joins it; bridges are no part of the described API. */
 export interface Paired {
   id: string;

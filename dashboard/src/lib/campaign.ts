@@ -9,7 +9,7 @@ import {
 } from "../api/types";
 import { type Fields, isFields, listOf, parsed, stated } from "./json";
 import { extent } from "./format";
-import { factors, degrees, UNITS } from "./stiffness";
+import { factors, UNITS } from "./stiffness";
 import { norm, times, type Vector } from "./vector";
 import { sized } from "./schema";
 
@@ -135,73 +135,6 @@ function vector(value: unknown): Vector | null {
 
 function numbers(value: unknown): number[] | null {
   return Array.isArray(value) && value.length > 0 && value.every((v) => typeof v === "number") ? value : null;
-}
-
-/** A file of readings for a geometry. `request` goes to the service with the nominal model that is chosen. */
-export interface Readings {
-  request: Fields;
-  robot: RobotDocument | null;
-  robotId: string | null;
-  facts: ReadingFacts;
-}
-
-export interface ReadingFacts {
-  name: string | null;
-  units: string | null;
-  /** Each joint's positions and arc [°]; none for poses. */
-  sweeps: { joint: string; positions: number; arc: number | null }[];
-  poses: number | null;
-  targets: string[];
-}
-
-/** Read a file's text; null if there are no sweeps and no poses in it. */
-export function readingsOf(content: string): Readings | null {
-  const document = parsed(content);
-  if (!isFields(document)) return null;
-  const { robot, robot_id: robotId, ...request } = document;
-  const { sweeps, poses } = request;
-  if (!Array.isArray(sweeps) && !Array.isArray(poses)) return null;
-  return {
-    request,
-    robot: isFields(robot) ? (robot as unknown as RobotDocument) : null,
-    robotId: typeof robotId === "string" ? robotId : null,
-    facts: sweepFactsOf(request),
-  };
-}
-
-function sweepFactsOf(request: Fields): ReadingFacts {
-  const units = isFields(request["units"]) ? request["units"] : {};
-  const sweeps = listOf(request["sweeps"]).map((sweep) => ({
-    joint: String(sweep["joint"] ?? ""),
-    positions: listOf(sweep["observations"]).length,
-    arc: arcOf(listOf(sweep["observations"]), units["angle"]),
-  }));
-  const positions = [
-    ...listOf(request["sweeps"]).flatMap((s) => listOf(s["observations"])),
-    ...listOf(request["poses"]),
-  ];
-  const targets = positions.flatMap((p) => (isFields(p["targets"]) ? Object.keys(p["targets"]) : []));
-  const { length, angle } = units;
-  return {
-    name: typeof request["name"] === "string" ? request["name"] : null,
-    units: typeof length === "string" && typeof angle === "string" ? `${length}, ${angle}` : null,
-    sweeps,
-    poses: Array.isArray(request["poses"]) ? request["poses"].length : null,
-    targets: [...new Set(targets)],
-  };
-}
-
-/** The widest range of one joint's angles [°]. */
-function arcOf(positions: Fields[], unit: unknown): number | null {
-  const rows = positions.map((p) => p["joints"]).filter((row): row is number[] => Array.isArray(row));
-  const joints = rows[0]?.length ?? 0;
-  const ranges = Array.from(
-    { length: joints },
-    (_, j) => extent(rows.map((row) => Number(row[j]))) ?? ([0, 0] as const),
-  );
-  if (joints === 0) return null;
-  const widest = Math.max(...ranges.map(([low, high]) => high - low));
-  return unit === "rad" ? degrees(widest) : unit === "deg" ? widest : null;
 }
 
 /** Texts of a form; a blank one is nothing. */

@@ -98,10 +98,6 @@ export const Viewer = createContext(false);
 
 export const isViewer = (session: Standing): boolean => typeof session === "object" && session.role === "viewer";
 
-/** Whether one may copy all records and add others: an administrator, or who uses the service of this machine. */
-export const mayArchive = (session: Standing): boolean =>
-  typeof session === "object" && (session.access === "loopback" || session.role === "admin");
-
 /** Whether a key has to be entered before anything can be seen. */
 export const needsKey = (session: Standing): boolean =>
   typeof session === "object" && session.access === "keys" && session.key_id === null;

@@ -2,7 +2,7 @@
 import type { AdvisedAction, Loss, Progress } from "../api/types";
 
 /** Reasons why a file is refused before it is sent. */
-export type FileFault = "not_finite" | "empty" | "mixed" | "several" | "too_large";
+export type FileFault = "sweeps" | "not_finite" | "empty" | "mixed" | "several" | "too_large";
 
 /** A few names, and how many more. */
 export const some = (names: string[]): string =>
@@ -45,8 +45,6 @@ export const en = {
     compare: "Compare",
     robots: "Robots",
     settings: "Display",
-    find: "Find",
-    archive: "Archive and restore",
     docs: "Documentation",
     noAccessControl:
       "No access control: everyone who reaches this address can read, post and delete, unless a proxy prevents it.",
@@ -147,6 +145,10 @@ export const en = {
         "A campaign already contains readings. Drop either the campaign or the tables.",
       ],
       several: ["Several JSON files at once", "Drop one campaign at a time; you can drop several tables together."],
+      sweeps: [
+        "These are sweeps of single joints",
+        "They determine the geometry: jointstiff geometry FILE at the terminal. For stiffness, choose readings under load.",
+      ],
       too_large: ["This file is too large", "Split the file into smaller sets."],
     } satisfies Record<FileFault, [string, string]>,
   },
@@ -213,7 +215,6 @@ export const en = {
     shared: "Link copied",
     delete: "Delete",
     download: "JSON",
-    rehearse: "Rehearse",
     pdf: "PDF report",
     downloadHint: "Download this run as JSON",
     summary: {
@@ -440,7 +441,6 @@ export const en = {
   },
   earlier: {
     comparisons: "Earlier comparisons",
-    geometries: "Earlier geometries",
     gearboxes: "Earlier weight steps",
     plans: "Earlier plans",
     maps: "Maps of this robot",

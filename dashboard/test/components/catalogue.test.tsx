@@ -61,7 +61,7 @@ describe("the catalogue", () => {
   });
 });
 
-describe("names and the archive", () => {
+describe("names", () => {
   it("change, and blank or unchanged names do not", async () => {
     const change = vi.fn(async () => {});
     const root = await drawn(

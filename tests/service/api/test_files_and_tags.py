@@ -12,10 +12,7 @@ from support.programs import options
 from support.refusals import told
 
 POSTED = campaign()
-FILES = (
-    "tables.json, report.pdf, report.html, model.csv, model.xlsx, model.mjcf, rehearsal.json, "
-    "joints.csv, residuals.csv"
-)
+FILES = "tables.json, report.pdf, report.html, model.csv, model.xlsx, model.mjcf, joints.csv, residuals.csv"
 
 
 @pytest.fixture(scope="module")

@@ -91,7 +91,7 @@ FILES = """\
 * `program` of a program: a compensated file (`file`); only numbers of its targets differ
 * tables, by the kind of the job; their headers have the units
 * geometry: `axes.csv` (each axis: a point, the direction, and the uncertainties of both, in the base frame R0 at model angle zero)
-* plan: `report.pdf`, `report.html`, `rehearsal.json`, `readings.csv` (the readings in their order)
+* plan: `report.pdf`, `report.html`, `readings.csv` (the readings in their order)
 """  # noqa: E501 - lines of the description
 
 

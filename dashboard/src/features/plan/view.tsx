@@ -24,7 +24,6 @@ import { NoRobots } from "../robots/view";
 import { fileName, saveJson } from "../../components/table";
 import { JobLines, JobPage, JobTables } from "../../components/job_page";
 import { posturesOf } from "../../state/run_context";
-import { Rehearsal } from "../run/rehearsal";
 import { measureWords } from "../measure/words";
 import { gearboxWords } from "../gearbox/words";
 import { planWords } from "./words";
@@ -334,12 +333,11 @@ export function PlanView({ id }: { id: string }) {
         actions: job.result && <Download href={api.jobs.file(id, "readings.csv")}>{words.csv}</Download>,
       })}
     >
-      {(result, { job, robot }) => (
+      {(result, { robot }) => (
         <>
           <Postures result={result} robot={robot} />
           <JobLines collection="plans" id={id} />
           <JobTables collection="plans" id={id} to={1} />
-          {job.request.load?.kind !== "own_weight" && !job.request.weight_step && <Rehearsal job={id} />}
         </>
       )}
     </JobPage>

@@ -323,29 +323,30 @@ const keepStated = (robot: string, { encoders, load_point, load_point_target, fo
 const lackingOf = (last: Stated, mapping: Mapping): Stated =>
   Object.fromEntries(Object.entries(last).filter(([name, value]) => value && !mapping[name as keyof Stated]));
 
-/** Where files go on that have no readings of stiffness: a weight step to the gearboxes, poses to the geometry. */
+/** Where files go on that have no readings of stiffness: a weight step to the gearboxes, poses to a file. */
 function OtherWay({ answer: { weight_step: step, geometry }, files }: { answer: ImportAnswer; files: File[] }) {
-  const hand = (file: File, address: string) => {
-    handFile(file);
-    go(address);
-  };
   const [first] = files;
   if (step && first)
     return (
       <div class="ask">
         <p>{words.weightStep}</p>
-        <Button look="primary" onClick={() => hand(first, "#/gearboxes")}>
+        <Button
+          look="primary"
+          onClick={() => {
+            handFile(first);
+            go("#/gearboxes");
+          }}
+        >
           {words.toGearboxes}
         </Button>
       </div>
     );
   if (!geometry) return null;
-  const poses = new File([JSON.stringify(geometry)], "poses.json", { type: "application/json" });
   return (
     <div class="ask">
       <p>{words.poses}</p>
-      <Button look="primary" onClick={() => hand(poses, "#/geometries")}>
-        {words.toGeometry}
+      <Button look="primary" onClick={() => saveJson(geometry, "poses.json")}>
+        {words.savePoses}
       </Button>
     </div>
   );

@@ -10,7 +10,6 @@ export type Opened =
   | { kind: "campaign"; name: string; campaign: Campaign }
   | { kind: "tables"; files: File[]; mapping: Mapping | null }
   | { kind: "mapping"; name: string; mapping: Mapping }
-  | { kind: "sweeps"; file: File }
   | { kind: "fault"; name: string; fault: FileFault };
 
 /** Look at files. A mapping goes with the tables it comes with, or with those `before` or after it. */
@@ -40,8 +39,7 @@ export async function open(files: File[], before: Opened | null): Promise<Opened
 /** What JSON is; null if it is none of our documents: the service finds tables in it, or says where it is wrong. */
 function openDocument(file: File, content: string): Opened | null {
   const campaign = understand(content);
-  if (campaign === "sweeps") return { kind: "sweeps", file };
-  if (campaign === "empty") return { kind: "fault", name: file.name, fault: campaign };
+  if (campaign === "sweeps" || campaign === "empty") return { kind: "fault", name: file.name, fault: campaign };
   if (campaign === "not_finite") return { kind: "fault", name: `${file.name}: ${notFinite(content)}`, fault: campaign };
   return typeof campaign === "string" ? null : { kind: "campaign", name: file.name, campaign };
 }

@@ -84,8 +84,9 @@ export const importWords = {
   orForce: "Or the force on the robot, x, y, z, axes of R0",
   weightStep: "The file has angles of two encoders, without and with a load.",
   toGearboxes: "Go on to the gearboxes",
-  poses: "The positions are without a load: they identify the geometry of the robot, not the stiffness.",
-  toGeometry: "Go on to the geometry",
+  poses:
+    "The positions are without a load. They identify the geometry of the robot: save the poses, then `jointstiff geometry poses.json` at the terminal.",
+  savePoses: "Save poses",
   noRobots: "No robot is stored. Add it; the files stay here.",
   saveMapping: "Save mapping",
   mappingFirst: (name: string) => `Mapping “${name}”: drop the tables to read with it.`,

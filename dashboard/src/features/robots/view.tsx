@@ -54,7 +54,6 @@ import { Preview } from "../../components/findings";
 import { Arm } from "../../scene/view";
 import { wallWords } from "../wall/words";
 import { gearboxWords } from "../gearbox/words";
-import { geometryWords } from "../geometry/words";
 import { measureWords } from "../measure/words";
 import { metadataWords, jointWords } from "../../components/words";
 import { planWords } from "../plan/words";
@@ -341,8 +340,8 @@ export const NoSets = () => (
   </Empty>
 );
 
-/** Robots, their sets, their geometries and gearboxes, and the wall: five lists of one section. */
-export function RobotTabs({ current }: { current: "robots" | "sets" | "geometries" | "gearboxes" | "wall" }) {
+/** Robots, their sets, their gearboxes, and the wall: four lists of one section. */
+export function RobotTabs({ current }: { current: "robots" | "sets" | "gearboxes" | "wall" }) {
   return (
     <Tabs
       label={words.tabs}
@@ -350,7 +349,6 @@ export function RobotTabs({ current }: { current: "robots" | "sets" | "geometrie
       tabs={[
         { id: "robots", label: text.app.robots, href: "#/robots" },
         { id: "sets", label: words.sets, href: "#/sets" },
-        { id: "geometries", label: geometryWords.title, href: "#/geometries" },
         { id: "gearboxes", label: gearboxWords.title, href: "#/gearboxes" },
         { id: "wall", label: wallWords.title, href: "#/wall" },
       ]}

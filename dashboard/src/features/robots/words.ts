@@ -72,7 +72,7 @@ export const robotWords = {
   nominalArm: "Nominal arm",
   unknown: "not known",
   nominalNote:
-    "Nominal values of the maker. Your arm differs by some tenths of a millimetre. Identify the arm's geometry.",
+    "Nominal values of the maker. Your arm differs by some tenths of a millimetre. Identify the arm's geometry: jointstiff geometry FILE.",
   edit: "Edit as a table",
   reach: "Reach",
   payload: "Payload",

@@ -35,7 +35,6 @@ import { Further } from "../../components/findings";
 import { evidenceWords } from "./words";
 
 const assessmentWords = text.assessment;
-const Rehearsal = lazy(async () => (await import("./rehearsal")).Rehearsal);
 const Assumed = lazy(async () => (await import("./assumed")).Assumed);
 
 /** What a joint is if it has a number. */
@@ -167,7 +166,6 @@ export function StiffnessPart({ context, result, query }: PartProps) {
           <Reasons assessment={{ ...assessment, reasons: toDo }} context={context} brief />
         </section>
       )}
-      {query.has("rehearse") && <Rehearsal job={run.id} atOnce />}
       {run.request.variant_of && <BeforeAfter run={run} origin={run.request.variant_of} />}
       {(result.links || result.choice?.models.length || result.resampling) && <Model run={run.id} />}
       <Further warnings={unsaid(result.warnings, result.assessment.reasons)} />

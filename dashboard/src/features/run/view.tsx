@@ -2,7 +2,7 @@
 import type { ComponentType, VNode } from "preact";
 import { api } from "../../api/calls";
 import type { Run } from "../../api/types";
-import { NameLink, ActionButton, LinkButton, Tabs, lazy, usePhone } from "../../components/basics";
+import { NameLink, ActionButton, Tabs, lazy, usePhone } from "../../components/basics";
 import { JobPage } from "../../components/job_page";
 import { freshKey } from "../../lib/json";
 import { useAction, link } from "../../state/action";
@@ -47,9 +47,6 @@ export function RunView({ id, part, query }: { id: string; part: string; query: 
           <>
             {run.result && <BesideButton run={run} result={run.result} />}
             <Repeat run={run} />
-            {run.result && !run.request.weight && (
-              <LinkButton href={link(["runs", run.id], { rehearse: "1" })}>{text.run.rehearse}</LinkButton>
-            )}
           </>
         ),
       })}

@@ -1,13 +1,4 @@
 /** Words of a run. */
-export const rehearsalWords = {
-  title: "Rehearsal",
-  intro:
-    "Simulate the readings of this campaign with known stiffnesses, and identify them: the same robot, postures, loads and noise. Nothing is stored.",
-  go: "Rehearse",
-  again: "Rehearse with other noise",
-  going: "Rehearsing…",
-};
-
 export const deflectionWords = {
   title: "Deflection before and after compensation",
   note: "Mean length over the targets of a configuration, as measured and minus the prediction.",

@@ -9,8 +9,8 @@ import { RequestFields } from "../../components/fields";
 import { Findings, Preview } from "../../components/findings";
 import { type Campaign, factsOf, statesNoise } from "../../lib/campaign";
 import { contentKey, freshKey, type Fields as Document } from "../../lib/json";
-import { useAction, link, go } from "../../state/action";
-import { begunFiles, handFile, keepFiles } from "../readings/begun";
+import { useAction, link } from "../../state/action";
+import { begunFiles, keepFiles } from "../readings/begun";
 import { FROM_FILE, likelyRobot, ROBOTS, SETS, sourceOf } from "../../state/choices";
 import { type Opened, open } from "../readings/opening";
 import { isKnown, useQuery } from "../../state/query";
@@ -156,10 +156,6 @@ export function StartView({ query }: { query: URLSearchParams }) {
   const [count, setCount] = useState(0);
   const take = async (...files: File[]) => {
     const read = await open(files, opened);
-    if (read.kind === "sweeps") {
-      handFile(read.file);
-      return go("#/geometries");
-    }
     keepFiles(read);
     setOpened(read);
     setCount((before) => before + 1);
