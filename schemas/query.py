@@ -93,7 +93,7 @@ class WaitQuery(Message):
 class FileQuery(AcceptingOptions):
     """Options of the files of jobs; a file uses only the options that concern it."""
 
-    unit: Literal["MNm/rad", "kNm/deg", "Nm/arcmin", "Nm/rad", "urad/Nm"] = Field(
+    unit: Literal["MNm/rad", "Nm/arcmin"] = Field(
         default="MNm/rad", description="Unit of stiffness in `tables.json`."
     )
     details: bool = Field(default=True, description="False to include only the main tables in `tables.json`.")

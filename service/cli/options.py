@@ -178,7 +178,7 @@ ServerAddress = Annotated[
 ]
 
 
-Units = Literal["MNm/rad", "kNm/deg", "Nm/arcmin", "Nm/rad", "urad/Nm"]
+Units = Literal["MNm/rad", "Nm/arcmin"]
 
 
 class UnknownWordError(typer.BadParameter):
@@ -208,7 +208,7 @@ Unit = Annotated[
         parser=_parse_unit,
         metavar=f"<{'|'.join(get_args(Units))}>",
         autocompletion=lambda: list(get_args(Units)),
-        help="Unit of stiffness or compliance in the tables, such as 10⁶ N·m/rad, kN·m/° or µrad/(N·m).",
+        help="Unit of stiffness in the tables: 10⁶ N·m/rad or N·m/arcmin.",
     ),
 ]
 

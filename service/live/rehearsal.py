@@ -187,14 +187,14 @@ def make_planted_table(
     """
     planted = [unit.show_stiffness(joint.planted, None, joint.kind).value_cell for joint in joints]
     found = [unit.show_stiffness(joint.found, joint.interval, joint.kind) for joint in joints]
-    label, name = unit.label_of(joints), "compliances" if unit.is_compliance else "stiffnesses"
+    label = unit.label_of(joints)
     return Table(
         [
             Column("joint", [joint.name for joint in joints], text=True),
             Column("planted", planted, as_line),
             *estimate_columns("found", found, confidence),
         ],
-        caption=f"{name} in {label}; planted by {planted_by}",
+        caption=f"stiffnesses in {label}; planted by {planted_by}",
     )
 
 

@@ -42,11 +42,10 @@ class HasKind(Protocol):
 
 @dataclass(frozen=True)
 class StiffnessUnit:
-    """A unit of stiffness, or of compliance."""
+    """A unit of stiffness."""
 
-    factor: float  # factor from SI units to this unit, of a stiffness, or of a compliance if `is_compliance`
+    factor: float  # factor from SI units to this unit
     label: str  # name as printed
-    is_compliance: bool = False  # whether compliances are shown instead of stiffnesses
     sliding: StiffnessUnit | None = None  # unit for prismatic joints; None if this unit is for all joints
 
     def for_kind(self, kind: JointKind) -> StiffnessUnit:
@@ -58,11 +57,6 @@ class StiffnessUnit:
         if self.sliding is None or all(joint.kind != "prismatic" for joint in joints):
             return self.label
         return f"{self.label}, or {self.sliding.label} where stated"
-
-    @property
-    def quantity(self) -> str:
-        """Name of the quantity that has this unit."""
-        return "compliance" if self.is_compliance else "stiffness"
 
     def show_joint(self, joint: JointResult) -> ShownEstimate:
         """Format a joint's number with its interval, in this unit; dimmed if the joint must not be used.
@@ -102,10 +96,7 @@ class StiffnessUnit:
             return shown if compliance is None else replace(shown, unit=unit.label)
         if compliance is None:
             return ShownEstimate(NO_NUMBER, style="dim")
-        if self.is_compliance:
-            shown = show_estimate(compliance, interval, self.factor)
-        else:
-            shown = self._show_stiffness(compliance, interval)
+        shown = self._show_stiffness(compliance, interval)
         is_open = compliance == 0.0 or (interval is not None and interval[0] == 0.0)
         if at_least is None or not is_open:
             return shown
@@ -153,26 +144,15 @@ class StiffnessUnit:
         return shown
 
     def _format_limit(self, at_least: float) -> str:
-        """Format the lower limit of a stiffness in SI units, or the upper limit of the compliance."""
-        bound = round_down(at_least)
-        if self.is_compliance:
-            return f"< {figure(self.factor / bound, '.3g')}"
-        return f"> {figure(self.factor * bound, '.3g')}"
+        """Format the lower limit of a stiffness in SI units."""
+        return f"> {figure(self.factor * round_down(at_least), '.3g')}"
 
 
 _PER_MICRON: Final = StiffnessUnit(1e-6, JOINT_UNITS["prismatic"].million_stiffness)
 UNITS: Final[Mapping[str, StiffnessUnit]] = MappingProxyType(
     {
         "MNm/rad": StiffnessUnit(1e-6, JOINT_UNITS["revolute"].million_stiffness, sliding=_PER_MICRON),
-        "kNm/deg": StiffnessUnit(radians(1.0) / 1e3, "kN·m/°", sliding=_PER_MICRON),
         "Nm/arcmin": StiffnessUnit(_ARC_MINUTE, "N·m/arcmin", sliding=_PER_MICRON),
-        "Nm/rad": StiffnessUnit(1.0, "N·m/rad", sliding=StiffnessUnit(1.0, "N/m")),
-        "urad/Nm": StiffnessUnit(
-            1e6,
-            JOINT_UNITS["revolute"].micro_compliance,
-            is_compliance=True,
-            sliding=StiffnessUnit(1e6, JOINT_UNITS["prismatic"].micro_compliance, is_compliance=True),
-        ),
     }
 )
 """Name of a unit on the terminal and on the page → unit."""

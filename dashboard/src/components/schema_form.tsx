@@ -8,7 +8,7 @@ import { type Codec, codecOf, isAmbiguous, OF_TEXT, plain, type Schema, type Sch
 import { isUnread, type Fields, faultsAt } from "../lib/json";
 import { sentence } from "../lib/said";
 import { queries } from "../api/queries";
-import { formUnit, radians } from "../lib/stiffness";
+import { radians, STIFFNESS_UNITS } from "../lib/stiffness";
 import { isKnown, useQuery } from "../state/query";
 import { useSettings } from "../state/session";
 import { text } from "../words";
@@ -283,7 +283,7 @@ const unitsIn = ({ unit, unit_of_prismatic }: Schema): Partial<Schema> =>
 
 /** The unit in which a number of the API is typed, and its size. */
 function useUnits(): (schema: Schema, slides?: boolean) => Unit {
-  const page = formUnit(useSettings().unit);
+  const page = STIFFNESS_UNITS[useSettings().unit];
   return ({ unit = "", unit_of_prismatic: other }, slides = false) =>
     unit === "N.m/rad" ? [page.label, 1 / page.factor] : (USUAL[(slides && other) || unit] ?? [undefined, 1]);
 }

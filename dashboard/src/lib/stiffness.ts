@@ -4,12 +4,11 @@ import { text } from "../words";
 import { type Ends, type ShownEstimate, shownEstimate } from "./estimate";
 import { fixed, significant } from "./format";
 
-export type StiffnessUnit = "MNm" | "kNmDeg" | "NmArcmin" | "Nm" | "compliance";
+export type StiffnessUnit = "MNm" | "NmArcmin";
 
 interface Unit {
-  /** Of a stiffness in N·m/rad; of its inverse where `inverse`. */
+  /** Of a stiffness in N·m/rad. */
   factor: number;
-  inverse?: true;
   label: string;
   /** As the service calls it. */
   name: string;
@@ -19,29 +18,17 @@ interface Unit {
 
 const DEGREE = Math.PI / 180;
 
-/** Units people choose from: as the literature prints, per angle as data sheets do, and the compliance. */
+/** Units people choose from: as the literature prints, and as data sheets of gearboxes do. */
 export const STIFFNESS_UNITS: Record<StiffnessUnit, Unit> = {
   MNm: { factor: 1e-6, label: "10⁶ N·m/rad", name: "MNm/rad", column: "1e6 N.m/rad" },
-  kNmDeg: { factor: DEGREE / 1e3, label: "kN·m/°", name: "kNm/deg", column: "kN.m/deg" },
   NmArcmin: { factor: DEGREE / 60, label: "N·m/arcmin", name: "Nm/arcmin", column: "N.m/arcmin" },
-  Nm: { factor: 1, label: "N·m/rad", name: "Nm/rad", column: "N.m/rad" },
-  compliance: { factor: 1e6, inverse: true, label: "µrad/(N·m)", name: "urad/Nm", column: "urad/(N.m)" },
 };
 
 const PER_MICRON: Unit = { factor: 1e-6, label: "N/µm", name: "N/um", column: "N/um" };
 
-/** The same of prismatic joints: a force per length. */
-const OF_PRISMATIC: Record<StiffnessUnit, Unit> = {
-  MNm: PER_MICRON,
-  kNmDeg: PER_MICRON,
-  NmArcmin: PER_MICRON,
-  Nm: { factor: 1, label: "N/m", name: "N/m", column: "N/m" },
-  compliance: { factor: 1e6, inverse: true, label: "µm/N", name: "um/N", column: "um/N" },
-};
-
 /** The unit of joints of a kind. */
 export const unitOf = (unit: StiffnessUnit, kind: JointKind = "revolute"): Unit =>
-  (kind === "prismatic" ? OF_PRISMATIC : STIFFNESS_UNITS)[unit];
+  kind === "prismatic" ? PER_MICRON : STIFFNESS_UNITS[unit];
 
 /** A number with its unit: 80 · 10⁶ N·m/rad. */
 export const withUnit = (shown: string, label: string): string =>
@@ -53,13 +40,9 @@ export const labelOf = (unit: StiffnessUnit, kinds: readonly JointKind[], part: 
 
 export const UNIT_NAMES = Object.keys(STIFFNESS_UNITS) as StiffnessUnit[];
 
-/** The unit in which stiffnesses are typed: the page's, or the literature's where that is a compliance. */
-export const formUnit = (unit: StiffnessUnit): Unit => STIFFNESS_UNITS[STIFFNESS_UNITS[unit].inverse ? "MNm" : unit];
-
 /** A stiffness [N·m/rad, of a prismatic joint N/m] in a unit. */
 export function inUnit(stiffness: number, unit: StiffnessUnit, kind?: JointKind): number {
-  const { factor, inverse } = unitOf(unit, kind);
-  return inverse ? factor / stiffness : factor * stiffness;
+  return unitOf(unit, kind).factor * stiffness;
 }
 
 /** The same of what may be missing. */
@@ -77,7 +60,7 @@ export function intervalIn(
 ): [number | null, number | null] {
   if (!interval) return [null, null];
   const [low = null, high = null] = interval.map((end) => maybeInUnit(end, unit, kind));
-  return STIFFNESS_UNITS[unit].inverse ? [high ?? 0, low] : [low, high];
+  return [low, high];
 }
 
 const LBF = 4.4482216152605;
@@ -162,14 +145,14 @@ export function capOf({ status, verdict }: JointResult): Usability | null {
   return verdict === told ? null : verdict;
 }
 
-/** The stiffness of a joint, or its compliance, in a unit; of a prismatic joint with its unit. */
+/** The stiffness of a joint in a unit; of a prismatic joint with its unit. */
 export function shownStiffness(joint: JointResult, unit: StiffnessUnit): ShownEstimate {
   const { kind, stiffness, compliance, stiffness_interval: interval, verdict } = joint;
-  const { inverse, label } = unitOf(unit, kind);
+  const { label } = unitOf(unit, kind);
   const unusable = verdict === "do_not_use";
   const ends = interval ? intervalIn(interval, unit, kind) : endsAround(joint, unit);
   const shown = shownEstimate(isRefuted(joint) ? null : maybeInUnit(stiffness, unit, kind), ends, unusable);
-  const excludes = !inverse && !interval && ends !== null && straddles(joint);
+  const excludes = !interval && ends !== null && straddles(joint);
   const limit = verdictOf(joint) === "lower_limit" ? lowerLimit(joint) : null;
   const beside = kind === "prismatic" ? `\u00a0${label}` : "";
   if (limit !== null) return { ...shown, limit: `${limitText(limit, unit, kind)}${beside}` };
@@ -181,11 +164,10 @@ export function shownStiffness(joint: JointResult, unit: StiffnessUnit): ShownEs
 
 const straddles = ({ compliance_interval: ends }: JointResult): boolean => !!ends && ends[0] < 0 && ends[1] > 0;
 
-/** The ends of an interval of which a part is negative; of a compliance that may be zero, those that its stiffness excludes. */
+/** The ends of an interval of which a part is negative; where the compliance may be zero, those that the stiffness excludes. */
 function endsAround({ kind, compliance_interval: ends }: JointResult, unit: StiffnessUnit): Ends | null {
   if (!ends) return null;
-  const { factor, inverse } = unitOf(unit, kind);
-  if (inverse) return [factor * ends[0], factor * ends[1]];
+  const { factor } = unitOf(unit, kind);
   const [low, high] = ends.map((end) => (end === 0 ? null : factor / end)) as [number | null, number | null];
   return ends[0] < 0 && ends[1] > 0 ? [low, high] : [high, low];
 }
@@ -219,11 +201,10 @@ export const shownWithInterval = (
   kind?: JointKind,
 ): ShownEstimate => shownEstimate(maybeInUnit(stiffness, unit, kind), interval && intervalIn(interval, unit, kind));
 
-/** "> 3.1", or "< 0.3" of a compliance: rounded so that it stays a limit. */
+/** "> 3.1": rounded so that it stays a limit. */
 function limitText(limit: number, unit: StiffnessUnit, kind?: JointKind): string {
-  const { inverse } = unitOf(unit, kind);
   const step = 10 ** (Math.floor(Math.log10(limit)) - 1);
-  return `${inverse ? "<" : ">"} ${significant(inUnit(Math.floor(limit / step + 1e-9) * step, unit, kind), 2)}`;
+  return `> ${significant(inUnit(Math.floor(limit / step + 1e-9) * step, unit, kind), 2)}`;
 }
 
 /** A number of an axis of stiffness; the axis stays one of stiffness whatever the unit. */

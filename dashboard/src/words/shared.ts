@@ -239,7 +239,7 @@ export const en = {
     why: (count: number) => `Why ${count} joints are uncertain`,
     joint: "Joint",
     value: "Stiffness",
-    quantity: (compliance: boolean) => (compliance ? "Compliance" : "Stiffness"),
+    quantity: "Stiffness",
     contribution: "Contributes",
     ofDeflection: "of the deflection",
     interval: (level: string) => `${level} interval`,

@@ -124,7 +124,7 @@ def _ratio_table(
         Column("p", [joint.p_value for joint in joints], _format_p_value),
     ]
     caption = (
-        f"{unit.quantity} in {unit.label_of(first_run.joints)} and ratio of the stiffnesses, "
+        f"stiffness in {unit.label_of(first_run.joints)} and ratio of the stiffnesses, "
         f"second to first; in brackets: {100 * result.confidence:g} % interval; p: p-value of equal "
         "stiffnesses"
     )
@@ -162,10 +162,10 @@ def _differences_table(result: ComparisonResult, unit: StiffnessUnit) -> Table:
     return Table(
         [
             Column("joint", [joint.name for joint in result.differences], text=True),
-            *estimate_columns(f"removed {unit.quantity}", shown, result.confidence),
+            *estimate_columns("removed stiffness", shown, result.confidence),
         ],
         title="Difference of the compliances, first less second",
-        caption=f"{unit.quantity} of what bends on the first side alone, such as gearboxes, in "
+        caption=f"stiffness of what bends on the first side alone, such as gearboxes, in "
         f"{unit.label_of(result.differences)}",
     )
 
@@ -209,7 +209,7 @@ def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
 def _make_ordered_caption(ordered: OrderedResult, unit: StiffnessUnit) -> str:
     """Return the caption of the table of the ordered fit: its unit, and what the constraint costs in χ²."""
     return (
-        f"{unit.quantity} (interval) in {unit.label_of(ordered.joints)}, all constraints; the constraint "
+        f"stiffness (interval) in {unit.label_of(ordered.joints)}, all constraints; the constraint "
         f"that no joint is softer increases χ² by {ordered.chi_square_increase:.3g}"
     )
 
@@ -278,7 +278,7 @@ def _make_methods_title(
     compared_runs: Sequence[ComparedRun], unit: StiffnessUnit, resampling: Resampling | None
 ) -> str:
     """Return the title of the tables of methods: quantity, unit and how fits were resampled, if they were."""
-    title = f"{unit.quantity.capitalize()} in {unit.label_of(compared_runs[0].joints)}"
+    title = f"Stiffness in {unit.label_of(compared_runs[0].joints)}"
     if resampling is None:
         return title
     return (

@@ -143,14 +143,14 @@ def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
     estimates = [unit.show_joint(joint) for joint in joints]
     columns = [
         Column("joint", [joint.name for joint in joints], text=True),
-        *estimate_columns(unit.quantity, estimates, request.confidence),
+        *estimate_columns("stiffness", estimates, request.confidence),
     ]
     if request.priors:
         prior_cells = [_format_prior(joint, has_prior=joint.name in request.priors) for joint in joints]
         columns.append(Column("prior/data", prior_cells))
     columns.append(Column("verdict", joints, _verdict_cell, text=True))
-    title = f"Joint {unit.quantity}, {_describe_method(request)}"
-    return Table(columns, title=title, caption=f"{unit.quantity} and its interval in {unit.label_of(joints)}")
+    title = f"Joint stiffness, {_describe_method(request)}"
+    return Table(columns, title=title, caption=f"stiffness and its interval in {unit.label_of(joints)}")
 
 
 def _describe_method(request: RunRequest) -> str:
@@ -171,7 +171,7 @@ def parts_table(result: RunResult | ComparisonResult, confidence: float, unit: S
             *estimate_columns("gearbox", gearboxes, confidence),
             *estimate_columns("structure", structures, confidence),
         ],
-        title=f"Gearbox and structure apart, {unit.quantity}",
+        title="Gearbox and structure apart, stiffness",
         caption=f"in {unit.label_of(result.gearboxes)}; in front of the encoder and behind it: compliances "
         "add up",
     )
@@ -188,7 +188,7 @@ def before_after_table(before: RunResult, after: RunResult, unit: StiffnessUnit)
         Column("before", _list_compared_cells(before, joint_names, unit), as_line),
         Column("after", _list_compared_cells(after, joint_names, unit), as_line),
     ]
-    caption = f"{unit.quantity} (interval) in {unit.label_of(before.joints)}"
+    caption = f"stiffness (interval) in {unit.label_of(before.joints)}"
     return Table(columns, title="Before and after", caption=caption)
 
 
@@ -697,7 +697,7 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
     options = run.request.resampling
     sample_text = f"{options.size} configurations drawn at random" if options else ""
     caption = (
-        f"{unit.quantity} in {unit.label_of(resampling.joints)}: mean and standard deviation over the "
+        f"stiffness in {unit.label_of(resampling.joints)}: mean and standard deviation over the "
         "resampled fits; compensation: fraction of the deflection explained in all configurations"
     )
     return Table(columns, title=f"{resampling.repetitions} fits of {sample_text}", caption=caption)
@@ -752,16 +752,12 @@ def _rounded_or_dash(value: float | None, uncertainty: float | None) -> str:
 def compute_mean_and_deviation(
     joint: ResampledJoint, unit: StiffnessUnit
 ) -> tuple[float | None, float | None]:
-    """Return mean and standard deviation over all resampled fits of a joint's stiffness (or compliance).
+    """Return mean and standard deviation over all resampled fits of a joint's stiffness.
 
-    The numbers are in `unit`, which is of stiffness or of compliance. Both are None if a fit does not
+    The numbers are in `unit`. Both are None if a fit does not
     determine the joint.
     """
-    moments = (
-        (joint.compliance_mean, joint.compliance_deviation)
-        if unit.is_compliance
-        else (joint.stiffness_mean, joint.stiffness_deviation)
-    )
+    moments = (joint.stiffness_mean, joint.stiffness_deviation)
     factor = unit.for_kind(joint.kind).factor
     mean, deviation = (None if value is None else factor * value for value in moments)
     return mean, deviation

@@ -182,8 +182,7 @@ HELP = {
         "--apply ACTION Apply an action that a reason of the verdict recommends, such as exchange_columns "
         "or convert_units. The corrected campaign is written to a new file and identified.",
         "-o, --output FILE File to write the corrected campaign to; default: a new file next to the old one.",
-        "Unit of stiffness or compliance in the tables, such as 10⁶ N·m/rad, kN·m/° or µrad/(N·m). "
-        "[default: MNm/rad]",
+        "Unit of stiffness in the tables: 10⁶ N·m/rad or N·m/arcmin. [default: MNm/rad]",
     ],
     "compare": [
         "Compare methods on a campaign, or two campaigns of one robot.",

@@ -240,12 +240,12 @@ def test_json_is_the_run_with_its_request_origin_and_numbers():
 
 def test_methods_that_agree_are_compared_in_the_unit_that_is_asked_for():
     assert_said(
-        typed("compare pull.json --unit kNm/deg"),
+        typed("compare pull.json --unit Nm/arcmin"),
         "Use this comparison: no fault was found; all 6 joints of its run passed the checks",
-        "Stiffness in kN·m/° joint sign CP/L CP",
-        "joint_1 free 66.57 (64.94 … 68.29) 66.63 (65.17 … 68.16)",
-        "joint_3 free 43.11 (41.48 … 44.87) 43.33 (42.05 … 44.68)",
-        "joint_6 free 1.43 (1.02 … 2.42) 1.61 (1.34 … 1.97)",
+        "Stiffness in N·m/arcmin joint sign CP/L CP",
+        "joint_1 free 1110 (1082 … 1138) 1111 (1086 … 1136)",
+        "joint_3 free 718 (691 … 748) 722 (701 … 745)",
+        "joint_6 free 23.9 (17.0 … 40.3) 26.9 (22.3 … 32.8)",
         "translations divided by a length of 0.533 m; free: unconstrained; in brackets: the "
         "interval; ≥ 0 gives the same numbers as free: no constraint is active",
         "fit explained rms [µm] condition",

@@ -136,7 +136,7 @@ def test_it_has_an_end_files_and_a_place_in_the_terminal(client, job, kind):
 
 @kinds
 def test_it_has_a_report_and_its_tables(client, job, kind):
-    answer = client.get(file_at(job, "tables.json?unit=kNm/deg")).json()
+    answer = client.get(file_at(job, "tables.json?unit=Nm/arcmin")).json()
     assert answer["assessment"] == job["result"].get("assessment")
     assert answer["tables"]
     for table in answer["tables"]:

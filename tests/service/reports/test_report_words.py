@@ -203,7 +203,7 @@ def test_stated_errors_take_the_place_of_assumed_ones(laboratory, weighed):
 
 
 def test_a_report_has_the_units_of_reports_whatever_is_asked_for(laboratory, weighed):
-    assert report_of(laboratory, weighed, unit="kNm/deg") == report_of(laboratory, weighed)
+    assert report_of(laboratory, weighed, unit="Nm/arcmin") == report_of(laboratory, weighed)
 
 
 def test_the_tables_of_a_run_have_its_lines_and_its_evidence(laboratory, weighed):

@@ -53,22 +53,21 @@ def test_a_number_has_its_interval_behind_it_with_the_digits_that_the_interval_a
 
 
 @pytest.mark.parametrize(
-    ("compliance", "interval", "stiffness", "as_compliance"),
+    ("compliance", "interval", "stiffness"),
     [
-        (4e-7, (3.7e-7, 4.3e-7), "2.500 (2.326 … 2.703)", "0.400 (0.370 … 0.430)"),
-        (0.0, (0.0, 5e-7), "> 2", "< 0.5"),
-        (1e-7, (0.0, 5e-7), "> 2", "< 0.5"),
-        (2e-7, (-1e-7, 5e-7), "5.0 (not -10.0 … 2.0)", "0.20 (-0.10 … 0.50)"),
-        (-2e-7, (-3e-7, -1e-7), "-5.00 (-10.00 … -3.33)", "-0.200 (-0.300 … -0.100)"),
-        (2e-7, None, "5 (no interval)", "0.2 (no interval)"),
-        (None, None, "—", "—"),
+        (4e-7, (3.7e-7, 4.3e-7), "2.500 (2.326 … 2.703)"),
+        (0.0, (0.0, 5e-7), "> 2"),
+        (1e-7, (0.0, 5e-7), "> 2"),
+        (2e-7, (-1e-7, 5e-7), "5.0 (not -10.0 … 2.0)"),
+        (-2e-7, (-3e-7, -1e-7), "-5.00 (-10.00 … -3.33)"),
+        (2e-7, None, "5 (no interval)"),
+        (None, None, "—"),
     ],
     ids=["usual", "rigid", "open", "may be negative", "negative", "no uncertainty", "unseen"],
 )
-def test_a_joint_has_a_number_with_its_interval_or_a_limit(compliance, interval, stiffness, as_compliance):
+def test_a_joint_has_a_number_with_its_interval_or_a_limit(compliance, interval, stiffness):
     shown = joint(compliance, interval)
     assert UNITS["MNm/rad"].show_joint(shown).cell.text == stiffness
-    assert UNITS["urad/Nm"].show_joint(shown).cell.text == as_compliance
 
 
 def test_a_joint_that_must_not_be_used_is_dim_and_gives_no_limit():

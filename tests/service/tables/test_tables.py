@@ -57,19 +57,6 @@ def test_the_terminal_offers_the_units_of_the_reports():
     assert list(get_args(Units)) == list(UNITS)
 
 
-def test_compliances_as_a_unit(document):
-    run = identified(document)
-    text = printed(lay_out_job(RUN, run, unit="urad/Nm"))
-    joint = run.result.joints[1]
-    row = next(line for line in text.splitlines() if line.startswith("│ joint_2")).replace("joint_2", "")
-    value, low, high = map(float, re.findall(r"(?<![_\d])\d+(?:\.\d+)?", row))
-    u = 1e6 * joint.standard_uncertainty
-    assert "Joint compliance" in text
-    assert "µrad/(N·m)" in text
-    ends = [1e6 * end for end in joint.compliance_interval]
-    assert [value, low, high] == pytest.approx([1e6 * joint.compliance, *ends], abs=0.06 * u)
-
-
 def test_at_most_three_things_to_do_and_nothing_twice(document):
     """Three readings of one target are wrong by 3 mm."""
     wrong = deepcopy(document)

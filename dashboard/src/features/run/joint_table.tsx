@@ -180,26 +180,22 @@ function markOf(joint: JointResult, mark: string, unit: StiffnessUnit): Interval
   const negative = joint.stiffness !== null && joint.stiffness < 0;
   // where it stands on the axis: its number in its own unit is that of the axis
   const scale = unitOf(unit, joint.kind).factor / unitOf(unit).factor;
-  const [value, interval] = [onAxis(joint.stiffness, scale, unit), isRefuted(joint) ? null : joint.stiffness_interval];
+  const [value, interval] = [onAxis(joint.stiffness, scale), isRefuted(joint) ? null : joint.stiffness_interval];
   const standing = isRefuted(joint) ? text.usability.do_not_use : text.verdicts[verdictOf(joint)][0];
   const instead = negative ? `${text.run.negative}: ${estimateText(shown)}` : standing;
   const beside = joint.kind === "prismatic" ? "" : unitOf(unit).label; // whose value has its unit
   return {
     mark: shown.unusable ? `${mark} unusable` : mark,
     value: negative ? null : value,
-    low: onAxis(interval?.[0], scale, unit) ?? (negative ? null : value),
-    high: interval ? onAxis(interval[1], scale, unit) : value,
+    low: onAxis(interval?.[0], scale) ?? (negative ? null : value),
+    high: interval ? onAxis(interval[1], scale) : value,
     instead,
     lines: [joint.name, shown.value === null ? instead : withUnit(estimateText(shown), beside)],
   };
 }
 
-const onAxis = (stiffness: number | null | undefined, scale: number, unit: StiffnessUnit): number | null =>
-  stiffness === null || stiffness === undefined
-    ? null
-    : STIFFNESS_UNITS[unit].inverse
-      ? stiffness / scale
-      : stiffness * scale;
+const onAxis = (stiffness: number | null | undefined, scale: number): number | null =>
+  stiffness === null || stiffness === undefined ? null : stiffness * scale;
 
 const words = nextWords;
 
@@ -315,7 +311,7 @@ function afterwards(advice: Advice, joint: JointResult, unit: StiffnessUnit): st
   if (compliance && compliance > 0 && after !== null) return `± ${percent((NORMAL_95 * after) / compliance)}`;
   if (after === null) return text.verdicts.fair[0];
   const shown = (stiffness: number) => roughStiffness(stiffness, unit, kind);
-  return STIFFNESS_UNITS[unit].inverse ? `± ${shown(1 / (NORMAL_95 * after))}` : words.below(shown(0.5 / after));
+  return words.below(shown(0.5 / after));
 }
 
 const runWords = text.run;
@@ -401,7 +397,7 @@ function Rows({ context, result, bare, chosen }: TableProps) {
             )}
           </div>
           <span role="columnheader" class="number">
-            {runWords.quantity(unit === "compliance")}
+            {runWords.quantity}
           </span>
           <span role="columnheader" class="number">
             <Term of="interval">{runWords.interval(percent(run.request.confidence))}</Term>

@@ -207,7 +207,9 @@ function Row({ joint, trend, places, reach, narrow, left, right, upper }: RowPro
           )}
           <line class="reference" x1={from} x2={right} y1={centre} y2={centre} />
           {joint.points.map((point, i) => {
-            const { value, low, high } = onAxis(relative(point, middle), "Nm");
+            const { stiffness, interval } = relative(point, middle);
+            const value = stiffness ?? null;
+            const [low, high] = [interval?.[0] ?? null, interval ? interval[1] : value];
             if (value === null && low === null) return null;
             const mark = point.reason === null ? "method-1" : "free";
             return (
