@@ -87,7 +87,7 @@ export function freeLabel(wanted: string, taken: Set<string>): string {
 export function filledRecords(table: string): Fields[] | null {
   const [head = "", ...rows] = table.replace(/^\ufeff/, "").split(/\r?\n/);
   const mark = [";", "\t", ","].find((each) => head.includes(each)) ?? ",";
-  const names = head.split(mark);
+  const names = head.split(mark).map((name) => name.replace(/^joint_(?=\d)/, "J")); // as an import has them
   const readings = names.flatMap((name, i) => (/\b(unloaded|loaded)\b/i.test(name) ? [i] : []));
   const columns = names.flatMap((name, i) =>
     /^(label|J\d+|[FM][xyz])\b/.test(name) || readings.includes(i) ? [i] : [],
