@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 import {
   equipmentOf,
-  filledRows,
+  filledRecords,
   freeLabel,
   observationOf,
   standTyped,
@@ -56,9 +56,11 @@ describe("a reading as it is typed", () => {
   });
 
   it("leaves out the rows of a plan's list that are still blank", () => {
-    const head = "label,J1 [deg],P1 unloaded x [mm],P1 loaded x [mm],verdict";
-    expect(filledRows([head, "p1,1,2,3,use", "p2,1,,,use", ""].join("\n"))).toBe([head, "p1,1,2,3,use"].join("\n"));
-    expect(filledRows("name,x\na,1")).toBe("name,x\na,1");
+    const head = "label,joint_1 [deg],P1 unloaded x [mm],P1 loaded x [mm],verdict";
+    expect(filledRecords([head, "p1,1,2,3.5,use", "p2,1,,,use", ""].join("\n"))).toEqual([
+      { label: "p1", "J1 [deg]": 1, "P1 unloaded x [mm]": 2, "P1 loaded x [mm]": 3.5 },
+    ]);
+    expect(filledRecords("name,x\na,1")).toBeNull();
   });
 
   it("brings a file's units to those of the set", () => {

@@ -1,6 +1,6 @@
 /** One reading of a live campaign: from what is typed (lengths in mm), planned or simulated to what is posted. */
 import type { JointKind, Observation, Units, MeasurementSet, Plan, PlanResult, Posture, Robot } from "../../api/types";
-import { listIn, scaled, vectorIn } from "../../lib/schema";
+import { listIn, numberIn, scaled, vectorIn } from "../../lib/schema";
 import { factors, positionIn } from "../../lib/stiffness";
 import { type Vector, bendOf, bent, dot, norm, placesOf, subtract, times, carried, fromFlange } from "../../lib/vector";
 import { type Fields, isFields, listOf } from "../../lib/json";
@@ -83,13 +83,22 @@ export function freeLabel(wanted: string, taken: Set<string>): string {
   return label;
 }
 
-/** A table without the rows whose readings are all still blank, as in a plan's list that is filled in part. */
-export function filledRows(table: string): string {
-  const [head = "", ...rows] = table.split(/\r?\n/);
+/** The rows of a plan's list whose readings are filled in, by the names of the columns that an import reads; null of another table. */
+export function filledRecords(table: string): Fields[] | null {
+  const [head = "", ...rows] = table.replace(/^\ufeff/, "").split(/\r?\n/);
   const mark = [";", "\t", ","].find((each) => head.includes(each)) ?? ",";
-  const columns = head.split(mark).flatMap((name, i) => (/\b(unloaded|loaded)\b/i.test(name) ? [i] : []));
-  const blank = (row: string) => columns.every((i) => !row.split(mark)[i]?.trim());
-  return [head, ...rows.filter((row) => columns.length === 0 || row.includes('"') || !blank(row))].join("\n");
+  const names = head.split(mark).map((name) => name.replace(/^joint_(?=\d)/, "J")); // as an import has them
+  const readings = names.flatMap((name, i) => (/\b(unloaded|loaded)\b/i.test(name) ? [i] : []));
+  const columns = names.flatMap((name, i) =>
+    /^(label|J\d+|[FM][xyz])\b/.test(name) || readings.includes(i) ? [i] : [],
+  );
+  if (readings.length === 0 || table.includes('"')) return null;
+  const filled = rows.map((row) => row.split(mark)).filter((cells) => readings.some((i) => cells[i]?.trim()));
+  const valueOf = (cell = "") => {
+    const number = numberIn(cell);
+    return Number.isNaN(number) ? cell : number;
+  };
+  return filled.map((cells) => Object.fromEntries(columns.map((i) => [names[i], valueOf(cells[i])])));
 }
 
 export type Planned = PlanResult["readings"][number];

@@ -725,11 +725,11 @@ function Others({ set, robot, stand, use, send, taken }: OthersProps) {
   );
 }
 
-/** A file without the rows that are to be filled in yet. */
-const filled = async (file: File): Promise<File> =>
-  /\.(csv|tsv|txt)$/i.test(file.name)
-    ? new File([live.filledRows(await file.text())], file.name, { type: file.type })
-    : file;
+/** A plan's list as records of the rows that are filled in: with few rows it does not show what parts its cells. */
+async function filled(file: File): Promise<File> {
+  const records = /\.(csv|tsv|txt)$/i.test(file.name) ? live.filledRecords(await file.text()) : null;
+  return records ? new File([JSON.stringify(records)], `${file.name}.json`) : file;
+}
 
 const readIn = ({ readings }: LiveState): number => readings.filter((one) => one.state !== "withdrawn").length;
 
