@@ -128,7 +128,7 @@ class TableMapping(Message):
         default_factory=list, description="Targets and states of the rows of a posture, in their order."
     )
     posture: Literal["label", "joints"] = Field(
-        default="label", description="What tells postures apart in a table without labels: rows, or joints."
+        default="label", description="Rows or joints that tell postures apart in a table without labels."
     )
     split: Annotated[dict[_Text, _Text], Field(max_length=MAX_COLUMNS)] = Field(
         default_factory=dict,
@@ -154,7 +154,7 @@ class Doubt(Message):
 
 
 class Mapping(Message):
-    """What the columns of files mean, and what the files do not say."""
+    """Meaning of the columns of files, and statements that the files lack."""
 
     encoding: Annotated[str, Field(max_length=40)] | None = Field(
         default=None, description="Encoding of texts that are not in UTF-8.", examples=["windows-1252"]
@@ -255,7 +255,7 @@ class ImportAnswer(Message):
 
     tables: list[TableView] = Field(description="Tables of the files.")
     mapping: Mapping = Field(description="Mapping that the robot proposes, or that was applied.")
-    sentence: str = Field(description="What the robot says of the readings; empty without a robot.")
+    sentence: str = Field(description="Sentence of the robot about the readings; empty without a robot.")
     questions: list[ImportQuestion] = Field(
         description="Questions, to be answered one at a time; empty if the readings are complete."
     )

@@ -52,7 +52,7 @@ class JointResult(Message):
     )
     own_compliance: Compliance[float | None] = Field(
         default=None,
-        description="With `links`, the compliance of the joint alone, which predicts together with `links`; "
+        description="Compliance of the joint alone, which predicts together with `links`; "
         "null if only joints bend.",
     )
     stiffness: Stiffness[float | None] = Field(
@@ -595,7 +595,7 @@ class RunResult(Result):
         "null if `link_penalty` is given.",
     )
     alone: JointsAloneResult | None = Field(
-        default=None, description="With `links`, the fit by joints alone; null if only joints bend."
+        default=None, description="Fit by joints alone, next to one with `links`; null if only joints bend."
     )
     choice: ModelChoice | None = Field(
         default=None,

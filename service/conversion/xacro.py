@@ -19,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
-from jointstiff.service.child import MAX_MEMORY, ask_child, limit_this_process
+from jointstiff.service.conversion.child import MAX_MEMORY, ask_child, limit_this_process
 from jointstiff.solver.errors import RobotError
 
 MAX_SECONDS: Final = 5

@@ -36,7 +36,7 @@ _WITHOUT_LOAD: Final[tuple[State, ...]] = ("unloaded", "unloaded_after")
 
 @dataclass(frozen=True)
 class Check:
-    """What robot and force say of readings."""
+    """Judgement of robot and force about readings."""
 
     sentence: str = ""
     faults: list[str] = field(default_factory=list)  #: why the readings cannot be right

@@ -11,7 +11,7 @@ from pathlib import Path, PurePath
 from typing import Any, Final
 
 from jointstiff.schemas.imports import Cell
-from jointstiff.service.child import ask_child
+from jointstiff.service.conversion.child import ask_child
 from jointstiff.service.imports.tables import MAX_BYTES, MAX_FILES, Table, TableError, build_table
 from jointstiff.service.imports.texts import decode, parse_cell, read_grid, read_text
 from jointstiff.service.problems import EXTRAS

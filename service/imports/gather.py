@@ -43,7 +43,7 @@ _COVERAGE: Final = 1.96
 
 @dataclass(frozen=True)
 class Key:
-    """What a position belongs to."""
+    """Posture, target, state and load of a position."""
 
     posture: str
     target: str
@@ -80,7 +80,7 @@ class Readings:
         return [*self.positions, *self.displacements, *(key for key, _ in self.gauges)]
 
     def list_loads(self, posture: str) -> list[float | None]:
-        """Return the loads of a posture, each of which makes an observation."""
+        """Return the loads of a posture; each load makes an observation."""
         loaded = [key.load for key in self.list_keys() if key.posture == posture and key.state == "loaded"]
         return list(dict.fromkeys(loaded)) or [None]
 
@@ -420,7 +420,7 @@ class _Part:
 
 @dataclass
 class _RowPoint:
-    """What a row says of its positions."""
+    """Target, state and load of the positions of a row."""
 
     target: str
     state: PointState | None

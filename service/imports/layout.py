@@ -15,7 +15,7 @@ from jointstiff.solver.meaning.table import JointColumns, PointColumns, Table
 
 
 class Source(NamedTuple):
-    """Where a column of a wide table comes from."""
+    """Origin of a column of a wide table."""
 
     pivot: int  # number of the table in the file
     column: str

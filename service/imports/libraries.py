@@ -19,7 +19,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from jointstiff.service.child import limit_this_process
+from jointstiff.service.conversion.child import limit_this_process
 
 _MAX_BYTES: Final = 64 * 2**20
 """Unpacked arrays of a file together."""

@@ -1,4 +1,4 @@
-"""What forces and deflections say: which positions are under load, and which columns are forces.
+"""Evidence of forces and deflections: the positions under load, and the columns that are forces.
 
 Springs yield to the force: its work from the unloaded to the loaded position is positive. The sign of a
 force is easily wrong, and a wrong sign exchanges the states in silence. So the work decides alone only as a

@@ -40,7 +40,7 @@ Words = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Structure:
-    """How the rows of a table belong to postures."""
+    """Grouping of the rows of a table in postures."""
 
     table: Table
     label: str | None = None  #: column; None: the order of the rows
@@ -57,7 +57,7 @@ class Structure:
 
     @property
     def splits(self) -> dict[str, str]:
-        """Columns of which parts are used, with their marks."""
+        """Columns whose parts are used, with their marks."""
         names = [name for name in (self.label, *self.keys) if name and "." in name]
         marks = dict(_find_marks(self.table))
         return {name.split(".")[0]: marks[name.split(".")[0]] for name in names}

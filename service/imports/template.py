@@ -57,7 +57,7 @@ _VECTORS: Final = frozenset(("joints", "force", "moment", "displacement", "uncer
 
 
 class _Header(NamedTuple):
-    """What a documented header says."""
+    """Meaning of a documented header."""
 
     role: RoleName
     target: str | None

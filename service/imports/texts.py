@@ -44,7 +44,7 @@ _LEAST_ROWS: Final = 3
 
 
 class Dialect(NamedTuple):
-    """How a text writes cells and numbers."""
+    """Way in which a text writes cells and numbers."""
 
     delimiter: str  # empty for blanks
     mark: str  # decimal mark
@@ -274,7 +274,7 @@ def _describe_parts(parts: Sequence[_Part]) -> Iterator[Column]:
 def _find_runs(lines: Iterable[tuple[Cell, ...]]) -> list[_Run]:
     """Return the runs of rows with numbers; a line of words ends a run.
 
-    One or two short rows directly below a run are rows of which a part is lost, and stay in the run.
+    One or two short rows directly below a run have lost a part, and stay in the run.
     """
     runs: list[_Run] = []
     words: list[tuple[Cell, ...]] = []

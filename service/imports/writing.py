@@ -66,7 +66,7 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        """What the robot says of the positions."""
+        """Sentence of the robot about the positions."""
         own = self.proposal
         rival = 1e3 * own.next_residual
         others = f"next meaning: {rival:.2g} mm" if np.isfinite(rival) else "no other meaning fits"
@@ -347,7 +347,7 @@ class _Writer:
 
 
 def _list_unread(table: Table, part: TableMapping) -> Iterator[str]:
-    """Yield neighbouring columns without a role: of numbers, and of words of which rows have the same."""
+    """Yield neighbouring columns without a role: numbers, and words that several rows have."""
     read = {name for role in part.roles for name in list_columns(role)}
     unread: list[Column] = []
     for column in table.columns:

@@ -14,7 +14,7 @@ from importlib.metadata import version
 from typing import Any
 
 from jointstiff.schemas.access import SolverHealth
-from jointstiff.service.child import ask_child
+from jointstiff.service.conversion.child import ask_child
 
 _REMEDY = "results are still proved, or refused; install `clarabel` again, and restart the service"
 

@@ -160,7 +160,6 @@ it("asks for the payload of the robot, and offers no button before it is stated"
     questions: [reason],
     notes: [],
     headline: null,
-    questions: [],
   } as unknown as Assessment;
   const context = { run: { id: "r" } as Run } as RunContext;
   const root = await drawn(<VerdictCard assessment={assessment} context={context} />);

@@ -11,7 +11,7 @@ import pytest
 
 import jointstiff as js
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.service import child
+from jointstiff.service.conversion import child
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.problems import CampaignError
 from jointstiff.solver.errors import RobotError
