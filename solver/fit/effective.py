@@ -14,7 +14,7 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from jointstiff.schemas.joints import JOINT_UNITS, JointKind
+from jointstiff.schemas.joints import IDENTIFIED, JOINT_UNITS, JointKind
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fit.cone import find_diagonal_entries
@@ -297,7 +297,7 @@ def _build_effective_joint(
     return JointCompliance(
         name=joint.name,
         kind=joint.kind,
-        status=_find_status(compliance, uncertainty),
+        status=_find_status(compliance, uncertainty, (lower, upper) if has_interval else None),
         compliance=0.0 if compliance < RIGID else compliance,
         standard_uncertainty=uncertainty if np.isfinite(uncertainty) else None,
         compliance_interval=(lower, upper) if has_interval else None,
@@ -306,10 +306,15 @@ def _build_effective_joint(
     )
 
 
-def _find_status(compliance: float, uncertainty: float) -> Literal["identified", "uncertain", "at_bound"]:
-    """Return the status of a joint by its effective compliance and standard uncertainty [rad/(N·m)]."""
+def _find_status(
+    compliance: float, uncertainty: float, interval: tuple[float, float] | None
+) -> Literal["identified", "uncertain", "at_bound"]:
+    """Return the status of a joint by its effective compliance, uncertainty and interval [rad/(N·m)]."""
     if compliance < RIGID:
         return "at_bound"
+    if interval is not None:
+        lower, upper = interval
+        return "identified" if 0.0 < upper <= IDENTIFIED * lower else "uncertain"
     return "identified" if uncertainty < compliance else "uncertain"  # uncertain, too, if it is NaN
 
 

@@ -28,7 +28,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from scipy import linalg
 
-from jointstiff.schemas.joints import JOINT_UNITS, JointKind
+from jointstiff.schemas.joints import IDENTIFIED, JOINT_UNITS, JointKind
 from jointstiff.schemas.run import Certificate as StagesCertificate
 from jointstiff.schemas.run import ObservabilityIndex
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
@@ -883,6 +883,12 @@ class Evidence:
         uncertainty, (lower, upper) = self.uncertainty(j), intervals[0].tolist()
         if uncertainty is not None and lower <= 0.0 <= upper:
             return "uncertain", self._explain_interval_with_zero(j, limit, uncertainty)
+        if lower > 0.0 and upper > IDENTIFIED * lower:
+            load = JOINT_UNITS[self.observability.kinds[j]].load
+            return "uncertain", (
+                f"the ends of the interval are a factor of {upper / lower:.2g} apart: add loads with more "
+                f"{load} {self.names[j]}"
+            )
         return "identified", None
 
     def _explain_interval_with_zero(self, j: int, limit: str, uncertainty: float) -> str:
