@@ -346,7 +346,7 @@ class Assessment(Message):
     )
     questions: list[Finding] = Field(
         default_factory=list,
-        description="Questions about facts that readings cannot show and a person knows, such as the payload of the robot. An "
+        description="Questions about facts that a person knows and readings cannot show, such as the payload. An "
         "answer is kept with the robot; an open question limits no verdict.",
     )
     joints_identified: int | None = Field(

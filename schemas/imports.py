@@ -259,7 +259,7 @@ class ImportAnswer(Message):
     questions: list[ImportQuestion] = Field(
         description="Questions, to be answered one at a time; empty if the readings are complete."
     )
-    faults: list[str] = Field(description="Why the readings cannot be right, with what to look at.")
+    faults: list[str] = Field(description="Reasons why the readings cannot be right, with what to look at.")
     far: list[FarPosition] = Field(
         default_factory=list, description="Positions far from where the robot carries their targets."
     )
