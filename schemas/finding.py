@@ -346,8 +346,8 @@ class Assessment(Message):
     )
     questions: list[Finding] = Field(
         default_factory=list,
-        description="Questions about facts that a person knows and readings cannot show, such as the payload. An "
-        "answer is kept with the robot; an open question limits no verdict.",
+        description="Questions about facts that a person knows and readings do not show, as the payload. "
+        "An answer is kept with the robot; an open question limits no verdict.",
     )
     joints_identified: int | None = Field(
         default=None,

@@ -9,6 +9,7 @@ a socket: each message on the socket brings the end of a pipe for a further chil
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import json
 import os
@@ -72,6 +73,8 @@ _ALWAYS_IN_CHILD: Final = frozenset({"/v1/geometries", "/v1/imports", "/v1/progr
 Programs and tables are of any origin, and the robot searches the meaning of a table; the time of a geometry
 grows with the cube of the number of positions.
 """
+_LEFT_AFTER_SECONDS: Final = 0.5
+"""Interval of the check whether a client has left [s]."""
 CHILDREN: Final = 2
 """Number of children: while a hostile body occupies one child, the other answers other bodies."""
 PREPARED_AFTER_SECONDS: Final = 15.0
@@ -217,8 +220,13 @@ class LimitedChildren:
             REQUEST_ID.get(),
             get_requester(request),
         )
-        async with self._get_turn(forwarded.requester):
-            head, body = await run_sync(self._send_and_receive, forwarded, content, limiter=self._slots)
+        call = _Call(forwarded, content)
+        watch = asyncio.create_task(_end_when_client_leaves(request, call))
+        try:
+            async with self._get_turn(forwarded.requester):
+                head, body = await run_sync(self._send_and_receive, call, limiter=self._slots)
+        finally:
+            watch.cancel()
         status, headers = json.loads(head)
         response = Response(body, status)
         response.raw_headers = [(name.encode("latin-1"), value.encode("latin-1")) for name, value in headers]
@@ -245,8 +253,8 @@ class LimitedChildren:
             sender = requester.address
         return self._turns.setdefault(sender, anyio.Lock())
 
-    def _send_and_receive(self, forwarded: Forwarded, content: bytes) -> tuple[bytes, bytes]:
-        """Send a request and its body `content` to a child, and wait for the answer.
+    def _send_and_receive(self, call: _Call) -> tuple[bytes, bytes]:
+        """Send a request and its body to a child, and wait for the answer.
 
         Return (status and headers as JSON, body) of the answer.
 
@@ -254,8 +262,11 @@ class LimitedChildren:
             HTTPException: the body took too much memory or time (413), or the child does not start (503).
         """
         child = self._take_ready_child()
+        call.child = child
+        if call.has_left:
+            child.kill()
         try:
-            answer = child.ask(forwarded, content, self._seconds)
+            answer = child.ask(call.forwarded, call.content, self._seconds)
         except (OSError, EOFError):  # the child was too slow, or its limits ended it
             child.connection.close()
             with self._changing:
@@ -266,6 +277,8 @@ class LimitedChildren:
                 f"processing the body takes more than {self._seconds:.0f} s or {self._memory >> 20} MiB; "
                 "split the body into several requests",
             ) from None
+        finally:
+            call.child = None
         with self._changing:
             self._busy -= 1
             self._idle.append(child)
@@ -308,6 +321,25 @@ class LimitedChildren:
         return _Child(connection)
 
 
+@dataclass
+class _Call:
+    """A request that a child answers."""
+
+    forwarded: Forwarded
+    content: bytes
+    child: _Child | None = None  #: child that answers
+    has_left: bool = False  #: whether the client has closed the connection
+
+
+async def _end_when_client_leaves(request: Request, call: _Call) -> None:
+    """End the child that answers a request when the client closes the connection."""
+    while not await request.is_disconnected():
+        await anyio.sleep(_LEFT_AFTER_SECONDS)
+    call.has_left = True
+    if call.child is not None:
+        call.child.kill()
+
+
 class _Child:
     """A child process, at the other end of a connection."""
 
@@ -330,6 +362,11 @@ class _Child:
     def has_ended(self) -> bool:
         """Return whether an idle child has ended: a living one sends nothing once it is ready."""
         return self._process is not None and self.connection.poll()
+
+    def kill(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            _kill(self._process)
 
     def ask(self, forwarded: Forwarded, content: bytes, seconds: float) -> tuple[bytes, bytes]:
         """Send a request with its body; return (status and headers as JSON, body) of the answer.

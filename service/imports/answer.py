@@ -33,7 +33,7 @@ from jointstiff.service.imports.mapping import (
     replace_role,
 )
 from jointstiff.service.imports.propose import propose
-from jointstiff.service.imports.tables import Table, TableError, split_words
+from jointstiff.service.imports.tables import Table, TableError, split_words, transpose
 from jointstiff.service.imports.template import find_template
 from jointstiff.service.imports.texts import EncodingError
 from jointstiff.service.imports.weight_step import is_weight_step, read_weight_step
@@ -201,13 +201,15 @@ class _Import:
 def _view(table: Table, mapping: Mapping) -> TableView:
     """Return a table with the role of each column, and with the parts of words that have a role."""
     role_of: dict[str, str] = {}
+    parts = [part for part in mapping.tables if is_named(table, part)]
+    if any(part.transpose for part in parts):
+        table = transpose(table)
     columns = list(table.columns)
-    for part in mapping.tables:
-        if is_named(table, part):
-            for role in part.roles:
-                role_of |= dict.fromkeys(list_columns(role), describe_role(role))
-            for name, marks in part.split.items():
-                columns += split_words(table.column(name), marks)
+    for part in parts:
+        for role in part.roles:
+            role_of |= dict.fromkeys(list_columns(role), describe_role(role))
+        for name, marks in part.split.items():
+            columns += split_words(table.column(name), marks)
     views = [
         TableColumn(
             id=column.id,
