@@ -77,11 +77,6 @@ class JointColumns:
     counting: JointCounting
     groups: RowGroups = RowGroups()
 
-    @property
-    def is_reversed(self) -> bool:
-        """Return whether the columns lead from the flange to the base."""
-        return self.columns[0] > self.columns[-1]
-
 
 @dataclass(frozen=True)
 class PointColumns:

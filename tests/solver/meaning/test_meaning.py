@@ -10,7 +10,6 @@ from jointstiff.service.resources.known_robots import catalogue_robots
 from jointstiff.solver.meaning.proposal import propose
 from jointstiff.solver.meaning.screening import choose_subsets
 from jointstiff.solver.meaning.table import RowGroups, Table
-from jointstiff.solver.meaning.words import describe, remark
 from jointstiff.solver.mechanics.postures import Postures
 
 
@@ -51,15 +50,13 @@ def test_a_list_of_points_is_matched_to_the_postures(robots, order):
     np.testing.assert_allclose([each.place for each in best.readings], PLACES, atol=5e-3)
 
 
-def test_the_sentence_names_columns_units_robot_residual_and_next_best(robots):
+def test_reversed_columns_are_found_with_residual_and_next_best(robots):
     known = robots["Yaskawa GP25"]
     joints, points = measure(known)
     best = propose([Table("a", wide(joints[:, ::-1], points[:, 0]))], [known]).best
-    sentence = describe(best)
-    assert sentence.startswith("columns 1–6 as J6…J1 [deg] and 7–9 as T1 [mm] fit the Yaskawa GP25 to ")
-    assert "mm in 16 of 16 positions (next best: " in sentence
-    assert best.margin > 4.0
-    assert remark(best) == ""
+    assert best.joints.columns == (5, 4, 3, 2, 1, 0)
+    assert (best.fitting, best.count, best.doubt) == (16, 16, "")
+    assert best.next_residual > 4.0 * best.residual
 
 
 def test_a_search_of_the_catalogue_finds_the_measured_arm(robots):
