@@ -241,7 +241,7 @@ def _section(
         notes=(
             f"damaged URDFs: {taken}; `alone`: Pinocchio's reader refuses it, so it is compared with nothing",
             "hostile URDFs one by one: tests/solver/mechanics/test_robot.py",
-            "uploads that are misread: tests/service/importing/test_importing_mutations.py",
+            "uploads that are misread: tests/service/imports/test_damaged_files.py",
             *raised[:5],
         ),
         data={"answers": answers, "models": dict(models)},

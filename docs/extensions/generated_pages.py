@@ -6,9 +6,6 @@ import ast
 import importlib
 import inspect
 import pkgutil
-import tomllib
-from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +19,7 @@ from jointstiff.service.store.store import Store
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
-__all__ = ["findings_page", "headers_page", "python_pages", "setup"]
+__all__ = ["findings_page", "python_pages", "setup"]
 
 ROOMS = ("jointstiff.solver", "jointstiff.service.library", "jointstiff.simulator", "jointstiff.schemas")
 """Packages that Python code uses from outside, with the packages in them."""
@@ -41,18 +38,6 @@ Codes of findings, sorted by subject. The verdict in italics is the best verdict
 finding itself has its `weight`, its numbers and its remedy. [How to read a
 result](../reading-a-result.md) explains verdicts.
 """
-_HEADERS = """# Words of headers
-
-All words that an [import](../import.md) understands in headers, names of points and cells, made from
-`service/importing/words.toml`. Upper and lower case letters are equivalent, except in units.
-"""
-_PLACES = {
-    "before": "before",
-    "behind": "behind",
-    "joined_before": "joined before",
-    "joined_behind": "joined behind",
-}
-"""Place of a word beside one for a load → the place in words."""
 _PAGE = """# {name}
 
 ```{{eval-rst}}
@@ -84,47 +69,6 @@ def findings_page() -> str:
         for title, meanings in MEANINGS.items()
     ]
     return _FINDINGS + "\n".join(parts) + "\n"
-
-
-def headers_page() -> str:
-    """Return the page of all words that an import understands, by their meaning."""
-    tables = tomllib.loads(
-        resources.files("jointstiff.service.importing").joinpath("words.toml").read_text("utf-8")
-    )
-    phrases = tables.pop("phrases")
-    parts = [_headers_part(title, table) for title, table in tables.items()]
-    parts.append(_phrases_part(phrases))
-    return _HEADERS + "".join(parts)
-
-
-def _headers_part(title: str, table: dict[str, Any]) -> str:
-    """Return the section of a table of words: a line for each meaning."""
-    lines = [
-        f"* **{meaning}**: {_list_words(words)}"
-        for meaning, words in table.items()
-        if isinstance(words, list)
-    ]
-    inner = [
-        _headers_part(f"{title}: {name}", words) for name, words in table.items() if isinstance(words, dict)
-    ]
-    section = f"\n## {title[0].upper()}{title[1:]}\n\n" + "\n".join(lines) + "\n" if lines else ""
-    return section + "".join(inner)
-
-
-def _phrases_part(groups: Sequence[dict[str, Any]]) -> str:
-    """Return the section of phrases of a load: a line for each state and place of the word for the state."""
-    lines = [
-        f"* **{state}**: {_list_words(words) or 'nothing'} {place} {_list_words(group['load'])}"
-        for group in groups
-        for key, place in _PLACES.items()
-        for state, words in group.get(key, {}).items()
-    ]
-    return "\n## Phrases\n\n" + "\n".join(lines) + "\n"
-
-
-def _list_words(words: Sequence[str]) -> str:
-    """Return words as code, with commas between them."""
-    return ", ".join(f"`{word}`" for word in words if word)
 
 
 def _packages(name: str) -> list[str]:
@@ -170,7 +114,6 @@ def _write(folder: Path) -> None:
         "http": operations_page(document),
         "messages": messages_page(document),
         "findings": findings_page(),
-        "headers": headers_page(),
     }
     folder.mkdir(exist_ok=True)
     for old in folder.glob("*.md"):
