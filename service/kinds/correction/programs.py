@@ -33,8 +33,8 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.conversion.robots import joint_kinds_by_name
 from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.kinds.program.files import compress_file, decompress_file
-from jointstiff.service.kinds.program.path import (
+from jointstiff.service.kinds.correction.files import compress_file, decompress_file
+from jointstiff.service.kinds.correction.path import (
     ProgramPath,
     Visits,
     convert_start_joints,
@@ -42,7 +42,7 @@ from jointstiff.service.kinds.program.path import (
     find_path,
     measure_lengths,
 )
-from jointstiff.service.kinds.program.text import FaultsError, insert_mark, read_program
+from jointstiff.service.kinds.correction.text import FaultsError, insert_mark, read_program
 from jointstiff.service.kinds.work import (
     Arrays,
     Span,

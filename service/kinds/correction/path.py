@@ -12,8 +12,8 @@ import numpy as np
 from jointstiff.schemas.program import ProgramFrame, ProgramOptions
 from jointstiff.service.conversion.robots import joint_factors, refuse_far_point, refuse_wrong_joint_count
 from jointstiff.service.conversion.units import LENGTH
-from jointstiff.service.kinds.program.loads import Loads, collect_loads
-from jointstiff.service.kinds.program.text import FaultsError
+from jointstiff.service.kinds.correction.loads import Loads, collect_loads
+from jointstiff.service.kinds.correction.text import FaultsError
 from jointstiff.service.kinds.work import as_request_errors
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.correct.feed import apply_feed_frames, find_feed_frames
