@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from benchmarks.report import Figure, Part, Section
-from jointstiff.service.kinds.program.loads import read_load_table
+from jointstiff.service.kinds.correction.loads import read_load_table
 from jointstiff.service.problems import FilesError
 from robotprograms import fanuc, krl, rapid, ur
 from robotprograms.language import Misread

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks.report import Figure, Section
-from jointstiff.service.kinds.program.files import decompress_file
-from jointstiff.service.kinds.program.work import (
+from jointstiff.service.kinds.correction.files import decompress_file
+from jointstiff.service.kinds.correction.programs import (
     Corrections,
     points_sheet,
     write_compensated_program,

@@ -24,8 +24,8 @@ from jointstiff.schemas.robot import Robot
 from jointstiff.schemas.run import Run
 from jointstiff.service.api.answers import make_missing_error
 from jointstiff.service.jobs import Jobs, Parts
+from jointstiff.service.kinds.correction.files import decompress_file
 from jointstiff.service.kinds.kind import AnyKind, File
-from jointstiff.service.kinds.program.files import decompress_file
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.retired import RETIRED
 from jointstiff.service.problems import NotFoundError

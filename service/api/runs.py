@@ -47,7 +47,7 @@ from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.jobs import InjectedPost, JobId, JobRoute, Posted
 from jointstiff.service.imports.formats import SourceFile
 from jointstiff.service.jobs import Jobs, Parts
-from jointstiff.service.kinds.program.files import compress_file
+from jointstiff.service.kinds.correction.files import compress_file
 from jointstiff.service.kinds.program.kind import PROGRAM
 from jointstiff.service.problems import NotFoundError, find_path_in_document
 from jointstiff.service.resources.stored import load_job, robot_from_record

@@ -728,7 +728,7 @@ def _list_moves(values: _Values, paths: Sequence[Path]) -> Sequence[Any]:
     from jointstiff.service.problems import naming_missing_extra
 
     with naming_missing_extra("a program file"):
-        from jointstiff.service.kinds.program.text import list_moves
+        from jointstiff.service.kinds.correction.text import list_moves
     files = [(path.name, path.read_bytes()) for path in paths]
     with naming_options(ProgramOptions):
         return list_moves(
@@ -757,7 +757,7 @@ def _write_program_files(job: Any, values: _Values, sources: Sequence[Any]) -> A
 
     Return the job.
     """
-    from jointstiff.service.kinds.program.files import decompress_file
+    from jointstiff.service.kinds.correction.files import decompress_file
 
     paths = _choose_program_paths(values, sources)
     for file in job.result.files:

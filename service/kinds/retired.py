@@ -10,8 +10,8 @@ from types import MappingProxyType
 from typing import Final, NoReturn
 
 from jointstiff.schemas.retired import RetiredFleet, RetiredJob, RetiredProcess, RetiredProgram, StoredFields
+from jointstiff.service.kinds.correction.files import CONTENT
 from jointstiff.service.kinds.kind import AnyKind, Kind
-from jointstiff.service.kinds.program.kind import CONTENT
 from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.service.tables.report import Report
 from jointstiff.service.tables.table import Line

@@ -157,7 +157,7 @@ class Here(Verbs):
             CampaignError: the request cannot be used.
         """
         if kind.is_form:
-            from jointstiff.service.kinds.program.files import compress_file
+            from jointstiff.service.kinds.correction.files import compress_file
 
             if sum(map(len, files.values())) > kind.max_bytes:
                 raise CampaignError(http_problem(413, "the files exceed 16 MiB", "split the program"))
@@ -194,7 +194,7 @@ class Here(Verbs):
                     _make_exported_model(job), cast("Any", suffix), (query or {}).get("accept_verdict")
                 )
         if name == "program":
-            from jointstiff.service.kinds.program.files import decompress_file
+            from jointstiff.service.kinds.correction.files import decompress_file
 
             file_name = (query or {}).get("file")
             if self.files:

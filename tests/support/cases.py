@@ -25,7 +25,7 @@ from support.campaigns import prepare
 from support.live import positions
 
 import jointstiff as js
-from jointstiff.service.kinds.program.files import decompress_file
+from jointstiff.service.kinds.correction.files import decompress_file
 from jointstiff.service.runs.trend import Campaign, ReadRun, compare_campaigns
 from jointstiff.service.store.tables import MeasurementSetEntry
 from jointstiff.simulator import default_arm

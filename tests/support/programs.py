@@ -10,8 +10,8 @@ import jointstiff
 from jointstiff.schemas.program import ProgramRequest, ProgramResult
 from jointstiff.schemas.run import Campaign, Run
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.kinds.program.files import compress_file
-from jointstiff.service.kinds.program.work import ProgramWork
+from jointstiff.service.kinds.correction.files import compress_file
+from jointstiff.service.kinds.correction.programs import ProgramWork
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.simulator.programs import PROGRAM_FILES
 from jointstiff.solver.mechanics.robot import Robot

@@ -10,8 +10,8 @@ from jointstiff.schemas.correction import (
     CorrectionRequest,
     CorrectionResult,
 )
+from jointstiff.service.kinds.correction.files import CONTENT, decompress_file
 from jointstiff.service.kinds.kind import File, Kind, list_table_files
-from jointstiff.service.kinds.program.kind import CONTENT
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Column, Line, Table
 
@@ -46,7 +46,6 @@ def _prepare_work(inputs: Inputs, request: CorrectionRequest) -> Work:
 
 def make_rows_sheet(job: CorrectionJob) -> Sheet:
     """Return the sheet of all corrected rows, unpacked from the stored result."""
-    from jointstiff.service.kinds.program.files import decompress_file
     from jointstiff.service.tables.packed import unpack_sheet
 
     if job.result is None or job.result.table is None:

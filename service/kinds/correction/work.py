@@ -18,7 +18,7 @@ from jointstiff.schemas.correction import (
 from jointstiff.schemas.program import ProgramFile
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_texts
-from jointstiff.service.kinds.program.files import compress_file, decompress_file
+from jointstiff.service.kinds.correction.files import compress_file, decompress_file
 from jointstiff.service.kinds.work import (
     Arrays,
     Span,

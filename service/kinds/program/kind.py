@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from jointstiff.schemas.program import (
     Spread,
     SpreadEnds,
 )
+from jointstiff.service.kinds.correction.files import CONTENT
 from jointstiff.service.kinds.kind import Kind, list_table_files
 from jointstiff.service.problems import naming_missing_extra
 from jointstiff.service.tables.estimate import (
@@ -66,23 +66,19 @@ _EXAMPLES: Final[dict[str, Any]] = {
 def _prepare_work(inputs: Inputs, request: ProgramRequest) -> Work:
     """Return the work of a program, which is computed later; numerical modules are imported here."""
     with naming_missing_extra("a program file"):
-        from jointstiff.service.kinds.program.work import prepare_compensation
+        from jointstiff.service.kinds.correction.programs import prepare_compensation
 
     return prepare_compensation(inputs, request)
 
 
 def make_points_sheet(job: Program) -> Sheet:
     """Return the sheet of all points, decompressed from the stored result of a program."""
-    from jointstiff.service.kinds.program.files import decompress_file
-    from jointstiff.service.kinds.program.work import points_sheet
+    from jointstiff.service.kinds.correction.files import decompress_file
+    from jointstiff.service.kinds.correction.programs import points_sheet
 
     if job.result is None:
         raise ValueError("the program has no result")
     return points_sheet(decompress_file(job.result.table))
-
-
-CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
-"""Pattern of a file's content in a job's JSON; texts of users cannot match: their quotes are escaped."""
 
 
 def choose_program_paths(path: Path, names: Iterable[str]) -> dict[str, Path]:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from jointstiff.schemas.correction import CorrectionOptions, CorrectionRequest, CorrectionResult
 from jointstiff.schemas.finding import Assessment
 from jointstiff.schemas.measurement import Units
+from jointstiff.schemas.program import ProgramOptions
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.robots import (
     joint_factors,
@@ -106,13 +107,13 @@ class TableCorrection:
         Raises:
             RequestError: the run has no model, the options contradict each other, or poses and joints do.
         """
-        _refuse_compensating_controller(options)
+        refuse_compensating_controller(options)
         units, length = options.units, LENGTH[options.units.length]
         model = _build_model(robot, run, options)
         tool, base = _read_frame(options.tool, units), _read_frame(options.base, units)
         refuse_far_point(options.load_point, "load_point", length=length)
         load_point = None if options.load_point is None else length * np.array(options.load_point)
-        waypoints = Waypoints(table.poses, tool, base, table.joints, _read_start(robot, options))
+        waypoints = Waypoints(table.poses, tool, base, table.joints, read_start(robot, options))
         loads = turn_loads(waypoints.find_axes(options.axes), _state_loads(options, table, waypoints))
         path = FoundPath.find(
             model.model,
@@ -120,7 +121,7 @@ class TableCorrection:
             _build_inverse(robot, waypoints),
             waypoints,
             loads,
-            CorrectionSettings(_read_limits(options), options.confidence),
+            CorrectionSettings(read_limits(options), options.confidence),
             load_point=load_point,
             feed=None if options.feed is None else length * options.feed,
         )
@@ -136,7 +137,7 @@ class TableCorrection:
         return CorrectedTable(rows, assessment, self._model.remarks(confidence), confidence)
 
 
-def _refuse_compensating_controller(options: CorrectionOptions) -> None:
+def refuse_compensating_controller(options: CorrectionOptions | ProgramOptions) -> None:
     """Refuse a correction for a controller that compensates the load, because the load would count twice.
 
     Raises:
@@ -144,13 +145,15 @@ def _refuse_compensating_controller(options: CorrectionOptions) -> None:
     """
     if options.accuracy_option == "compensates_load":
         raise RequestError(
-            "the controller already compensates the deflection under load",
+            "the controller already compensates the deflection under load, so a second compensation would "
+            "be wrong",
             where="accuracy_option",
-            remedy="switch the controller's accuracy option off, and measure again",
+            remedy="switch the controller's accuracy option off, repeat the measurement, and set "
+            "`accuracy_option` to `off`",
         )
 
 
-def _read_start(robot: Robot, options: CorrectionOptions) -> FloatArray | None:
+def read_start(robot: Robot, options: CorrectionOptions | ProgramOptions) -> FloatArray | None:
     """Return the controller's joints (n,) near the first pose [rad or m]; None if they are not stated.
 
     Raises:
@@ -175,7 +178,7 @@ def _build_inverse(robot: Robot, waypoints: Waypoints) -> InverseKinematics:
         raise RequestError(error.reason, remedy=error.remedy, where=error.where) from error
 
 
-def _read_limits(options: CorrectionOptions) -> CorrectionLimits:
+def read_limits(options: CorrectionOptions | ProgramOptions) -> CorrectionLimits:
     """Return the limits of corrections [m, rad], the usual ones where the options state none."""
     limits = CorrectionLimits()
     if options.max_displacement is not None:

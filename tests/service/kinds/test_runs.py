@@ -18,9 +18,9 @@ from jointstiff.schemas.deflection import DeflectionOptions
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service import jobs as module
 from jointstiff.service.jobs import Parts
-from jointstiff.service.kinds.program import path as program_path
-from jointstiff.service.kinds.program.text import FaultsError
-from jointstiff.service.kinds.program.work import ProgramWork
+from jointstiff.service.kinds.correction import path as program_path
+from jointstiff.service.kinds.correction.programs import ProgramWork
+from jointstiff.service.kinds.correction.text import FaultsError
 from jointstiff.service.kinds.run import kind as run_module
 from jointstiff.service.kinds.run.kind import RUN
 from jointstiff.service.kinds.work import carry_out, new_job, pack_arrays

@@ -15,9 +15,9 @@ from support.slides import arm_on_rail
 import jointstiff as js
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.kinds.program.files import decompress_file
-from jointstiff.service.kinds.program.text import FaultsError
-from jointstiff.service.kinds.program.work import ProgramWork
+from jointstiff.service.kinds.correction.files import decompress_file
+from jointstiff.service.kinds.correction.programs import ProgramWork
+from jointstiff.service.kinds.correction.text import FaultsError
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, random_configurations, simulate_campaign
 from jointstiff.simulator.own_weight import default_bodies, sag, unloaded_campaign
 from jointstiff.simulator.programs import program_text

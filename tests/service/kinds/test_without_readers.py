@@ -20,10 +20,11 @@ REMEDY = 'pip install "jointstiff[programs]"'
 @pytest.fixture
 def without_readers(monkeypatch):
     """Let each import of the readers fail, and forget the modules that have imported them."""
-    importing = ("jointstiff.service.kinds.program.", "robotprograms")
-    for name in [name for name in sys.modules if name.startswith(importing)]:
-        if not name.endswith((".kind", ".verb", ".files")):
-            monkeypatch.delitem(sys.modules, name)
+    importing = tuple(
+        f"jointstiff.service.kinds.correction.{name}" for name in ("loads", "path", "programs", "text")
+    )
+    for name in [name for name in sys.modules if name.startswith((*importing, "robotprograms"))]:
+        monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "robotprograms", None)
 
 

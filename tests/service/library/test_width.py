@@ -19,7 +19,7 @@ import jointstiff as js
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds import width
-from jointstiff.service.kinds.program.text import FaultsError
+from jointstiff.service.kinds.correction.text import FaultsError
 from jointstiff.service.kinds.run.work import RunWork
 from jointstiff.service.kinds.width import CancelledWorkError, map_in_order
 from jointstiff.service.library.client import Client

@@ -22,10 +22,10 @@ from support.programs import (
 
 import robotprograms
 from jointstiff import schemas, service, solver
-from jointstiff.service.kinds.program.files import compress_file, decompress_file
-from jointstiff.service.kinds.program.text import FaultsError
-from jointstiff.service.kinds.program.text import read_program as read_unmarked
-from jointstiff.service.kinds.program.work import ProgramWork
+from jointstiff.service.kinds.correction.files import compress_file, decompress_file
+from jointstiff.service.kinds.correction.programs import ProgramWork
+from jointstiff.service.kinds.correction.text import FaultsError
+from jointstiff.service.kinds.correction.text import read_program as read_unmarked
 from jointstiff.service.kinds.work import pack_arrays, unpack_arrays
 from jointstiff.service.problems import FilesError
 from jointstiff.service.security import admission

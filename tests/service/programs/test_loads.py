@@ -12,9 +12,9 @@ from support.programs import (
     tool_poses,
 )
 
-from jointstiff.service.kinds.program.files import compress_file, decompress_file
-from jointstiff.service.kinds.program.loads import read_load_table
-from jointstiff.service.kinds.program.work import ProgramWork
+from jointstiff.service.kinds.correction.files import compress_file, decompress_file
+from jointstiff.service.kinds.correction.loads import read_load_table
+from jointstiff.service.kinds.correction.programs import ProgramWork
 from jointstiff.service.problems import FilesError
 from jointstiff.simulator.programs import program_text
 from jointstiff.solver.errors import RequestError

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from support.examples import examples
 from support.programs import FORCE, START, compensated, tool_poses, work_of
 
-from jointstiff.service.kinds.program.files import decompress_file
-from jointstiff.service.kinds.program.path import _WORDS
-from jointstiff.service.kinds.program.text import FaultsError
+from jointstiff.service.kinds.correction.files import decompress_file
+from jointstiff.service.kinds.correction.path import _WORDS
+from jointstiff.service.kinds.correction.text import FaultsError
 from jointstiff.simulator.programs import program_text
 from robotprograms.errors import ProgramError
 from robotprograms.formats import read_program

@@ -5,9 +5,9 @@ import pytest
 from scipy import stats
 from support.programs import FORCE, compensated, exact_run, path, request, tool_poses
 
-from jointstiff.service.kinds.program.files import compress_file, decompress_file
-from jointstiff.service.kinds.program.text import FaultsError
-from jointstiff.service.kinds.program.work import ProgramWork
+from jointstiff.service.kinds.correction.files import compress_file, decompress_file
+from jointstiff.service.kinds.correction.programs import ProgramWork
+from jointstiff.service.kinds.correction.text import FaultsError
 from jointstiff.service.problems import MovesLeftError, VerdictError
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
 from jointstiff.solver.errors import RequestError

@@ -10,10 +10,10 @@ from support.programs import compensated, path, request, tool_poses
 
 import robotprograms
 from jointstiff.schemas.program import MAX_FILES
-from jointstiff.service.kinds.program.files import decompress_file
-from jointstiff.service.kinds.program.loads import read_load_table
-from jointstiff.service.kinds.program.path import ProgramFrames, StatedConfigurations
-from jointstiff.service.kinds.program.text import FaultsError
+from jointstiff.service.kinds.correction.files import decompress_file
+from jointstiff.service.kinds.correction.loads import read_load_table
+from jointstiff.service.kinds.correction.path import ProgramFrames, StatedConfigurations
+from jointstiff.service.kinds.correction.text import FaultsError
 from jointstiff.service.problems import FilesError, problem_from_error
 from robotprograms import Fault, ProgramError, read_program
 

@@ -14,7 +14,7 @@ from support.api import DELETE, RESTORE, file_at, job_at
 from jointstiff.service.archive.restoring import restore_archive
 from jointstiff.service.archive.writing import write_archive
 from jointstiff.service.jobs import Part, Parts, make_record
-from jointstiff.service.kinds.program.files import decompress_file
+from jointstiff.service.kinds.correction.files import decompress_file
 from jointstiff.service.kinds.retired import RETIRED
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.worker import carry_out

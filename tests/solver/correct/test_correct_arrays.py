@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from support.programs import FORCE, START, TOOL, compensated, exact_run, loaded_poses, path, tool_poses
 
-from jointstiff.service.kinds.program.files import decompress_file
+from jointstiff.service.kinds.correction.files import decompress_file
 from jointstiff.service.runs.verdicts import RunModel
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
 from jointstiff.solver.correct.correct import (

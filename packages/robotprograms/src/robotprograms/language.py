@@ -417,7 +417,7 @@ class Language:
     # pattern in statements that are not understood: such a statement may change what lasts (`MODE`)
     lasting: str = r"(?!)"
     # pattern in statements that are not understood: behind such a statement all values are unknown; any other
-    # one changes only names that it states, and may call only routines that it states
+    # assignment changes only names that it states, and may call only routines that it states
     forgets: str = ""
     # whether a routine is called by its name alone, and a statement that is not understood may be several, on
     # lines whose ends are missing
@@ -689,12 +689,19 @@ class Language:
         * all values are unknown behind a word of `forgets`, such as BASE, or IF, whose branch is not known;
         * no target is certain behind a word of `lasting`, because offsets or force control may be active.
 
-        Then come the calls of routines, and, if it moves nothing, a remark. Where all values are unknown,
-        they are left out: they would add nothing. But RAPID, which calls by a name alone, has them always.
+        Nor is a target certain behind a statement with a word, such as `HALLO`, that is neither a move, nor
+        an assignment, nor the call of a routine: nothing in the statement says what it changes. Then come the
+        calls of routines, and a remark on what is left. Where all values are unknown, both are omitted: they
+        would add nothing. But RAPID, which calls by a name alone, has them always.
         """
         plain = _QUOTED.sub("_", line.text)
+        calls = list(self._find_calls(plain))
+        is_move = self._motion.search(plain) is not None
+        is_assignment = _ASSIGNED.match(plain) is not None
+        has_word = _NAME.search(_QUOTED.sub("", line.text)) is not None  # without one, it commands nothing
+        is_unknown_command = has_word and not (is_move or is_assignment or calls_routine(calls))
         may_change_all = re.search(self.forgets, plain) is not None
-        may_move_targets = re.search(self.lasting, line.text) is not None
+        may_move_targets = is_unknown_command or re.search(self.lasting, line.text) is not None
         ops = list[Op]()
         if may_change_all:
             all_names = frozenset[Name]()  # without names, `MakeUnknown` makes all values unknown
@@ -704,9 +711,8 @@ class Language:
             ops.append(make_targets_uncertain(fault.reason, fault.remedy))
         if may_change_all and not self.calls_by_name:
             return ops
-        may_move = may_move_targets or self._motion.search(plain) is not None
-        remark = [] if may_move else [_note_assumption(fault)]
-        return [*ops, *self._find_calls(plain), *remark]
+        remark = [] if is_move or may_move_targets else [_note_assumption(fault)]
+        return [*ops, *calls, *remark]
 
     def _forget_names_in(self, line: Line, plain: str, fault: Misread) -> MakeUnknown:
         """Return the operation that makes the values of the names in a statement unknown.
@@ -1064,6 +1070,8 @@ _NO_EXPRESSION: Final = re.compile(
     r"[\w\0\"'] [\w\"'$#]|[)\]}] ?[\w\"$#]|[^\w\0\s$#\"'.+\-*/<>=:,()\[\]{}\\!%?&|;]|[=*/.<>,+-]$"
 )
 _NAME: Final = re.compile(r"(?<![\w$.#'\"])\$?[^\W\d]\w*+")
+_ASSIGNED: Final = re.compile(r"(?:[\w$]++ )*[\w$]++(?:\.[\w$]++|\[[^\[\]=]*+\])*:?=(?!=)")
+"""Pattern of the beginning of an assignment or a declaration with a value, such as `DECL INT n=`."""
 _CALLED: Final = re.compile(r"(?<![\w$.])(\$?[^\W\d][\w.]*+) ?\(")
 _OPENING_OF: Final = {")": "(", "]": "[", "}": "{"}
 

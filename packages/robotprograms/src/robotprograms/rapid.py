@@ -245,10 +245,14 @@ def _call_routine(line: Line, name: str, arguments: frozenset[str]) -> list[Op]:
 
     There are two calls, because only the whole program shows which one is meant. The first call counts if the
     program has a routine of this name. The second counts if it has none: the unknown routine may then change
-    its arguments, apart from the tool and the work object of a move.
+    its arguments, apart from the tool and the work object of a move. If it gets the target of a move in
+    numbers, as in `MovveL [[600,0,500],...],v100,z10,tool1;`, it may be a misspelled move: no target behind
+    it is certain.
     """
+    frames = _find_frames_of_move(line)
+    has_target_in_numbers = line["arguments"].lstrip().startswith("[[")
     own_routine = ir.call_if_defined(name, arguments)
-    other_routine = ir.Call(name, arguments - _find_frames_of_move(line))
+    other_routine = ir.Call(name, arguments - frames, may_last=bool(frames) and has_target_in_numbers)
     return [own_routine, other_routine]
 
 

@@ -32,17 +32,16 @@ from jointstiff.schemas.retired import RetiredProcess
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.conversion.robots import joint_kinds_by_name
-from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.kinds.program.files import compress_file, decompress_file
-from jointstiff.service.kinds.program.path import (
+from jointstiff.service.conversion.units import LENGTH
+from jointstiff.service.kinds.correction.files import compress_file, decompress_file
+from jointstiff.service.kinds.correction.path import (
     ProgramPath,
     Visits,
-    convert_start_joints,
     find_feeds,
     find_path,
     measure_lengths,
 )
-from jointstiff.service.kinds.program.text import FaultsError, insert_mark, read_program
+from jointstiff.service.kinds.correction.text import FaultsError, insert_mark, read_program
 from jointstiff.service.kinds.work import (
     Arrays,
     Span,
@@ -53,6 +52,11 @@ from jointstiff.service.kinds.work import (
 )
 from jointstiff.service.problems import MovesLeftError, VerdictError
 from jointstiff.service.resources.inputs import Inputs
+from jointstiff.service.runs.correction.answer import (
+    read_limits,
+    read_start,
+    refuse_compensating_controller,
+)
 from jointstiff.service.runs.verdicts import (
     RunModel,
     assess_with_run,
@@ -78,7 +82,6 @@ from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.forward import (
-    CorrectionLimits,
     ForwardModel,
     compute_pose_residuals,
     compute_ramp_shares,
@@ -769,22 +772,6 @@ def _interpret_external_axes(request: ProgramOptions, robot: Robot) -> ExternalA
     return ExternalAxes.OF_ROBOT if has_linear_axes else ExternalAxes.MAY_CARRY
 
 
-def _refuse_compensating_controller(request: ProgramRequest) -> None:
-    """Refuse a program for a controller that compensates the deflection under load itself.
-
-    Raises:
-        RequestError: the request states this by `accuracy_option`.
-    """
-    if request.accuracy_option == "compensates_load":
-        raise RequestError(
-            "the controller already compensates the deflection under load, so a second compensation would "
-            "be wrong",
-            where="accuracy_option",
-            remedy="switch the controller's accuracy option off, repeat the measurement, and set "
-            "`accuracy_option` to `off`",
-        )
-
-
 class _RequestFiles(NamedTuple):
     """Files of a request, decompressed."""
 
@@ -830,7 +817,7 @@ class ProgramWork(Work):
             RequestError: fields of the request contradict each other, the run has no model, or the program
                 is not understood.
         """
-        _refuse_compensating_controller(request)
+        refuse_compensating_controller(request)
         self.robot_id, self._request = robot_id, request
         self.input_hash = _hash_inputs(run.provenance.input_hash, request)
         length_unit = LENGTH[request.units.length]
@@ -855,7 +842,7 @@ class ProgramWork(Work):
         """Inverse kinematics of the robot, near the posture `start` of the request."""
         robot = self._run_model.model.robot
         with as_request_errors():
-            return InverseKinematics(robot, convert_start_joints(self._request, robot))
+            return InverseKinematics(robot, read_start(robot, self._request))
 
     @cached_property
     def _path(self) -> ProgramPath:
@@ -913,7 +900,7 @@ class ProgramWork(Work):
             FaultsError: the springs have no stable equilibrium under a load.
         """
         points = self._points()[slice(*span)]
-        settings = CorrectionSettings(self._correction_limits(), self._request.confidence)
+        settings = CorrectionSettings(read_limits(self._request), self._request.confidence)
         blended_cases = None if self._blend is None else self._blend.cases[points]
         corrections, faults, _ = correct_cases(
             self._run_model.model,
@@ -1050,16 +1037,6 @@ class ProgramWork(Work):
             )
             remedy = "move the part away from the singularity"
             yield make_reason("near_singularity", "use_with_care", message, remedy)
-
-    def _correction_limits(self) -> CorrectionLimits:
-        """Return the limits of a correction in m and rad, from the request or the default limits."""
-        request, limits = self._request, CorrectionLimits()
-        displacement, rotation = limits.displacement, limits.rotation
-        if request.max_displacement is not None:
-            displacement = LENGTH[request.units.length] * request.max_displacement
-        if request.max_rotation is not None:
-            rotation = ANGLE[request.units.angle] * request.max_rotation
-        return CorrectionLimits(displacement, rotation)
 
     def _make_result(
         self, points: WrittenPoints, files: list[ProgramFile], assessment: Assessment

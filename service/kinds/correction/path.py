@@ -10,11 +10,12 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 
 from jointstiff.schemas.program import ProgramFrame, ProgramOptions
-from jointstiff.service.conversion.robots import joint_factors, refuse_far_point, refuse_wrong_joint_count
+from jointstiff.service.conversion.robots import refuse_far_point
 from jointstiff.service.conversion.units import LENGTH
-from jointstiff.service.kinds.program.loads import Loads, collect_loads
-from jointstiff.service.kinds.program.text import FaultsError
+from jointstiff.service.kinds.correction.loads import Loads, collect_loads
+from jointstiff.service.kinds.correction.text import FaultsError
 from jointstiff.service.kinds.work import as_request_errors
+from jointstiff.service.runs.correction.answer import read_start
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.correct.feed import apply_feed_frames, find_feed_frames
 from jointstiff.solver.errors import RequestError
@@ -993,7 +994,7 @@ def find_wanted_postures(
     ranges = configurations.ranges(visits)
     takes_stated = _find_visits_in_stated_configuration(program, configurations, ranges)
     if start is None:
-        start = convert_start_joints(options, robot)
+        start = read_start(robot, options)
     with as_request_errors("robot"):
         joints, unreached = choose_postures(inverse, poses, programmed_joints, ranges, takes_stated, start)
     _refuse_unreached_targets(program, visits, unreached)
@@ -1035,20 +1036,6 @@ def _refuse_unreached_targets(program: Program, visits: IndexArray, unreached: I
         faults.append(_make_fault(program, int(visits[row]), reason, remedy))
     if faults:
         raise FaultsError(faults)
-
-
-def convert_start_joints(options: ProgramOptions, robot: Robot) -> FloatArray | None:
-    """Convert the option `start`, the controller's joint positions near the first target, to rad or m.
-
-    Return the positions (n,); None if the request has no `start`.
-
-    Raises:
-        RequestError: the number of joints does not fit the robot.
-    """
-    if options.start is None:
-        return None
-    refuse_wrong_joint_count(robot, options.start, "start")
-    return np.asarray(joint_factors(robot, options.units) * np.array(options.start))
 
 
 def _refuse_changed_configuration_letters(

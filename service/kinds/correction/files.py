@@ -1,15 +1,18 @@
-"""The files of programs as they are stored: compressed, in base64, with size and digest."""
+"""Files of requests and results as they are stored: compressed, in base64, with size and digest."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
+import re
 import zlib
 from typing import Final
 
 from jointstiff.schemas.program import ProgramFile
 from jointstiff.solver.errors import RequestError
 
+CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
+"""Pattern of a file's content in a job's JSON; texts of users cannot match: their quotes are escaped."""
 _MAX_UNPACKED: Final = 256 * 1024 * 1024
 """Greatest size of a file after decompression, which protects the memory."""
 
