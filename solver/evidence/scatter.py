@@ -655,7 +655,7 @@ def _separate_loads(block: RegressorBlock, rows: FloatArray) -> tuple[FloatArray
         The turned rows; and (N,) by how much whitening enlarged the motion by shared errors in each.
     """
     turned, enlarged = rows.copy(), np.ones(len(rows))
-    numbers = block.measurements.unloaded_readings
+    numbers = block.unloaded_readings
     for number in np.unique(numbers[block.load_counts > 1]):
         loads = np.flatnonzero(numbers == number)
         count = len(loads)

@@ -448,19 +448,20 @@ class RegressorBlock:
         return compute_scatter_roots(self.shared_motion, scatter.list_turns(self.robot.n), scatter.station)
 
     @cached_property
+    def unloaded_readings(self) -> IndexArray:
+        """Number (B,) of the unloaded reading of each observation."""
+        return self.measurements.number_unloaded_readings()
+
+    @cached_property
     def load_counts(self) -> IndexArray:
         """Number (B,) of loads in this block that share the unloaded reading of each observation."""
-        _, numbers, counts = np.unique(
-            self.measurements.unloaded_readings, return_inverse=True, return_counts=True
-        )
-        return np.asarray(counts[numbers])
+        return np.asarray(np.bincount(self.unloaded_readings)[self.unloaded_readings])
 
     def _average_over_loads(self, rows: FloatArray) -> FloatArray:
         """Return the mean of rows (B, 3 T, k) over the loads of the same unloaded reading, for each load."""
-        _, numbers = np.unique(self.measurements.unloaded_readings, return_inverse=True)
-        total = np.zeros((numbers.max() + 1, *rows.shape[1:]))
-        np.add.at(total, numbers, rows)
-        return np.asarray(total[numbers] / self.load_counts[:, None, None])
+        total = np.zeros((self.unloaded_readings.max() + 1, *rows.shape[1:]))
+        np.add.at(total, self.unloaded_readings, rows)
+        return np.asarray(total[self.unloaded_readings] / self.load_counts[:, None, None])
 
     def _whiten_shared_errors(self, rows: FloatArray, variance: FloatArray) -> FloatArray:
         """Multiply rows (B, 3 T, k) by ``(v I + G Gᵀ)^(-1/2)``, with the variances v (B,) of their noise."""

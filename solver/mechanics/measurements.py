@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -533,9 +532,8 @@ class Measurements:
                 remedy="state `noise.sigma` and `noise.encoder_sigma`, or omit the encoder readings",
             )
 
-    @cached_property
-    def unloaded_readings(self) -> IndexArray:
-        """(N,) number of the unloaded reading of each observation.
+    def number_unloaded_readings(self) -> IndexArray:
+        """Return the number (N,) of the unloaded reading of each observation, counted from 0.
 
         Loads of one posture may share it: equal angles and equal positions of all targets are one reading.
         Where positions were not measured, or encoders were read, each observation has a reading of its own.

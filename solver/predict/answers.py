@@ -482,9 +482,6 @@ def _build_joint_model(
     weight: OwnWeight | None,
 ) -> JointModel:
     """Return the forward model of a run in which only joints bend."""
-    compliance = [joint.compliance or 0.0 for joint in joints]  # zero where nothing is known
-    if stored.weight is not None:  # joints without a published compliance sag, too
-        compliance = stored.weight.compliance
     likelihood = None
     if stored.covariance:
         identified_joints = np.array([robot.joint_names.index(name) for name in stored.seen], dtype=np.intp)
@@ -493,14 +490,40 @@ def _build_joint_model(
             identified_joints, np.array(stored.estimate), np.array(stored.covariance), information_root
         )
     bounds = Bounds(_fill_missing_limits(stored.lower, -np.inf), _fill_missing_limits(stored.upper, np.inf))
+    if stored.weight is not None:  # joints without a published compliance sag, too
+        compliance = np.array(stored.weight.compliance)
+    else:
+        compliance = _list_compliances(joints, likelihood, bounds)
     return JointModel(
         robot,
-        np.array(compliance),
+        compliance,
         likelihood,
         Constraints(bounds, tuple(stored.order)),
         weight,
         degrees_of_freedom=stored.degrees_of_freedom,
     )
+
+
+def _list_compliances(
+    joints: Sequence[JointResult], likelihood: Likelihood | None, bounds: Bounds
+) -> FloatArray:
+    """Return the compliance (n,) of each joint [rad/(N·m)] that predicts; zero where nothing is known.
+
+    Joints that readings show only together have no published compliance, but their sum predicts: they have
+    the most likely compliances given the published ones.
+    """
+    compliance = np.array([joint.compliance or 0.0 for joint in joints])
+    if likelihood is None:
+        return compliance
+    seen, covariance = likelihood.joints, likelihood.covariance
+    is_published = np.array([joints[j].compliance is not None for j in seen.tolist()])
+    together = seen[~is_published]
+    change = (compliance[seen] - likelihood.centre)[is_published]
+    inverse = np.linalg.pinv(covariance[np.ix_(is_published, is_published)], hermitian=True)
+    shift = covariance[np.ix_(~is_published, is_published)] @ inverse @ change
+    most_likely = likelihood.centre[~is_published] + shift
+    compliance[together] = np.clip(most_likely, bounds.lower[together], bounds.upper[together])
+    return compliance
 
 
 def _build_elastic_model(

@@ -111,7 +111,7 @@ class TestKept:
     def test_a_rewritten_job_states_the_version_of_its_document(self, restored: Restore, number: str) -> None:
         with Store.open(restored(number), upgrade=lambda _: None) as store:
             before = dict(
-                rows_of(store, "SELECT id, schema FROM jobs WHERE schema < 23 AND state = 'succeeded'")
+                rows_of(store, "SELECT id, schema FROM jobs WHERE schema < 24 AND state = 'succeeded'")
             )
             store.old_documents.rewrite(FOREVER)
             jobs_of_all_kinds = Parts(store)

@@ -345,7 +345,7 @@ def shared_readings(postures, loads, seed=0):
 def test_deflections_that_share_an_unloaded_reading_are_whitened_by_their_whole_covariance(scatter):
     """Three loads in each of two postures: ``½ (I + 1 1ᵀ)`` for the noise; a load has shared errors anew."""
     measurements = replace(shared_readings(2, 3), scatter=scatter)
-    assert measurements.unloaded_readings.tolist() in ([0, 0, 0, 1, 1, 1], [1, 1, 1, 0, 0, 0])
+    assert measurements.number_unloaded_readings().tolist() in ([0, 0, 0, 1, 1, 1], [1, 1, 1, 0, 0, 0])
     block = get_whole_block(ROBOT, measurements)
     by_joints, by_station = (motion[0] for motion in block.shared_motion)
     G = np.concatenate([scatter.joints * by_joints, scatter.station * by_station], axis=-1)
