@@ -237,8 +237,7 @@ def _keys(part: Any, step: str) -> Sequence[Any]:
 
 
 def _assessed(assessment: Any) -> dict[str, Any]:
-    findings = [*assessment.reasons, *assessment.questions]
-    return {"verdict": assessment.verdict, "reasons": [_finding(each) for each in findings]}
+    return {"verdict": assessment.verdict, "reasons": [_finding(each) for each in assessment.reasons]}
 
 
 def _finding(each: Any) -> str:
@@ -349,7 +348,7 @@ def predict(document: dict[str, Any], *, run_options: Any = None, run: Any = Non
     found = js.predict(run, options.pop("cases", given), **options)
     out = {
         "verdict": found.assessment.verdict,
-        "reasons": [_finding(each) for each in (*found.assessment.reasons, *found.assessment.questions)],
+        "reasons": [_finding(each) for each in found.assessment.reasons],
     }
     for each in found.cases:
         out[f"moves {each.label}"] = [each.displacement, each.rotation]
