@@ -224,7 +224,9 @@ def test_a_trend_is_shown_as_a_table_a_picture_and_a_file(client, long, tmp_path
         [f"joint_{joint}", f"campaign {number}"] for joint in range(1, 7) for number in range(6)
     ]
     assert lines[15][2] == "2021-04-10T08:00:00+00:00"
-    assert [float(each) for each in lines[14][3:]] == pytest.approx([2.48794e6, 2.40572e6, 2.57598e6], rel=1e-3)
+    assert [float(each) for each in lines[14][3:]] == pytest.approx(
+        [2.48794e6, 2.40572e6, 2.57598e6], rel=1e-3
+    )
     assert [float(each) for each in lines[15][3:]] == pytest.approx(
         [2.25729e6, 2.19470e6, 2.32355e6], rel=1e-3
     )
