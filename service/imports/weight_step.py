@@ -18,10 +18,12 @@ from jointstiff.service.imports.template import read_unit
 
 _WORDS: Final = ("label", "joint", "state")
 _HEADERS: Final = (
-    "label, J1 [deg] …, joint, state (unloaded or loaded), approach (+ or -), motor [deg], link [deg]"
+    "label, J1 [deg] …, joint, state (unloaded or loaded), approach (plus or minus), motor [deg], link [deg]"
 )
 _MOVED: Final = 5e-3
 """Greatest difference of a joint between rows of one posture [rad or m]."""
+_APPROACHES: Final = {"plus": "+", "minus": "-"}
+"""Words of a plan's list: a spreadsheet takes a cell that begins with a sign for a formula."""
 
 
 def is_weight_step(table: Table) -> bool:
@@ -53,7 +55,8 @@ def read_weight_step(table: Table, joints: Sequence[str] = ()) -> StepReadings:
     angle, length = _find_units(table, [*numbered, "motor", "link"], columns)
     postures: dict[str, dict[str, Any]] = {}
     readings: dict[tuple[str, str, str], dict[str, Any]] = {}
-    approaches = columns["approach"].words if "approach" in columns else [""] * table.row_count
+    words = columns["approach"].words if "approach" in columns else [""] * table.row_count
+    approaches = [_APPROACHES.get(word, word) for word in words]
     positions = table.numbers([columns[name].id for name in numbered])
     angles_of_encoders = table.numbers([columns["motor"].id, columns["link"].id])
     for row in range(table.row_count):

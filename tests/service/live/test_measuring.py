@@ -12,8 +12,6 @@ from types import SimpleNamespace
 from typing import Self
 
 import numpy as np
-import pandas
-import polars
 import pytest
 from support.live import positions
 from support.terminal import terminal
@@ -94,44 +92,6 @@ def test_a_mistake_at_the_first_reading_is_withdrawn_once_the_others_show_it(cam
     assert state.state == "reached"
     withdrawn = {each.label: each.reason for each in state.readings if each.state == "withdrawn"}
     assert withdrawn == {"m01": "a mistake, as later readings show"}
-
-
-def to_pandas(columns, names):
-    return pandas.DataFrame(columns, index=names)
-
-
-def to_polars(columns, names):
-    return polars.DataFrame({"target": names} | columns)
-
-
-@pytest.mark.parametrize("to_frame", [to_pandas, to_polars])
-def test_a_reading_in_frames_is_matched_by_the_names_of_targets_joints_and_axes(campaign, to_frame):
-    with jointstiff.measure(campaign, goal="15 %") as live:
-        planned = live.next
-    places = positions(ARM, planned.joints, planned.force, sigma=2e-5)
-    joints, force = np.degrees(planned.joints), np.array(planned.force)
-    backwards = list(TARGETS)[::-1]
-    frames = [
-        to_frame({axis: 1e3 * each[::-1, "xyz".index(axis)] for axis in "zxy"}, backwards)
-        for each in (places["unloaded"], places["loaded"])
-    ]
-    named_joints = {f"J{j}": joints[j - 1] for j in (6, 2, 3, 4, 5, 1)}
-    named_force = pandas.Series({f"F{axis}": force["xyz".index(axis)] for axis in "zyx"})
-    states = []
-    for readings, posture, load in (
-        ([1e3 * places["unloaded"], 1e3 * places["loaded"]], joints, force),
-        (frames, named_joints, named_force),
-    ):
-        with jointstiff.measure(campaign, goal="15 %") as live:
-            states.append(live.observe(*readings, joints=posture, force=load))
-    assert states[0].readings == states[1].readings
-    by_arrays, by_names = ([each.stiffness or 0.0 for each in state.joints] for state in states)
-    assert by_names == pytest.approx(by_arrays, rel=1e-6)  # the order of the targets rounds
-    with (
-        jointstiff.measure(campaign, goal="15 %") as live,
-        pytest.raises(jointstiff.CampaignError, match="'Q' of `unloaded` is not understood"),
-    ):
-        live.observe(to_frame({"x": [0.0], "y": [0.0], "Q": [0.0]}, backwards[:1]), frames[1])
 
 
 @pytest.mark.slow
