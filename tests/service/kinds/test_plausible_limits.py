@@ -169,6 +169,3 @@ def test_an_import_says_that_targets_yield_too_far():
     (said,) = answer.faults
     assert said.startswith("targets yield ")
     assert "look at the unit of the force" in said
-
-
-LINES = CAMPAIGN.splitlines()[1:]
