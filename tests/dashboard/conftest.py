@@ -152,10 +152,8 @@ def stored(api: httpx2.Client) -> Stored:
     work = {"run_id": run, "area": [[1.2, -0.6, 0.6], [1.8, 0.6, 1.0]], "grid": [7, 9, 2]}
     tool = {"place": [0.0, 0.0, 0.25], "turns": 4, "force": [0.0, 0.0, -900.0]}
     work_map = add_job("maps", work | tool)
-    sweeps = json.loads((ROOT / "examples" / "sweeps.json").read_text(encoding="utf-8"))
-    geometry = add_job("geometries", {**sweeps, "name": "stored sweeps"})
     program, live = compensated(api, run), opened(api, robot)
-    return Stored(robot, first, second, run, comparison, pair, plan, work_map, program, geometry, live)
+    return Stored(robot, first, second, run, comparison, pair, plan, work_map, program, live)
 
 
 def opened(api: httpx2.Client, robot: str) -> str:

@@ -78,7 +78,6 @@ def contents():
             f"{name} {1e3 * x:g} {1e3 * y:g} {1e3 * z:g}" for name, (x, y, z) in TARGETS.items()
         ),
         "two lines": "before\nthe repair",
-        "sweeps": (ROOT / "examples" / "sweeps.json").read_text(encoding="utf-8"),
     }
 
 

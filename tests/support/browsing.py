@@ -99,7 +99,6 @@ class Stored:
     plan: str
     map: str
     program: str
-    geometry: str
     live: str
 
 

@@ -28,7 +28,7 @@ function answerTo(mapping: Mapping) {
     faults: isWrong ? ["the robot is 900 mm away from the positions: look at the unit"] : [],
     far: isWrong ? [{ posture: "c03", target: "T1", state: "loaded", distance: 42.4 }] : [],
     findings: null,
-    measurement_set: null,
+    measurement_set: isWrong ? { units: {}, observations: [] } : null, // is not to be identified
     geometry: null,
     weight_step: steps ? { units: {}, observations: [] } : null,
   };

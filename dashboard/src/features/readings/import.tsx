@@ -56,7 +56,7 @@ export function ImportFlow({ opened: { files, mapping: dropped }, robot: asked, 
   const change = (next: Mapping) => put({ mapping: next });
   const choose = (next: string) => put(ofRobot(next, { ...draft, robot }, dropped));
 
-  const set = answer?.measurement_set ?? null;
+  const set = answer?.faults.length === 0 ? answer.measurement_set : null; // with faults it is only inspected
   const identify = useAction(async () => {
     if (!set) return;
     const noise = statesNoise(form.noise) ? noiseOf(form.noise, set.noise as never, set.units as Units) : set.noise;
