@@ -220,17 +220,16 @@ HELP = {
         "--axes <base|flange> Frame in which force, moment and `direction` are given.",
     ],
     "import": [
-        "Nothing is written without --output or --save-template, nor while information is missing. At a "
-        "terminal the command asks for the missing information. If the inspection finds errors, the "
-        "readings are written only with --despite-errors, and the exit status is 1 without it.",
-        "--units length=mm,angle=deg,force=N Units of columns whose header has no unit; add moment=N.m if "
-        "there are moments.",
-        "--delimiter <comma|semicolon|tab|whitespace> Delimiter between cells; detected if absent.",
-        "--encoders <motor|secondary> Encoders with which the controller closes the position loop: `motor` "
-        "at the motors, `secondary` behind the gearboxes. Mandatory.",
-        "--accept-unusual / --no-accept-unusual True to accept values over 100 standard deviations from "
-        "their column's median, and load points over 5 m from the flange.",
-        "--template FILE Template of an earlier import; files with other headers are refused.",
+        "Import tables of readings as a campaign. Documented headers are understood. For any other table, "
+        "the robot proposes the meaning of its columns. What numbers cannot say is one question at a time.",
+        "--mapping FILE Mapping of an earlier import: the meaning of each column.",
+        "--encoders <motor|secondary> Encoders that close the position loop: motor, or secondary behind the "
+        "gearboxes.",
+        "--force X,Y,Z Force on the robot in R0 [N], such as 0,0,-981, or a hung mass: 100kg.",
+        "--encoding <str> Encoding of texts that are not in UTF-8.",
+        "--save-mapping FILE Write the mapping, for further files.",
+        "--yes Take the proposal: the first answer to each question.",
+        "--despite-errors Write the readings even if the checks find errors.",
     ],
     "measure": [
         "Measure live: what to read next, what the readings say so far, and when it is enough. "
