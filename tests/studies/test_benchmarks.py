@@ -22,7 +22,7 @@ def test_a_name_leads_to_a_function(name):
     path = ROOT / "benchmarks" / f"{benchmark.module.replace('.', '/')}.py"
     functions = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef)]
     function = next(each for each in functions if each.name == "run")
-    options = [*["part"] * benchmark.in_parts, *["full"] * benchmark.has_more]
+    options = ["part"] * benchmark.in_parts
     assert [each.arg for each in function.args.kwonlyargs] == ["quick", *options]
 
 
