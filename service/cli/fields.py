@@ -261,8 +261,8 @@ def name_options_in_text(message_class: type[Message], text: str, form_of_field:
 
     A field in backquotes, such as `load_point`, becomes `--load-point`; a field with a value, such as
     `method: pose`, becomes `--method pose`; `leave_alone: ['A', 'B']` becomes `--leave-alone A,B`, and an
-    option that may be repeated is repeated for each value, such as `--state-word pre=unloaded` for
-    `state_words`: {"pre": "unloaded"}.
+    option that may be repeated is repeated for each value, such as `--flange-target P1=0,0,9` for
+    `flange_targets`: {"P1": [0, 0, 9]}.
 
     Args:
         message_class: class of the message that has the fields.

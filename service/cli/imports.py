@@ -116,7 +116,7 @@ def import_command(
     readings = _Readings(files, robot, payload, name)
     answer = _answer_questions(readings, readings.read(mapping, known), yes=yes, as_json=as_json)
     _print(answer, as_json=as_json)
-    inputs: list[object] = [*files, mapping]
+    inputs: list[object] = [*files, mapping, robot]
     is_complete = any((answer.measurement_set, answer.geometry, answer.weight_step))
     if answer.questions or not is_complete:
         fields = [question.field for question in answer.questions[:1] if question.field in _OPTION_OF]

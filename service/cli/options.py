@@ -253,7 +253,7 @@ def warn(message: str) -> None:
     console(stderr=True).print(message, style="yellow", markup=False, soft_wrap=True)
 
 
-WRITTEN: Final = frozenset({"output", "save", "save_template", "report", "paper", "campaign"})
+WRITTEN: Final = frozenset({"output", "save", "save_mapping", "report", "paper", "campaign"})
 """Names of the options that name a file to write."""
 
 

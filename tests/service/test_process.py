@@ -113,6 +113,6 @@ def test_each_library_of_an_extra_is_known_by_the_extra_that_a_message_names():
         for extra, requirements in stated.items()
         for each in requirements
     }
-    others = {(name, "service") for name in ("jointstiff", "python_multipart", "pyyaml")}
+    others = {(name, "service") for name in ("h5py", "jointstiff", "python_multipart", "pyyaml")}
     brought = {(name, "service") for name in ("anyio", "starlette", "yaml")} | {("polars", "frames")}
     assert set(EXTRAS.items()) == required - others | brought

@@ -229,18 +229,18 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
         post_campaign(content=TABLE[1]),
         422,
         "is a text, but no JSON document.*POST /v1/imports",
-        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+        imported(files={"files": TABLE}, data={"options": '{"name": "day"}'}),
     ),
     "table as a form": (
         request("POST", "/v1/campaigns", files={"file": TABLE}),
         415,
         "send a table to POST /v1/imports",
-        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+        imported(files={"files": TABLE}, data={"options": '{"name": "day"}'}),
     ),
     "compressed without a word": (
         post_campaign(content=gzip.compress(TEXT.encode())),
         422,
-        "is a gzip archive.*send the JSON document uncompressed",
+        "the body is compressed.*send the document uncompressed",
         WELL,
     ),
     "joints by name": (
@@ -289,7 +289,7 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
         post_campaign(headers={"Content-Type": "text/csv"}),
         415,
         "'text/csv'.*send a table to POST /v1/imports, in a form of the fields `files` and `options`",
-        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+        imported(files={"files": TABLE}, data={"options": '{"name": "day"}'}),
     ),
     "form in place of JSON": (
         request("POST", "/v1/campaigns", data={"name": "x"}),
@@ -301,7 +301,7 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
         imported(json={}),
         415,
         "send a form of the fields `files` and `options`, .*header Content-Type: multipart/form-data$",
-        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+        imported(files={"files": TABLE}, data={"options": '{"name": "day"}'}),
     ),
     "UTF-16": (post_campaign(content=TEXT.encode("utf-16")), 422, "send the JSON document in UTF-8$", WELL),
     "Latin-1": (
@@ -351,16 +351,16 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
         WELL,
     ),
     "file under another name": (
-        imported(files={"file": TABLE}, data={"options": '{"show_faults": true}'}),
+        imported(files={"file": TABLE}, data={"options": '{"name": "day"}'}),
         422,
         "unknown field 'file'.*send the file as `files`, not as `file`$",
-        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+        imported(files={"files": TABLE}, data={"options": '{"name": "day"}'}),
     ),
     "options under another name": (
-        imported(files={"files": TABLE}, data={"request": '{"show_faults": true}'}),
+        imported(files={"files": TABLE}, data={"request": '{"name": "day"}'}),
         422,
         "unknown field 'request'.*send the JSON object as `options`, not as `request`$",
-        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+        imported(files={"files": TABLE}, data={"options": '{"name": "day"}'}),
     ),
     "target that was not read": (
         post_first(readings=[{"target": "P", "unloaded": [1, 2, None], "loaded": [1, 2, 3]}]),
@@ -379,11 +379,10 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
         ),
     ),
     "option as a field of a form": (
-        imported(files={"files": TABLE}, data={"show_faults": "true"}),
+        imported(files={"files": TABLE}, data={"name": "day"}),
         422,
-        "unknown field 'show_faults'.*`options` is one JSON object of all options, such as "
-        '."show_faults": …',
-        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+        "unknown field 'name'.*`options` is one JSON object of all options, such as .\"name\": …",
+        imported(files={"files": TABLE}, data={"options": '{"name": "day"}'}),
     ),
     "prior as a pair": (
         post_run(priors={"joint_2": [3e6, 1e5]}),
@@ -395,13 +394,13 @@ MISTAKES: dict[str, tuple[dict[str, Any], int, str, dict[str, Any]]] = {
         imported(files={"file": TABLE}),
         422,
         "send only the fields `files` and `options`",
-        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+        imported(files={"files": TABLE}, data={"options": '{"name": "day"}'}),
     ),
     "options that are no JSON": (
-        imported(files={"files": TABLE}, data={"options": "{'show_faults': True}"}),
+        imported(files={"files": TABLE}, data={"options": "{'name': 'day'}"}),
         422,
         "options: Invalid JSON.*send valid JSON",
-        imported(files={"files": TABLE}, data={"options": '{"show_faults": true}'}),
+        imported(files={"files": TABLE}, data={"options": '{"name": "day"}'}),
     ),
     "empty key of retries": (
         post_campaign(headers=JSON | {"Idempotency-Key": ""}),

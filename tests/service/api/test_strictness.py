@@ -133,7 +133,7 @@ def test_json_with_a_byte_order_mark_is_taken(client):
 @pytest.mark.parametrize("as_file", [True, False])
 def test_options_of_a_form_with_a_byte_order_mark_are_taken(client, as_file):
     table = b"name;x [mm];y [mm];z [mm]\nP1;1;2;3\n"
-    options = codecs.BOM_UTF8 + b'{"state": "unloaded"}'
+    options = codecs.BOM_UTF8 + b'{"name": "day"}'
     form = {"files": ("a.csv", table), "options": ("options.json" if as_file else None, options)}
     answer = client.request("POST", "/v1/imports", files=form)
     assert answer.status_code < 300, answer.text

@@ -18,13 +18,11 @@ from jointstiff.simulator.files import example_files
 from jointstiff.simulator.programs import program_text
 
 NAMES_A_WRITTEN_FILE = re.compile(
-    "(Write|File|CSV file).*( to write|whole result|for the .* program|template)"
+    "(Write|File|CSV file).*( to write|whole result|for the .* program|mapping)"
 )
 REMEDY = "choose another name or another folder for the file to write"
 COMPENSATED = "compensate pull.json path.src --options options.json"
-IMPORTED = (
-    "import joints.csv points.txt --robot arm.json --units length=mm,angle=deg,force=N --encoders motor"
-)
+IMPORTED = "import readings.csv --robot arm.json --encoders motor"
 
 
 @pytest.fixture(autouse=True)
@@ -37,7 +35,7 @@ def folder(tmp_path, monkeypatch):
     Path("options.json").write_text(json.dumps(options("krl")))
     Path("linked.src").symlink_to("path.src")
     for name, text in example_files():
-        if name in {"joints.csv", "points.txt", "poses.csv", "sweeps.json"}:
+        if name in {"readings.csv", "poses.csv", "sweeps.json"}:
             Path(name).write_text(text)
     return tmp_path
 
@@ -89,7 +87,7 @@ def test_every_option_that_names_a_file_to_write_is_known():
         option.name
         for option in options
         if re.match(
-            r"(Write|File|CSV file).*( to write|whole result|for the .* program|template)", option.help or ""
+            r"(Write|File|CSV file).*( to write|whole result|for the .* program|mapping)", option.help or ""
         )
     }
     assert written - {"template"} == WRITTEN

@@ -104,12 +104,6 @@ def folder(tmp_path_factory):
             "examples shown",
         ),
         (
-            "import readings.csv --units millimeter",
-            "'millimeter' must be a name and a value with '=' between them, such as length=mm",
-            "import readings.csv --units length=mm,angle=deg,force=N --load-point 0,0,0 --encoders motor "
-            "--force 0,0,-500",
-        ),
-        (
             "identify monday",
             "'monday' is a folder; give a file in it: monday/m.json",
             "identify monday/m.json",
@@ -128,12 +122,6 @@ def folder(tmp_path_factory):
             "compensate pull.json path.src --accuracy-option off -o o.src --overwrite --force 0,0,-50kg",
             "'0,0,-50kg' must be numbers in N, such as 0,0,-490.3 for 50 kg: 1 kg weighs 9.80665 N",
             "compensate pull.json path.src --accuracy-option off -o o.src --overwrite --force 0,0,-490.3",
-        ),
-        (
-            "import readings.csv --force 0,0,-50t",
-            "must be three numbers with their unit N, daN, kN, kgf or lbf, such as 0,0,-981N",
-            "import readings.csv --force 0,0,-50kg --units length=mm,angle=deg --load-point 0,0,0 "
-            "--encoders motor",
         ),
         ("identify pull.json --method magic", "'partial_pose'", "identify pull.json --method partial_pose"),
         ("identify pull.json --unit furlong", "'Nm/arcmin'", "identify pull.json --unit Nm/arcmin"),
@@ -184,7 +172,7 @@ def folder(tmp_path_factory):
         ),
         (
             "import all.csv arm.json --encoders motor --load-point 0,0,120",
-            "the file is a robot, not a table",
+            "the file has no table of numbers",
             "import all.csv --robot arm.json --encoders motor --load-point 0,0,120 --yes",
         ),
         (

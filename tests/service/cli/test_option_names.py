@@ -10,8 +10,6 @@ from support.terminal import terminal
 from typer.main import get_command
 
 import jointstiff
-from jointstiff.schemas.fields import Terminal
-from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.cli.app import app
@@ -120,21 +118,6 @@ VALUES = {
     "give `accept_verdict: do_not_use`": "give `--despite-verdict`",
     "give `units.length` or `nothing: ['A']`": "give `units.length` or `nothing: ['A']`",
 }
-
-
-@pytest.mark.parametrize(
-    ("word", "option"), [("leer", "leer=unloaded"), ("le}er", "'le}er=unloaded'"), ('a"b', "'a\"b=unloaded'")]
-)
-def test_a_state_word_with_any_sign_becomes_an_option_to_type(word, option):
-    text = f"give `state_words`: {json.dumps({word: 'unloaded'})}"
-    forms = {"state_words": Terminal("--state-word", "WORD=STATE", str, "dict")}
-    assert name_options_in_text(ImportRequest, text, forms) == f"give `--state-word {option}`"
-
-
-def test_a_text_of_a_file_that_looks_like_a_field_stays_as_it_is():
-    text = "the header '`state_words`: {x}' is not known"
-    forms = {"state_words": Terminal("--state-word", "WORD=STATE", str, "dict")}
-    assert name_options_in_text(ImportRequest, text, forms) == text
 
 
 @pytest.mark.parametrize("text", VALUES)

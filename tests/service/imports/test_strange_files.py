@@ -13,7 +13,22 @@ STATED = {"encoders": "motor", "load_point": (0.0, 0.0, 120.0)}
 FORCE = (0.0, 0.0, -981.0)
 MOST_ANSWERS = 3
 
-ASKED = frozenset(("EXPECTED_LATER",))
+ASKED = frozenset(
+    (
+        "a_file_in_metres_and_one_in_millimetres",
+        "a_force_along_z_alone",
+        "a_log_of_joint_targets",
+        "a_notebook_with_titles_and_signs",
+        "a_report_of_metrolog_in_lines",
+        "loads_in_headers",
+        "messages_of_ros_in_yaml",
+        "metres_and_millimetres_without_headers",
+        "names_and_values_by_colons",
+        "names_and_values_in_a_line",
+        "names_before_numbers_of_a_pendant",
+        "titles_between_postures",
+    )
+)
 """Forms for which a person states roles: numbers alone do not say what their columns mean."""
 
 

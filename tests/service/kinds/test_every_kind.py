@@ -144,7 +144,7 @@ def test_it_has_a_report_and_its_tables(client, job, kind):
         assert all(len(row) == len(table["head"]) for row in table["rows"])
         assert set(table["texts"]) <= set(range(len(table["head"])))
     if kind.name in {"run", "comparison"}:
-        assert "kN·m/°" in answer["tables"][0]["title"] + answer["tables"][0]["caption"]
+        assert "N·m/arcmin" in answer["tables"][0]["title"] + answer["tables"][0]["caption"]
     assert client.get(file_at(job, "tables.json?unit=furlong")).status_code == 422
     assert client.get(file_at(f"{job['id'][:-3]}xyz", "tables.json")).status_code == 404
     if not kind.has_report:

@@ -82,30 +82,6 @@ def test_readings_in_millimetres_are_those_in_metres_and_each_joint_is_beside_it
                 "stiffness and its interval in 10⁶ N·m/rad, or N/µm where stated",
             ],
         ),
-        (
-            "knm/deg",
-            [
-                "joint_1 │ 10.40 │ 9.73 … 11.16 │ determined",
-                "joint_3 │ 4.22 N/µm │ 3.58 … 5.16 │ determined",
-                "stiffness and its interval in kN·m/°, or N/µm where stated",
-            ],
-        ),
-        (
-            "nm/rad",
-            [
-                "joint_1 │ 596000 │ 557000 … 640000 │ determined",
-                "joint_3 │ 4220000 N/m │ 3580000 … 5160000 │ determined",
-                "stiffness and its interval in N·m/rad, or N/m where stated",
-            ],
-        ),
-        (
-            "urad/nm",
-            [
-                "joint_1 │ 1.679 │ 1.563 … 1.795 │ determined",
-                "joint_3 │ 0.237 µm/N │ 0.194 … 0.280 │ determined",
-                "compliance and its interval in µrad/(N·m), or µm/N where stated",
-            ],
-        ),
     ],
 )
 def test_a_slide_is_shown_in_the_unit_that_goes_with_the_chosen_one(files, unit, lines):
@@ -291,7 +267,6 @@ class TestThePlansListIsFilledIn:
 
     def test_inches_of_a_rail_are_read_and_do_not_fit_the_robot(self, filled):
         answer = self.read(filled.replace("joint_1 [mm]", "joint_1 [in]"))
-        assert answer.measurement_set is None
         assert "mm away from the positions" in answer.faults[0]
 
 

@@ -143,7 +143,7 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
         (
             {"joints": "x"},
             "`joints` is not an array of numbers: could not convert string to float: 'x'; remedy: give an "
-            "array, lists of equal lengths, or columns of a data frame",
+            "array, or lists of equal lengths",
         ),
         (
             {"joints": np.zeros((0, 6))},

@@ -61,12 +61,11 @@ def test_units_of_a_table_are_those_of_load_cases(units):
         read_load_cases(HEADER + ROW, JOINTS, units=units)
 
 
-def test_small_angles_below_headers_in_degrees_are_degrees():
-    """Angles of an arm near its zero may be radians, but not if the headers state degrees."""
+def test_small_angles_in_stated_degrees_are_degrees():
+    """Angles of an arm near its zero may be radians, but not if the caller states degrees."""
     angles = {"a": 0.25, "b": -1.75, "c": 30.0}
     with pytest.raises(RequestError, match="they seem to be radians"):
         make_load_cases([[*angles.values()]], JOINTS, [0, 0, -500], {"at": [0, 0, 120]})
-    headers = {"a": "a [deg]", "b": "b [deg]", "c": "c"}
-    columns = {headers[name]: [angle] for name, angle in angles.items()}
-    request = make_load_cases(columns, JOINTS, [0, 0, -500], {"at": [0, 0, 120]})
+    stated = {"at": [0, 0, 120], "units": {"angle": "deg"}}
+    request = make_load_cases([[*angles.values()]], JOINTS, [0, 0, -500], stated)
     assert [*request.cases[0].joints] == [*angles.values()]

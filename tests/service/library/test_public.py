@@ -91,7 +91,7 @@ FORMS = {
     },
     "polars": {
         "joints": polars.DataFrame(column("joints")),
-        "forces": {name: polars.Series(part) for name, part in zip("xyz", column("force").T, strict=True)},
+        "forces": [polars.Series(part) for part in column("force").T],
     },
     "by target": {
         state: {TARGETS[t]: positions(state)[:, t] for t in (2, 0, 1)} for state in ("unloaded", "loaded")

@@ -181,18 +181,6 @@ def test_readings_in_r0_with_noise_as_small_as_the_rounding_of_joints_are_readin
     assert [each.points.columns for each in best.readings] == [(6, 7, 8), (9, 10, 11)]
 
 
-def test_positions_that_names_call_unloaded_are_readings_however_near_the_model(robots):
-    """Rounded joints explain the distances of a small arm in R0; a controller knows no state of load."""
-    known = robots["Stäubli TX2-60"]
-    joints, _ = measure(known)
-    unloaded = np.round(place_exactly(known, joints), 3)
-    rows = wide(np.round(joints, 2), unloaded, unloaded - [0.0, 0.0, 0.3])
-    unnamed = propose([Table("a", rows)], [known])
-    assert unnamed.best is None or (6, 7, 8) not in {each.points.columns for each in unnamed.best.readings}
-    named = propose([Table("a", rows, measured=frozenset(range(6, 12)))], [known])
-    assert [each.points.columns for each in named.best.readings] == [(6, 7, 8), (9, 10, 11)]
-
-
 def test_too_few_postures_are_not_decided(robots):
     known = robots["Stäubli TX2-60"]
     joints, points = measure(known, postures=5)
@@ -252,12 +240,3 @@ def test_positions_that_half_fit_are_said_to_fit_in_part(robots):
     answer = propose([Table("j", joints), Table("p", points.reshape(-1, 3))], [known])
     assert answer.best is None
     assert answer.reason.startswith("only 62% of the positions fit the robot (their median distance is 0.1")
-
-
-def test_columns_with_known_names_are_not_tried_as_others(robots):
-    known = robots["Yaskawa GP12"]
-    joints, points = measure(known)
-    table = Table(
-        "a", wide(joints, joints, points[:, 0]), joints=(6, 7, 8, 9, 10, 11), others=frozenset(range(6))
-    )
-    assert propose([table], [known]).best.joints.columns == (6, 7, 8, 9, 10, 11)
