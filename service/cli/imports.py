@@ -37,7 +37,10 @@ def import_command(
     ] = None,
     encoders: Annotated[
         Literal["motor", "secondary"] | None,
-        typer.Option(help="Encoders that close the position loop: motor, or secondary behind the gearboxes."),
+        typer.Option(
+            metavar="<motor|secondary>",
+            help="Encoders that close the position loop: motor, or secondary behind the gearboxes.",
+        ),
     ] = None,
     load_point: Annotated[
         str | None, typer.Option(metavar="X,Y,Z", help="Load point in the flange frame [mm].")

@@ -8,6 +8,7 @@ from jointstiff.schemas.imports import Cell, ImportAnswer, TableView
 
 _MOST_COLUMNS = 64
 _MOST_LETTERS = 16
+_SHOWN_CELLS = 3
 
 
 def show(answer: ImportAnswer) -> str:
@@ -32,7 +33,7 @@ def _show_table(table: TableView) -> Iterator[str]:
     """Yield the name of a table, and for each column its letter, role, header and first cells."""
     yield f"{table.name}, {table.row_count} rows"
     lines = [
-        [column.id, column.role or "-", column.header, *map(_shorten, column.cells)]
+        [column.id, column.role or "-", column.header, *map(_shorten, column.cells[:_SHOWN_CELLS])]
         for column in table.columns[:_MOST_COLUMNS]
     ]
     widths = [max(map(len, cells)) for cells in zip(*lines, strict=True)]

@@ -297,12 +297,6 @@ def test_two_campaigns_are_compared_joint_by_joint():
             " has a comma before a closing bracket, at line 1 column 10 remedy: remove the comma after the "
             "last entry",
         ),
-        (
-            "import",
-            '{"a": 1, }',
-            ": Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON at this place; "
-            "the file must be UTF-8",
-        ),
     ],
 )
 def test_a_broken_file_is_refused_with_its_line_and_column(command, content, said):

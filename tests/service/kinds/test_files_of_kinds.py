@@ -179,7 +179,7 @@ class TestPlan:
         assert head[:2] == ["label", "joint_1 [deg]"]
         assert [row[0] for row in rows] == ["p1", "p2"]
         assert numbers(rows[0][7:13]) == [-724.9, 1153.2, 628.3, -60.0, 20.0, 180.0]
-        assert all(cell == "" for cell in rows[0][15:33])
+        assert all(cell == "" for cell in rows[0][14:32])
         lines = report_of(local, jobs["plan"])
         for line in [
             "joint_4 | ± 5.5 % | ± 16 % |",
