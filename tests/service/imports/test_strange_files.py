@@ -25,7 +25,6 @@ ASKED = frozenset(
         "metres_and_millimetres_without_headers",
         "names_and_values_by_colons",
         "names_and_values_in_a_line",
-        "names_before_numbers_of_a_pendant",
         "titles_between_postures",
     )
 )
@@ -53,7 +52,7 @@ def read(name):
             answer = import_files(sources, ImportRequest(mapping=mapping), known)
     except TableError as error:
         return f"refused: {error.reason}"
-    if answer.measurement_set is None:
+    if answer.faults or answer.measurement_set is None:
         return "asked: " + "; ".join([*answer.faults, *(each.text for each in answer.questions)])
     document = answer.measurement_set.model_dump(mode="json")
     wrong = judge(campaign, document, form.load_count)
