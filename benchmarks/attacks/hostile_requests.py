@@ -153,7 +153,7 @@ def _upload(generator: Random) -> Request:
     for _ in range(generator.randrange(4)):
         cells[generator.randrange(len(cells))] = generator.choice((*cells, *_ODD))
     files = [("files", (_odd_name(generator, name), _spoilt(generator, "".join(cells).encode())))]
-    options = b"{}" if generator.random() < 0.9 else _odd_body(generator, {"show_faults": True})
+    options = b"{}" if generator.random() < 0.9 else _odd_body(generator, {"name": "day"})
     path = generator.choice(("/v1/imports",) * 9 + ("/v1/programs",))
     return "POST", path, {"files": files, "data": {"options": options.decode("latin-1")}}
 

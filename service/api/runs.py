@@ -328,7 +328,8 @@ async def create_import(
 
     Send the files as fields `files` of a form, and robot and mapping as JSON in a field `options`. Without
     `tables` in the mapping, the robot proposes them. Each choice of a question has the mapping to send next.
-    Without questions and faults the answer has the measurement set: add `robot_id` and post the set.
+    Without questions the answer has the measurement set: add `robot_id` and post the set, unless `faults` say
+    why the readings cannot be right.
     """
     answer = await run_sync(_import_as_json, parts, files, options, limiter=limiter_of_large_work(request))
     return json_response(answer)

@@ -17,6 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from jointstiff.schemas.imports import ColumnUnit, Mapping
+from jointstiff.service.conversion.units import COLUMN_UNITS
 from jointstiff.service.imports.layout import Layout
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.meaning.proposal import Proposal, TargetReading, read_positions
@@ -32,7 +33,8 @@ _ALIKE: Final = 0.8
 """Fraction of the targets on which the force does work of one sign, if the order of the states is clear."""
 _AS_FIRST: Final = 0.3
 """Movement of a third state from the first, as a part of the deflection, below which the load was gone."""
-_DEFLECTIONS: Final[tuple[tuple[ColumnUnit, float], ...]] = (("mm", 1e-3), ("µm", 1e-6), ("m", 1.0))
+_UNITS: Final[tuple[ColumnUnit, ...]] = ("mm", "µm", "m")
+"""Units in which displacements are written, the usual one first."""
 _SIZES: Final = (2e-5, 2e-2)
 """Sizes [m] of displacements under load."""
 _NUMBER: Final = re.compile(r"(?<![^\W_])\d+(?:[.,]\d+)?")
@@ -166,7 +168,7 @@ class ForceEvidence:
             unit = _find_unit(numbers)
             if unit is None or taken & {(columns.table, column) for column in columns.columns}:
                 continue
-            shift = dict(_DEFLECTIONS)[unit] * numbers @ self.proposal.frame.rotation.T
+            shift = COLUMN_UNITS[unit] * numbers @ self.proposal.frame.rotation.T
             if self._measure(rows, [(self.proposal.readings[0].positions, shift)]) < _EXPLAINED:
                 return columns, unit
         return None
@@ -238,8 +240,8 @@ def _is_weight(rows: FloatArray) -> bool:
 def _find_unit(numbers: FloatArray) -> ColumnUnit | None:
     """Return the unit in which displacements have a likely size; None if none has, or nothing moves."""
     size = float(np.percentile(np.abs(numbers), 90.0))
-    for unit, metres in _DEFLECTIONS:
-        if _SIZES[0] <= size * metres <= _SIZES[1]:
+    for unit in _UNITS:
+        if _SIZES[0] <= size * COLUMN_UNITS[unit] <= _SIZES[1]:
             return unit
     return None
 

@@ -124,11 +124,15 @@ def read_text(name: str, text: str) -> list[Table]:
 def read_grid(name: str, lines: Sequence[Sequence[Cell]]) -> Iterator[Table]:
     """Yield the tables of a sheet, whose numbers may be written as texts, with one decimal mark."""
     texts = [cell for line in lines for cell in line if isinstance(cell, str)]
-    by_mark = {mark: [parse_cell(text, Dialect("", mark)) for text in texts] for mark in ".,"}
-    mark = max(by_mark, key=lambda mark: _count_numbers(by_mark[mark]))
-    dialect = Dialect("", mark)
-    rows = [[parse_cell(cell, dialect) if isinstance(cell, str) else cell for cell in line] for line in lines]
-    return split_in_tables(name, map(trim, rows))
+    with_point, with_comma = Dialect("", "."), Dialect("", ",")
+    points = _count_numbers([parse_cell(text, with_point) for text in texts])
+    commas = _count_numbers([parse_cell(text, with_comma) for text in texts])
+    dialect = with_comma if commas > points else with_point
+    rows = []
+    for line in lines:
+        cells = [parse_cell(cell, dialect) if isinstance(cell, str) else cell for cell in line]
+        rows.append(trim(cells))
+    return split_in_tables(name, rows)
 
 
 def _choose_dialect(lines: Sequence[str]) -> Dialect:
@@ -137,8 +141,9 @@ def _choose_dialect(lines: Sequence[str]) -> Dialect:
     def count(dialect: Dialect) -> int:
         """Return the number of numbers, less twice the number of words that begin as a number."""
         cells = [cell for line in lines[:_SAMPLED] for cell in _split(line, dialect)]
-        numbers = sum(isinstance(cell, float) for cell in cells)
-        broken = sum(isinstance(cell, str) and bool(_BEGINS_AS_NUMBER.match(cell)) for cell in cells)
+        numbers = _count_numbers(cells)
+        words = [cell for cell in cells if isinstance(cell, str)]
+        broken = sum(_BEGINS_AS_NUMBER.match(word) is not None for word in words)
         return numbers - 2 * broken
 
     candidates = [*_DIALECTS, *(each._replace(is_grouped=True) for each in _DIALECTS)]

@@ -15,7 +15,6 @@ from jointstiff.solver.meaning.decision import (
     LARGEST_PART,
     LARGEST_RESIDUAL,
     LEAST_SHARE,
-    USUAL_RESIDUAL,
     Decision,
     decide,
     explains_by_rounding,
@@ -96,11 +95,6 @@ class Proposal:
     def target_count(self) -> int:
         """Number of targets."""
         return max(reading.target for reading in self.readings)
-
-    @property
-    def is_usual(self) -> bool:
-        """Return whether the robot fits as well as robots usually fit their nominal models."""
-        return self.residual <= USUAL_RESIDUAL
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,18 @@ LEFT = (
     "kNm/deg",
     "urad/Nm",
     "unevaluatedProperties",
+    "turn and place",
+    "/v1/processes",
+    "js.process",
+    "client.process",
+    "jointstiff process",
+    "ProcessOptions",
+    "ProcessRequest",
+    "js.import_files",
+    "--save-template",
+    "--state-word",
+    "accept_proposal",
+    "accept_unusual",
 )
 
 

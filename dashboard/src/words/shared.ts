@@ -259,7 +259,6 @@ export const en = {
   /** Fields of requests, as a person reads them who sends none. */
   fields: {
     accept_verdict: "continue anyway",
-    accept_unusual: "these values are correct",
     angle_unit: "unit of angle",
     base_targets: "targets on the base",
     bodies: "bodies of the robot",
