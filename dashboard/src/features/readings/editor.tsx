@@ -37,9 +37,9 @@ export function TableEditor({ table, mapping, change, joints, check }: EditorPro
   }));
   return (
     <section class="card import-table" aria-labelledby={id}>
-      <h3 id={id} class="file">
+      <h2 id={id} class="file">
         <bdi>{table.name}</bdi> <small class="soft">{words.size(table.row_count, table.columns.length)}</small>
-      </h3>
+      </h2>
       {isPhone ? (
         <ul class="groups">
           {heads.map(({ group, look, title, range, open }) => (

@@ -183,7 +183,7 @@ export function lackOf(answer: ImportAnswer | null, robot: string): string | nul
 
 const WhichRobot = ({ change, count }: { change: (robot: string) => void; count: number }) => (
   <div class="ask">
-    <h3>{words.open.robot}</h3>
+    <h2>{words.open.robot}</h2>
     {count === 0 && <p>{words.noRobots}</p>}
     <FittingRobot label={text.start.robot} value="" change={change} none={text.start.pick} fits={() => true} />
     <p>
@@ -267,9 +267,9 @@ function NextQuestion({ answer: { questions, mapping }, robot, change, isFirst }
         if (isReady) change({ ...mapping, ...answers } as Mapping);
       }}
     >
-      <h3>
+      <h2>
         <Prose text={sentence(question.text)} />
-      </h3>
+      </h2>
       {choices.length > 0 && (
         <div class="actions">
           {choices.map((choice) => (
