@@ -235,6 +235,8 @@ FindingCode = Literal[
     "alternative_explains_better",
     "cause_fitted",
     "load_at_target",
+    "joint_poorly_known",
+    "stiffness_negative",
     "stiffness_implausible",
     "stiffness_against_payload",
     "payload_not_stated",
@@ -299,6 +301,11 @@ ROOT_MISTAKES: Final[frozenset[FindingCode]] = frozenset(
 )
 """Codes of findings that cause other findings: an assessment with one of them lists no other reason."""
 
+QUESTIONS: Final[frozenset[FindingCode]] = frozenset({"payload_not_stated"})
+"""Codes of findings that ask a person; they limit no verdict."""
+UNKNOWN_JOINTS: Final[frozenset[FindingCode]] = frozenset({"joint_poorly_known", "stiffness_negative"})
+"""Codes of findings on a joint whose stiffness is not known well enough to be used."""
+
 
 class Finding(Message):
     """Suspicious fact about readings or a result. No data are refused or changed because of a finding."""
@@ -337,10 +344,15 @@ class Assessment(Message):
     reasons: list[Finding] = Field(
         description="Findings that do not allow the verdict `use`; the most severe is first."
     )
+    questions: list[Finding] = Field(
+        default_factory=list,
+        description="Questions about facts that a person knows and readings do not show, as the payload. "
+        "An answer is kept with the robot; an open question limits no verdict.",
+    )
     joints_identified: int | None = Field(
         default=None,
-        description="Least number of joints, over all fits, whose stiffness has an upper limit; null for "
-        "geometries.",
+        description="Least number of joints, over all fits, whose stiffness is positive, has an upper limit "
+        "and, if the joint carries 5 % of the deflection, is known within the goal; null for geometries.",
     )
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     headline: str | None = Field(
@@ -393,11 +405,16 @@ def combine_assessments(assessments: Sequence[Assessment]) -> Assessment:
     """Merge assessments: return the worst verdict with all reasons, most severe first.
 
     Of reasons with equal code and place only the first is kept. The numbers of joints are taken from the
-    assessment with the fewest identified joints. Notes are left out, because they concern a single run.
+    assessment with the fewest identified joints. Notes are left out, because they concern a single run. Each
+    question is kept once, without the action, which concerns a single run, too.
     """
     reasons: dict[tuple[str, str | None], Finding] = {}  # (code, place) → reason
-    for reason in (reason for assessment in assessments for reason in assessment.reasons):
-        reasons.setdefault((reason.code, reason.where), reason)
+    questions: dict[str, Finding] = {}  # code → question
+    for assessment in assessments:
+        for reason in assessment.reasons:
+            reasons.setdefault((reason.code, reason.where), reason)
+        for question in assessment.questions:
+            questions.setdefault(question.code, question.model_copy(update={"action": None}))
     counts = [
         (assessment.joints_identified, assessment.joint_count)
         for assessment in assessments
@@ -410,6 +427,7 @@ def combine_assessments(assessments: Sequence[Assessment]) -> Assessment:
         joint_count=joint_count,
         verdict=max(verdicts, key=_VERDICTS_BY_SEVERITY.index, default="use"),
         reasons=sorted(reasons.values(), key=lambda reason: -_VERDICTS_BY_SEVERITY.index(reason.weight)),
+        questions=list(questions.values()),
     )
 
 

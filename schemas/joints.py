@@ -16,6 +16,12 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
+GOAL: Final = 1.5
+"""Greatest ratio of the ends of an interval at which a stiffness is known: about ± 20 %, enough to choose
+postures and to correct poses."""
+IDENTIFIED: Final = 5.0
+"""Greatest ratio of the ends of an interval at which a stiffness counts as identified: beyond it, readings
+tell little more than the kind of the arm does."""
 JointKind = Literal["revolute", "prismatic"]
 StatedKind = Annotated[
     JointKind,

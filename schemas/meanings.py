@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Final
 
 from jointstiff.schemas.finding import FindingCode
+from jointstiff.schemas.joints import GOAL
 
 MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
     {
@@ -79,6 +80,10 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "no_joint_identified": "No joint has a stiffness with an upper limit. *Do not use.*",
             "no_residual_freedom": "There are as many parameters as readings. *Do not use*; if the noise is "
             "stated, *use with care*.",
+            "joint_poorly_known": "A joint that may carry 5 % of the deflection is known worse than the "
+            f"goal: the ends of its interval are more than a factor of {GOAL:g} apart. *Use with care.*",
+            "stiffness_negative": "The stiffness of a joint is negative: *use with care* for the run, *do "
+            "not use* for the joint.",
             "stiffness_implausible": "The stiffness of the named joint is outside 10³ to 10⁹ N·m/rad. "
             "*Do not use.*",
             "residuals_exceed_sigma": "The model is wrong, or the stated sigma is too small. *Do not use* if "

@@ -96,6 +96,9 @@ class WeightPart(Message):
     centre: Metres[list[list[Point]]] = Field(
         description="Centres of the masses, each in the frame that moves with the joint."
     )
+    compliance: Compliance[list[float]] = Field(
+        description="Compliance of each joint for the sag, also of joints without a published compliance."
+    )
     covariance_root: list[list[float]] = Field(
         description="Factor R of the covariance R R' of all compliances, then of products of compliance "
         "with mass and first moment, ordered like `mass`. SI units."
@@ -103,13 +106,9 @@ class WeightPart(Message):
 
 
 class IdentifiedModel(Message):
-    """Compliances with their errors before any constraint, and the constraints."""
+    """Errors of the published compliances before any constraint, and the constraints."""
 
     joints: list[Name] = Field(description="All joints of the robot, in the robot's order.")
-    compliance: Compliance[list[float]] = Field(
-        description="Compliance of each joint for predictions; zero if unknown. Compliances of joints that "
-        "are not in `seen` are used only for the sag by own weight."
-    )
     seen: list[Name] = Field(
         description="Joints to which the rows and columns of the following matrices belong."
     )

@@ -46,7 +46,15 @@ class JointResult(Message):
     verdict: Verdict = Field(
         description="Verdict on the joint's stiffness, limited by the joint's status and by the reasons."
     )
-    compliance: Compliance[float | None]
+    compliance: Compliance[float | None] = Field(
+        description="Compliance of the joint; with `links` the effective compliance, which includes the "
+        "compliance of the link (for joint 1 also of the base) about the joint's axis."
+    )
+    own_compliance: Compliance[float | None] = Field(
+        default=None,
+        description="Compliance of the joint alone, which predicts together with `links`; "
+        "null if only joints bend.",
+    )
     stiffness: Stiffness[float | None] = Field(
         description="Stiffness, 1 / compliance; null if the compliance is zero."
     )
@@ -218,7 +226,8 @@ class Advice(Message):
         "posture."
     )
     force: Newtons[Point] = Field(
-        description="Force on the robot along the axes of R0, as large as the largest force of the set."
+        description="Force on the robot along the axes of R0, as large as the largest force of the set, and "
+        "no larger than the payload."
     )
     uncertainty_ratio: float | None = Field(
         description="Standard uncertainty of the compliance with the proposed reading, divided by the "
@@ -522,6 +531,23 @@ _NO_PROMISE = {"anyOf": [{"type": "object"}, {"type": "null"}]}
 """Schema of an object that the service reads again, and whose form is not part of the API."""
 
 
+class JointAlone(Message):
+    """Compliance of a joint in a fit in which only joints bend."""
+
+    name: Name
+    compliance: Compliance[float | None] = Field(description="Compliance; null if not observable.")
+    stiffness: Stiffness[float | None] = Field(description="Stiffness, 1 / compliance; null if rigid.")
+
+
+class JointsAloneResult(Message):
+    """Fit of the same readings in which only joints bend, for programs that know no other springs."""
+
+    joints: list[JointAlone]
+    compensation: Dimensionless[float] = Field(
+        description="Mean compensation of held-out configurations by joints alone."
+    )
+
+
 class RunResult(Result):
     """Result of a run."""
 
@@ -564,9 +590,12 @@ class RunResult(Result):
     )
     links: LinksResult | None = Field(
         default=None,
-        description="Results of elastic links or coupling. The numbers of each joint then include the "
-        "rotation of the link about the joint's axis. The intervals contain all values that "
-        "fit with 0.3 times the best penalty; null if `link_penalty` is given.",
+        description="Results of elastic links or coupling, which predict together with `own_compliance` of "
+        "the joints. Intervals of the joints contain all values that fit with 0.12 times the best penalty; "
+        "null if `link_penalty` is given.",
+    )
+    alone: JointsAloneResult | None = Field(
+        default=None, description="Fit by joints alone, next to one with `links`; null if only joints bend."
     )
     choice: ModelChoice | None = Field(
         default=None,
@@ -592,8 +621,8 @@ class RunResult(Result):
     )
     model: Annotated[IdentifiedModel | None, WithJsonSchema(_NO_PROMISE)] = Field(
         default=None,
-        description="Numbers from which predictions are computed, not part of the API; null if own weight "
-        "determines no joint.",
+        description="Errors of the published numbers, for intervals of predictions; not part of the API; "
+        "null if own weight determines no joint.",
     )
     budget: Budget | None = Field(
         default=None,
@@ -613,7 +642,7 @@ class RunResult(Result):
         return ResultSummary(
             verdict=self.assessment.verdict,
             compensation=self.compensation,
-            joints_identified=count_identified_joints(self.joints),
+            joints_identified=self.assessment.joints_identified,
             joint_count=len(self.joints),
             warning_count=len(self.warnings),
         )

@@ -167,7 +167,8 @@ def _refuse_unadvised(run: Run, action: AdvisedAction) -> None:
     advised_action = action
     if action.kind == "state_payload":
         advised_action = action.model_copy(update={"payload": None})
-    if all(reason.action != advised_action for reason in run.result.assessment.reasons):
+    assessment = run.result.assessment
+    if all(each.action != advised_action for each in (*assessment.reasons, *assessment.questions)):
         raise RequestError(
             "the assessment of this run does not recommend this action",
             where="kind",

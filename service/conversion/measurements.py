@@ -79,7 +79,7 @@ def _to_noise(
     else:
         covariances = _PositionCovariances.from_set(noise, robot, measurements, length)
         if own_noise is not None:
-            covariances = covariances.replaced_by(own_noise, length)
+            covariances = covariances.replaced_by(own_noise, length, measurements)
         stated = covariances.to_noise(measurements)
     if noise is None or not noise.refuted:
         return stated
@@ -123,15 +123,22 @@ class _PositionCovariances:
         sigma = 0.0 if noise.sigma is None else length * noise.sigma
         return cls(sigma**2 * np.eye(3), sigma**2 * np.eye(3))
 
-    def replaced_by(self, own_noise: PointNoise, length: float) -> _PositionCovariances:
+    def replaced_by(
+        self, own_noise: PointNoise, length: float, measurements: Measurements
+    ) -> _PositionCovariances:
         """Return the covariances with those of the readings that state their noise themselves.
 
-        `length` is the set's unit of length in m.
+        The sigma of a reading along a direction is that of its displacement, of which each position has half
+        of the variance. `length` is the set's unit of length in m.
 
         Raises:
             MeasurementError: a stated matrix is not a covariance.
         """
         own_unloaded, own_loaded = own_noise.compute_covariances()
+        if measurements.direction is not None:
+            is_displacement = np.asarray(measurements.direction.any(axis=-1))
+            share = np.where(is_displacement, 0.5, 1.0)[..., None, None]
+            own_unloaded, own_loaded = share * own_unloaded, share * own_loaded
         refuse_invalid_covariance(own_unloaded, own_noise.stated, "unloaded_covariance")
         refuse_invalid_covariance(own_loaded, own_noise.stated, "loaded_covariance")
         is_stated = own_noise.stated[..., None, None]

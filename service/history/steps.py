@@ -73,6 +73,22 @@ def _name_the_same_load(comparison: Document) -> None:
     _rename(comparison, "request.same_load_point", "same_load")
 
 
+def _state_one_solution(run: Document) -> None:
+    """Move the compliances that predict to their joints, or to the own weight if they are of the sag.
+
+    Runs in which only joints bend state these compliances once more, without the joints that are not known.
+    """
+    for result in _objects(run, "result"):
+        model = result.get("model")
+        if not isinstance(model, dict) or "compliance" not in model:
+            continue
+        if model.get("elastic"):
+            for joint, compliance in zip(result["joints"], model.pop("compliance"), strict=True):
+                joint.setdefault("own_compliance", compliance)
+        elif model.get("weight"):
+            model["weight"].setdefault("compliance", model.pop("compliance"))
+
+
 _LEAST_MISTAKES: Final = tuple(
     f"result.causes[].{field}" for field in ("least_found", "unit", "joint", "moves")
 )
@@ -92,6 +108,8 @@ STEPS: Final[tuple[Step, ...]] = (
     Step(22, 23, tuple(kind for kind in KINDS if kind != "run")),
     # A run of version 19 may have been rewritten to version 21 or 22 with this loss.
     Step(22, 23, ("run",), _set_absolute_loss_aside, ("request.absolute_loss",)),
+    Step(23, 24, tuple(kind for kind in KINDS if kind != "run")),
+    Step(23, 24, ("run",), _state_one_solution, ("result.model.compliance",)),
 )
 """All steps; those from one version come after those to that version."""
 

@@ -17,6 +17,7 @@ from rich.console import Console
 
 from jointstiff.schemas.deflection import DeflectionResult
 from jointstiff.schemas.fields import Message
+from jointstiff.schemas.finding import Finding, Verdict
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.run import JointResult, Run, RunResult
 from jointstiff.schemas.trend import Trend
@@ -580,6 +581,24 @@ class TabledRun(PresentedJob, Run):
             RequestError: the run has no result.
         """
         return MappingProxyType(_Joints({joint.name: joint for joint in self._require_result().joints}))
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict on the run: `use`, `use_with_care` or `do_not_use`.
+
+        Raises:
+            RequestError: the run has no result.
+        """
+        return self._require_result().assessment.verdict
+
+    @property
+    def reasons(self) -> list[Finding]:
+        """Findings that do not allow the verdict `use`, most severe first.
+
+        Raises:
+            RequestError: the run has no result.
+        """
+        return self._require_result().assessment.reasons
 
     @property
     def stiffness(self) -> FloatArray:

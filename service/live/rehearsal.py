@@ -306,7 +306,8 @@ def _choose_stiffness(
     stiffness = draw_plausible_stiffness(robot, generator)
     source = "plausible values for an arm of this size"
     if run is not None:
-        found = np.array([joint.stiffness or 0.0 for joint in run.joints])
+        springs = run.joints if run.alone is None else run.alone.joints  # simulated links are rigid
+        found = np.array([joint.stiffness or 0.0 for joint in springs])
         is_known = found > 0.0
         stiffness = np.where(is_known, found, stiffness)
         source = "the run of these readings" + ("" if is_known.all() else ", and plausible values")

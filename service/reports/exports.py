@@ -11,12 +11,13 @@ from xml.etree import ElementTree
 import numpy as np
 
 from jointstiff.schemas.joints import JointKind
-from jointstiff.schemas.run import Budget, JointResult, Run, RunResult
+from jointstiff.schemas.run import Budget, JointAlone, JointResult, Run, RunResult
 from jointstiff.service.runs.verdicts import refuse_unaccepted, require_result
 from jointstiff.service.tables.files import csv_text, xlsx_bytes
 from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, with_overall_verdict
 from jointstiff.service.tables.stiffness import UNITS, lower_limit
 from jointstiff.service.tables.table import Sheet, Value
+from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import round_down, stiffness_text
@@ -53,10 +54,16 @@ class ExportedModel:
         """Kinematic chain of the robot."""
         return self.robot.chain
 
-    def springs(self) -> Iterator[tuple[ChainJoint, JointResult, float | None]]:
-        """Yield (moving joint, result of the joint, stiffness in SI units; None if not positive)."""
-        for joint, result in zip(self.chain.moving, self.result.joints, strict=True):
-            yield joint, result, positive_stiffness(result)
+    def springs(self) -> Iterator[tuple[ChainJoint, float | None]]:
+        """Yield (moving joint, stiffness in SI units; None if not positive) of the fit by joints alone.
+
+        Where links bend, effective stiffnesses without the links would be a worse robot than this fit.
+        """
+        results: Sequence[JointResult | JointAlone] = self.result.joints
+        if self.result.alone is not None:
+            results = self.result.alone.joints
+        for joint, result in zip(self.chain.moving, results, strict=True):
+            yield joint, positive_stiffness(result)
 
     def remarks(self) -> list[str]:
         """Return lines about the whole file: robot, run, method, verdict, geometry, units and limits."""
@@ -106,10 +113,24 @@ class ExportedModel:
             )
         if self.result.links is not None:
             yield (
-                "The run found that links or a coupling of joints bend, too. This file omits them: "
-                "each stiffness is that of a joint together with the motion of its link about or along the "
-                "axis of the joint."
+                "The run found that links or a coupling of joints bend, too. An effective number is that of "
+                "a joint together with the motion of its link about or along the axis of the joint, an own "
+                "number that of the joint, which predicts together with the links."
             )
+        if self.result.alone is not None:
+            yield (
+                "A number alone is that of the fit in which only joints bend: it explains "
+                f"{100 * self.result.alone.compensation:.1f} % of the deflection of held-out postures, "
+                f"the model with links {100 * self._held_out_score():.1f} %."
+            )
+
+    def _held_out_score(self) -> float:
+        """Return the compensation of held-out postures by the model of a run with links."""
+        choice = self.result.choice
+        if choice is None:
+            raise ValueError("a run whose links bend states its choice")
+        scores = {(each.model, each.loss): each.compensation for each in choice.models}
+        return scores[choice.elasticity, choice.loss]
 
     def describe_joint(self, joint: JointResult) -> str:
         """Return a line on a joint: stiffness, interval and verdict, or why it has no stiffness."""
@@ -122,7 +143,7 @@ class ExportedModel:
         return f"{joint.name}: {number} ({level}); {verdict}"
 
 
-def positive_stiffness(joint: JointResult) -> float | None:
+def positive_stiffness(joint: JointResult | JointAlone) -> float | None:
     """Return the stiffness of a joint in SI units if it is positive, as a spring needs; otherwise None."""
     return joint.stiffness if joint.stiffness is not None and joint.stiffness > 0.0 else None
 
@@ -148,6 +169,12 @@ _JOINT: Final = {
     "compliance {low high}": "compliance_interval",
 }
 """Field of `JointResult` by header of the column; the unit of the field is added to the header."""
+_WITH_LINKS: Final = {f"effective {header}": field for header, field in _JOINT.items()} | {
+    "own compliance": "own_compliance"
+}
+"""As `_JOINT`, for a run whose links bend."""
+_ALONE: Final = {"stiffness alone": "stiffness", "compliance alone": "compliance"}
+"""Field of `JointAlone` by header of the column."""
 _FRAME: Final = ("x [m]", "y [m]", "z [m]", "roll [rad]", "pitch [rad]", "yaw [rad]")
 _AXIS: Final = ("axis x [1]", "axis y [1]", "axis z [1]")
 _FINDING: Final = ("code", "weight", "where", "message", "remedy")
@@ -160,7 +187,10 @@ def tabulate_joints(model: ExportedModel) -> Sheet:
     columns: dict[str, Any] = dict(Sheet.from_messages(joints, names_and_verdicts).columns)
     columns["reason"] = [_explain_joint(joint) for joint in joints]
     with_limit = [joint.model_copy(update={"stiffness_at_least": lower_limit(joint)}) for joint in joints]
-    columns |= Sheet.from_messages(with_limit, _JOINT).columns
+    has_links = model.result.links is not None
+    columns |= Sheet.from_messages(with_limit, _WITH_LINKS if has_links else _JOINT).columns
+    if model.result.alone is not None:
+        columns |= Sheet.from_messages(model.result.alone.joints, _ALONE).columns
     columns["confidence of the intervals [1]"] = [run.request.confidence] * len(joints)
     if model.result.budget is not None:
         columns |= _make_budget_columns(model.result.budget, joints)
@@ -264,7 +294,7 @@ def add_element(parent: Element, tag: str, text: str | None = None, **attributes
 
 def add_remarks(parent: Element, model: ExportedModel, *further_remarks: str) -> None:
     """Append XML comments: the remarks on the whole model, further remarks, and a remark on each joint."""
-    joint_remarks = [model.describe_joint(joint) for _, joint, _ in model.springs()]
+    joint_remarks = [model.describe_joint(joint) for joint in model.result.joints]
     for line in (*model.remarks(), *further_remarks, *joint_remarks):
         add_comment(parent, line)
 
@@ -300,7 +330,17 @@ _RIGID_JOINTS: Final = (
 
 
 def write_mjcf(model: ExportedModel) -> bytes:
-    """Return a MuJoCo model (MJCF) of hinges, slides and position actuators; the world frame is R0."""
+    """Return a MuJoCo model (MJCF) of hinges, slides and position actuators; the world frame is R0.
+
+    Raises:
+        RequestError: an older run whose links bend states no fit by joints alone.
+    """
+    if model.result.links is not None and model.result.alone is None:
+        raise RequestError(
+            f"run '{model.run.id}' has bending links, but no fit by joints alone",
+            where="format",
+            remedy="identify the measurement set again, and export the new run",
+        )
     root = ElementTree.Element("mujoco", model=model.name)
     add_remarks(root, model, _ACTUATORS, _RIGID_JOINTS, PLACEHOLDERS)
     # `eulerseq` in capital letters: roll, pitch and yaw turn about fixed axes. MuJoCo requires that moving
@@ -323,7 +363,7 @@ def _add_springs(root: ElementTree.Element, model: ExportedModel) -> None:
     A joint without a stiffness is rigid: a constraint holds its position at zero.
     """
     actuators, constraints = add_element(root, "actuator"), add_element(root, "equality")
-    for joint, _, stiffness in model.springs():
+    for joint, stiffness in model.springs():
         name = joint.name
         if stiffness is None:
             add_element(constraints, "joint", name=f"{name} held", joint1=name, polycoef="0 0 0 0 0")

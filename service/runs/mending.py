@@ -45,7 +45,8 @@ def find_advised_action(assessment: Assessment, kind: str, payload: float | None
         RequestError: no reason recommends an action of this kind that changes a campaign, or the action needs
             a payload, or no payload.
     """
-    actions = [reason.action for reason in assessment.reasons if reason.action is not None]
+    findings = [*assessment.reasons, *assessment.questions]
+    actions = [finding.action for finding in findings if finding.action is not None]
     # `show_posture` only shows something: it cannot be applied to a campaign.
     applicable = {action.kind: action for action in reversed(actions) if action.kind != "show_posture"}
     if kind not in applicable:

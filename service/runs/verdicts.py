@@ -132,7 +132,7 @@ class RunModel:
             raise RequestError(
                 f"run '{run.id}' has no model", where="run_id", remedy="choose a run that determines a joint"
             )
-        model, error = build_forward_model(robot, result.model, weight)
+        model, error = build_forward_model(robot, result.model, result.joints, weight)
         if weight is not None and model.first_order:
             raise RequestError(
                 f"run '{run.id}' has elastic links or coupling, so own weight cannot be added",

@@ -114,11 +114,12 @@ class OldDocuments:
         changes = list[dict[str, Any]]()
         for row in rows:
             with suppress(DamagedError, LookupError, TypeError, ValueError):  # a damaged document remains
-                values = _rewrite_row(row._mapping, steps)
-                if table.name == jobs.name:
+                values = dict(row._mapping)
+                if table.name == jobs.name:  # before the steps, which know no earlier version than their own
                     job = from_json(read_text(values["document"]))
                     note_version(job, row.schema)
                     values["document"] = compress_text(to_json(job).decode())
+                values = _rewrite_row(values, steps)
                 names = {f"new_{name}": value for name, value in values.items() if name != "sequence"}
                 changes.append({"own": row.sequence, "before": row.document, **names})
         if not changes:

@@ -15,8 +15,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import to_jsonable_python
 
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.finding import ActionKind, Assessment, Finding, Problem, Verdict
-from jointstiff.schemas.joints import JointKind
+from jointstiff.schemas.finding import UNKNOWN_JOINTS, ActionKind, Assessment, Finding, Problem, Verdict
+from jointstiff.schemas.joints import GOAL, JointKind
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS, StiffnessUnit
 from jointstiff.service.tables.table import Line, Part, Sheet, Style, field_unit
 from jointstiff.solver.text import figure
@@ -92,6 +92,8 @@ def verdict_line(assessment: Assessment) -> Line:
         rest_words = "no number of the other joints passed the checks"
         return Line(f"Use {identified} of {joints} joints: {rest_words}", _HEAD_STYLES[verdict])
     explanation = format_count(count, "reason") if count else describe_passed_checks(assessment)
+    if count and all(reason.code in UNKNOWN_JOINTS for reason in assessment.reasons):
+        explanation = f"{identified} of {joints} joints are known within a factor of {GOAL:g}"
     return Line(f"{VERDICTS[verdict].capitalize()}: {explanation}", _HEAD_STYLES[verdict])
 
 
@@ -112,6 +114,7 @@ def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
     for reason in assessment.reasons if details else assessment.reasons[:MOST_SHOWN]:
         place = f"{reason.where}: " if reason.where else ""
         lines.append(Line(f"  {place}{reason.message}", _STYLES[reason.weight]))
+    lines += [Line(f"  Question: {question.message}") for question in assessment.questions]
     return lines
 
 
@@ -139,14 +142,14 @@ def hint_lines(report: Report, assessment: Assessment, warnings: Sequence[Findin
 
 
 def remedies(assessment: Assessment, *, applies: bool = False) -> list[str]:
-    """Return the remedies of an assessment's reasons, without repetitions.
+    """Return the remedies of an assessment's reasons and the answers that it asks for, without repetitions.
 
     If `applies` is set, a remedy that a program can carry out names its option.
     """
     # `--apply KIND` applies the first action of a kind, so only the remedy of that action names the option.
     kinds_without_option = {"show_posture"}
     found = list[str]()
-    for reason in assessment.reasons:
+    for reason in (*assessment.reasons, *assessment.questions):
         remedy = reason.remedy
         kind = None if reason.action is None else reason.action.kind
         if applies and kind is not None and kind not in kinds_without_option:

@@ -42,12 +42,12 @@ from jointstiff.solver.design.optimum import (
 )
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.term_tests import MISTAKE_LEVEL, compute_noncentrality
-from jointstiff.solver.fit.estimate import Estimate
+from jointstiff.solver.fit.estimate import CARRIES, Estimate
 from jointstiff.solver.fit.observability import Spectrum
 from jointstiff.solver.fit.rows import Rows
 from jointstiff.solver.fit.stack import Stack
 from jointstiff.solver.fit.triangle import orthonormal_basis
-from jointstiff.solver.mechanics.block import targets_in_flange, unloaded_block
+from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, targets_in_flange, unloaded_block
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
@@ -775,9 +775,9 @@ MOST_JOINTS: Final = 3
 MOST_POSTURES: Final = 48
 """Greatest number of measured postures and of new postures; fewer if many joints make each candidate
 costly."""
-LEAST_GAIN: Final = 0.05
+LEAST_GAIN: Final = 0.5
 """Least relative reduction of a joint's standard uncertainty, errors common to all readings included, for
-which a reading is advised: two digits of the uncertainty then show the gain."""
+which a reading is advised: who measures once more wants to see that it was worth it."""
 TOLERATED_RATIO: Final = 1.1
 """Ratio of the uncertainties after two readings up to which only the easier reading is advised. With weights,
 which only pull downwards, this is the new posture; otherwise the measured one, known to be free of
@@ -886,6 +886,9 @@ def advise_next_readings(robot: Robot, measurements: Measurements, estimate: Est
     # At most `count` observations, evenly spread
     spread = inside[np.unique(np.linspace(0, len(inside) - 1, min(count, len(inside))).astype(np.intp))]
     strongest = measurements.force[int(np.argmax(np.linalg.norm(measurements.force, axis=1)))]
+    if robot.payload is not None:  # a pull may be stronger than the payload, an advised load is not
+        heaviest = robot.payload * np.linalg.norm(STANDARD_GRAVITY)
+        strongest = strongest * min(1.0, heaviest / np.linalg.norm(strongest))
     # Forces that are all parallel to the strongest one are taken to be weights.
     sizes = np.linalg.norm(measurements.force, axis=1) * np.linalg.norm(strongest)
     weights = bool((np.abs(measurements.force @ strongest) >= (1.0 - 1e-6) * sizes).all())
@@ -920,9 +923,12 @@ def _select_poor_joints(estimate: Estimate) -> IndexArray:
     """Return the indices of at most `MOST_JOINTS` joints that are poorly determined, the worst first.
 
     Joints without a compliance or with compliance zero come first, then the others by relative uncertainty.
+    A joint that carries hardly any of the deflection is not among them.
     """
     relative = np.zeros(len(estimate.joints))
-    for j, joint in enumerate(estimate.joints):
+    for j, (joint, share) in enumerate(zip(estimate.joints, estimate.greatest_shares.tolist(), strict=True)):
+        if share < CARRIES:
+            continue
         if joint.status == "not_observable" or joint.compliance == 0.0:
             relative[j] = np.inf
         elif joint.compliance is not None and joint.standard_uncertainty is not None:

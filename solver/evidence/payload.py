@@ -160,7 +160,7 @@ def _request_payload(compared: _ComparedJoints, reach: float, declared: ForceUni
             payload_texts.append(f"{_describe_payloads(compared, size, reach)} with forces in {unit}")
     return Finding(
         code="payload_not_stated",
-        weight="use_with_care",
+        weight="use",
         message=f"the robot states no payload, so the unit of the forces ({declared}) cannot "
         f"be checked; the stiffnesses of {compared.names} are plausible for a payload of "
         f"{', '.join(payload_texts)}",

@@ -96,6 +96,10 @@ _NEGLIGIBLE: Final = 3e-4
 """Density of a node, relative to the greatest, below which the node does not count."""
 _STEP_OF_RATIO: Final = 1e-4
 """Step of the differences of log|V|, relative to the ratios of shared errors."""
+_COMMON_FREEDOM: Final = 3.0
+"""Degrees of freedom of the prior of a joint's own variance about the common one."""
+_STEPS_OF_EM: Final = 40
+"""Number of steps after which the deviations of the joints' turns rest to 1 %."""
 _REFINED: Final = 6
 """Number of intervals between two nodes where a posterior of more readings is computed."""
 _NO_TURN: Final = 1e-6
@@ -231,7 +235,8 @@ class RestrictedLikelihood:
             finds_turns: whether turns of the joints are sought, or are as stated.
         """
         self._finds_turns = finds_turns
-        columns, readings = stack.rows[..., fitted], stack.rows[..., -1]
+        turned, by_noise = _separate_loads(block, stack.rows)
+        columns, readings = turned[..., fitted], turned[..., -1]
         # The likelihood depends on the columns' span alone; dependent columns would make it rounding.
         scaled_columns, _ = unit_columns(columns.reshape(-1, columns.shape[-1]))
         basis = orthonormal_basis(scaled_columns)
@@ -240,7 +245,7 @@ class RestrictedLikelihood:
         residual = readings - (basis @ coefficients).reshape(readings.shape)
         used = _find_postures_in_order(residual, stack.read)
         by_joints, by_station = block.shared_motion
-        motion = np.concatenate([by_joints, by_station], axis=-1)[used]
+        motion = (by_noise[:, None, None] * np.concatenate([by_joints, by_station], axis=-1))[used]
         basis = basis.reshape(*columns.shape[:2], -1)[used]
         if not used.all():  # an unknown that only the other postures show is no unknown of these
             basis = orthonormal_basis(basis.reshape(-1, basis.shape[-1])).reshape(*basis.shape[:2], -1)
@@ -333,7 +338,38 @@ class RestrictedLikelihood:
         scatter = replace(
             posterior.scatter, encoders=most_likely.encoders, is_assumed=not (is_shown or is_stated)
         )
+        if scatter.joints and not scatter.encoders:  # encoders see the turns with one deviation for all
+            scatter = replace(scatter, relative=self._find_relative_turns(scatter))
         return FoundScatter(scatter, as_stated, is_shown, posterior)
+
+    def _find_relative_turns(self, scatter: Scatter) -> tuple[float, ...]:
+        """Return the standard deviation of each joint's turns relative to the common one.
+
+        The variance of a joint's turns has a scaled inverse χ² prior about the common variance. A step of the
+        EM algorithm (Dempster et al., *J. R. Stat. Soc. B* 39, 1977) replaces it by its mean given the turns
+        ``z_i ~ N(0, I)`` of each posture. With ``B_i = G_i diag(s)`` and ``M_i = (I + B_iᵀ B_i)⁻¹`` they have
+        the mean ``M_i B_iᵀ (r_i − A_i x)`` and the covariance ``M_i + M_i B_iᵀ A_i C A_iᵀ B_i M_i``, where
+        ``C = (Σ A_iᵀ V_i⁻¹ A_i)⁻¹`` is what the fit of x leaves open.
+        """
+        n = self._joint_count
+        common = np.repeat([scatter.joints, scatter.station], (n, 3))
+        variance = (self._measurements.sigma or self.sigma(scatter)) ** 2
+        posture_count = len(self._motion_products)
+        scale = common.copy()
+        for _ in range(_STEPS_OF_EM):
+            M = np.linalg.inv(np.eye(n + 3) + scale[:, None] * self._motion_products * scale)
+            seen = scale[:, None] * self._motion_rows  # B_iᵀ (A_i, r_i)
+            answered = M @ seen
+            products = self._row_products - (seen.mT @ answered).sum(axis=0)
+            C = np.linalg.pinv(products[:-1, :-1])
+            x = C @ products[:-1, -1]
+            mean = answered[..., -1] - answered[..., :-1] @ x
+            spread = np.einsum("nij,jk,nik->ni", answered[..., :-1], C, answered[..., :-1])
+            square = mean**2 / variance + np.diagonal(M, axis1=1, axis2=2) + spread
+            turns = square.sum(axis=0)[:n] * scale[:n] ** 2
+            freedom = _COMMON_FREEDOM + posture_count
+            scale[:n] = np.sqrt((_COMMON_FREEDOM * common[:n] ** 2 + turns) / freedom)
+        return tuple((scale[:n] / scatter.joints).tolist())
 
     def compute_posterior(self, most_likely: Scatter) -> Posterior:
         """Compute the posterior of turns and station, on a grid that is narrowed to where it counts.
@@ -606,6 +642,29 @@ class RestrictedLikelihood:
         # log|V_i| = log|I + G_iᵀ G_i|, twice the logarithms of the diagonal of the root.
         log_determinant = log_noise + 2.0 * np.log(np.diagonal(root, axis1=2, axis2=3)).sum(axis=(1, 2))
         return _Fit.solve(products, log_determinant, self._degrees_of_freedom)
+
+
+def _separate_loads(block: RegressorBlock, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Turn the rows of loads that share an unloaded reading to independent rows: their mean and contrasts.
+
+    Args:
+        block: N observations.
+        rows: (N, rows, k) whitened rows.
+
+    Returns:
+        The turned rows; and (N,) by how much whitening enlarged the motion by shared errors in each.
+    """
+    turned, enlarged = rows.copy(), np.ones(len(rows))
+    numbers = block.unloaded_readings
+    for number in np.unique(numbers[block.load_counts > 1]):
+        loads = np.flatnonzero(numbers == number)
+        count = len(loads)
+        mean_and_others = np.column_stack([np.ones(count), np.eye(count)[:, 1:]])
+        Q, _ = np.linalg.qr(mean_and_others)
+        turned[loads] = np.einsum("lp,lrk->prk", Q, rows[loads])
+        enlarged[loads] = np.sqrt(2.0)  # contrasts have half of the noise
+        enlarged[loads[0]] = np.sqrt(2.0 / (1.0 + count))
+    return turned, enlarged
 
 
 def _find_postures_in_order(residual: FloatArray, read_count: IndexArray) -> BoolArray:

@@ -14,7 +14,7 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from jointstiff.schemas.joints import JOINT_UNITS, JointKind
+from jointstiff.schemas.joints import IDENTIFIED, JOINT_UNITS, JointKind
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fit.cone import find_diagonal_entries
@@ -32,8 +32,8 @@ from jointstiff.solver.mechanics.springs import BASE, triangle_indices, triangle
 from jointstiff.solver.models import Columns
 
 _LIGHTER: Final = 0.12
-"""Penalty for stiffnesses and their intervals relative to the penalty that predicts best. With the latter,
-bias is as large as dispersion; with a lighter penalty dispersion outweighs bias (undersmoothing)."""
+"""Penalty for intervals relative to the penalty that predicts best. With the latter, bias is as large as
+dispersion; with a lighter penalty dispersion outweighs bias (undersmoothing). Values need no lighter one."""
 _NOTHING: Final = 1e-4
 """Lower end of an interval, relative to its upper end, below which the lower end counts as zero: cone
 programs do not reach zero exactly."""
@@ -89,6 +89,7 @@ class EffectiveCompliances:
 
     #: (n,) compliance of each joint plus that of its link about, or along, the joint's axis [rad/(N·m)]
     compliance: FloatArray
+    own: FloatArray  #: (n,) compliance of each joint without its link [rad/(N·m)]
     range: FloatArray  #: (n, 2) least and greatest values [rad/(N·m)]
     quantile: float  #: half-width of a range divided by the standard uncertainty
     #: False if the ranges must not be published as intervals, because the penalty was given
@@ -130,34 +131,33 @@ def compute_effective_compliances(
 ) -> EffectiveCompliances:
     """Compute the joints' effective compliances and their confidence ranges.
 
-    A range contains the values of an effective compliance at which the objective, with a lighter penalty, is
-    close to its minimum. The compliance itself is that at the minimum: from one draw of the noise to the
-    next, compliances at the chosen penalty differ more, as the choice of the penalty does. For the model of
-    joints and base, a range also contains the range of ordinary least squares, which has no bias from penalty
-    or constraints.
+    The compliance is that of the fit that predicts. Its range contains the values at which the objective,
+    with a lighter penalty, is close to its minimum, and the compliance itself. For the model of joints and
+    base, a range also contains the range of ordinary least squares, which has no bias from penalty or
+    constraints.
 
     Args:
         robot: n joints.
-        elastic: estimate of the chosen model; its effective compliances are returned if no range is known.
+        elastic: estimate of the chosen model, which predicts.
         confidence: confidence level of the ranges.
         fit_for_ranges: estimate of the richest model compared, from which the ranges are computed; None takes
             `elastic`.
         publishes_ranges: whether the ranges may be published as intervals: only if cross-validation chose the
-            penalty. Otherwise the returned compliances are those at the given penalty.
+            penalty.
     """
     fit_for_ranges = fit_for_ranges or elastic
-    to_effective = build_effective_rows(robot, elastic.candidate.columns)
+    columns = elastic.candidate.columns
+    to_effective = build_effective_rows(robot, columns)
     effective = to_effective @ elastic.entries
     quantile = fit_for_ranges.likelihood.scale.quantile(0.5 * (1.0 + confidence))
-    ranges = _Ranges.unknown(effective)
+    ranges = _Ranges.unknown(len(effective))
     with suppress(SolverError):  # Without a certified optimum the ranges remain unknown.
         ranges = _find_ranges(fit_for_ranges, to_effective, quantile) or ranges
-    if publishes_ranges:
-        effective = ranges.at_optimum
     # An error of all loads' size changes all compliances in proportion, and no reading shows it.
     scale_error = quantile * fit_for_ranges.force_scale * effective
     return EffectiveCompliances(
         compliance=np.where(np.isnan(elastic.compliance), np.nan, effective),
+        own=elastic.entries[columns.joints],
         range=ranges.widen_around(effective, scale_error),
         quantile=quantile,
         ranges_are_published=publishes_ranges,
@@ -167,15 +167,14 @@ def compute_effective_compliances(
 class _Ranges(NamedTuple):
     """Ranges of the joints' effective compliances around the optimum with a lighter penalty [rad/(N·m)]."""
 
-    at_optimum: FloatArray  # (n,)
     lower: FloatArray  # (n,) NaN where unknown
     upper: FloatArray  # (n,) NaN where unknown
 
     @classmethod
-    def unknown(cls, effective: FloatArray) -> _Ranges:
-        """Return unknown ranges of effective compliances (n,)."""
-        not_known = np.full(len(effective), np.nan)
-        return cls(effective, not_known, not_known)
+    def unknown(cls, count: int) -> _Ranges:
+        """Return unknown ranges of a number of effective compliances."""
+        not_known = np.full(count, np.nan)
+        return cls(not_known, not_known)
 
     def widen_around(self, effective: FloatArray, further_error: FloatArray) -> FloatArray:
         """Return ranges (n, 2) that contain the estimates, widened by a further independent error.
@@ -222,7 +221,7 @@ def _find_ranges(estimate: ElasticFit, to_effective: FloatArray, quantile: float
         # Where other compliances are zero, ranges in the cone alone hold the truth too seldom (method.md §6).
         least, greatest = compute_unconstrained_range(reduced.squares, functions, root_of_increase).T
         lower, upper = np.fmin(lower, least), np.fmax(upper, greatest)
-    return _Ranges(functions @ optimum, lower, upper)
+    return _Ranges(lower, upper)
 
 
 LARGEST_UNCERTAINTY: Final = 0.5
@@ -298,18 +297,24 @@ def _build_effective_joint(
     return JointCompliance(
         name=joint.name,
         kind=joint.kind,
-        status=_find_status(compliance, uncertainty),
+        status=_find_status(compliance, uncertainty, (lower, upper) if has_interval else None),
         compliance=0.0 if compliance < RIGID else compliance,
         standard_uncertainty=uncertainty if np.isfinite(uncertainty) else None,
         compliance_interval=(lower, upper) if has_interval else None,
         reason="; ".join(remarks) or None,
+        own_compliance=float(effective.own[index]),
     )
 
 
-def _find_status(compliance: float, uncertainty: float) -> Literal["identified", "uncertain", "at_bound"]:
-    """Return the status of a joint by its effective compliance and standard uncertainty [rad/(N·m)]."""
+def _find_status(
+    compliance: float, uncertainty: float, interval: tuple[float, float] | None
+) -> Literal["identified", "uncertain", "at_bound"]:
+    """Return the status of a joint by its effective compliance, uncertainty and interval [rad/(N·m)]."""
     if compliance < RIGID:
         return "at_bound"
+    if interval is not None:
+        lower, upper = interval
+        return "identified" if 0.0 < upper <= IDENTIFIED * lower else "uncertain"
     return "identified" if uncertainty < compliance else "uncertain"  # uncertain, too, if it is NaN
 
 

@@ -28,7 +28,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from scipy import linalg
 
-from jointstiff.schemas.joints import JOINT_UNITS, JointKind
+from jointstiff.schemas.joints import IDENTIFIED, JOINT_UNITS, JointKind
 from jointstiff.schemas.run import Certificate as StagesCertificate
 from jointstiff.schemas.run import ObservabilityIndex
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
@@ -470,6 +470,10 @@ class JointPrior(NamedTuple):
     by_readings: float  #: compliance of the fit without priors [rad/(N·m)]
 
 
+CARRIES: Final = 0.05
+"""Fraction of the deflection from which on a joint matters: it must be known, and gets advice."""
+
+
 @dataclass(frozen=True)
 class JointCompliance:
     """Result for one joint; numbers are None if the joint is not observable."""
@@ -491,6 +495,7 @@ class JointCompliance:
     prior: JointPrior | None = None
     reason: str | None = None  #: why there is no number, or which limit applies to the number
     limit: str = ""  #: text of the lower limit of the stiffness, with which the reason begins; may be empty
+    own_compliance: float | None = None  #: with bending links, of the joint without its link [rad/(N·m)]
 
     @property
     def reason_without_limit(self) -> str | None:
@@ -633,6 +638,18 @@ class Estimate:
     def regressor(self) -> FloatArray:
         """Regressor (m, n) of all readings, compressed and weighted by covariance, whatever the method."""
         return self.compressed.all_readings.matrix
+
+    @property
+    def greatest_shares(self) -> FloatArray:
+        """Fraction (n,) of the deflection that each joint may carry; NaN for a joint without an interval.
+
+        ``‖R_j‖ c_j / ‖z‖``, with R the rows, z the readings, and c_j the upper end of the interval: a joint
+        that seems rigid may still carry what its interval allows.
+        """
+        intervals = [joint.compliance_interval or (np.nan, np.nan) for joint in self.joints]
+        upper = np.array(intervals)[:, 1]
+        size_of_readings = max(float(np.linalg.norm(self.compressed.all_readings.rhs)), np.finfo(float).tiny)
+        return np.asarray(np.linalg.norm(self.regressor, axis=0) * upper / size_of_readings)
 
     @property
     def estimated(self) -> BoolArray:
@@ -866,6 +883,12 @@ class Evidence:
         uncertainty, (lower, upper) = self.uncertainty(j), intervals[0].tolist()
         if uncertainty is not None and lower <= 0.0 <= upper:
             return "uncertain", self._explain_interval_with_zero(j, limit, uncertainty)
+        if lower > 0.0 and upper > IDENTIFIED * lower:
+            load = JOINT_UNITS[self.observability.kinds[j]].load
+            return "uncertain", (
+                f"the ends of the interval are a factor of {upper / lower:.2g} apart: add loads with more "
+                f"{load} {self.names[j]}"
+            )
         return "identified", None
 
     def _explain_interval_with_zero(self, j: int, limit: str, uncertainty: float) -> str:

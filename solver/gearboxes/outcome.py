@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from scipy import special
 
-from jointstiff.schemas.finding import Assessment, Finding, combine_assessments
+from jointstiff.schemas.finding import QUESTIONS, Assessment, Finding, combine_assessments
 from jointstiff.schemas.gearbox import GearboxResult, GearboxStiffness, StepResidual
 from jointstiff.solver.arrays import FloatArray, wrap
 from jointstiff.solver.errors import NotObservableError
@@ -111,8 +111,13 @@ def assess_gearboxes(findings: Sequence[Finding], gearboxes: Sequence[GearboxSti
     """Return the verdict on gearboxes: the worst of the findings."""
     reasons = [finding for finding in findings if not finding.is_remark]
     assessment = combine_assessments([Assessment(verdict=each.weight, reasons=[each]) for each in reasons])
-    identified = sum(gearbox.stiffness is not None for gearbox in gearboxes)
-    return assessment.model_copy(update={"joints_identified": identified, "joint_count": len(gearboxes)})
+    return assessment.model_copy(
+        update={
+            "questions": [finding for finding in findings if finding.code in QUESTIONS],
+            "joints_identified": sum(gearbox.stiffness is not None for gearbox in gearboxes),
+            "joint_count": len(gearboxes),
+        }
+    )
 
 
 def _explain_undetermined(steps: JointStep) -> str | None:
@@ -408,7 +413,7 @@ def report_against_payload(
     if robot.payload is None:
         yield Finding(
             code="payload_not_stated",
-            weight="use_with_care",
+            weight="use",
             message="the robot states no payload, so that nothing checks the units",
             remedy="state `payload` of the robot [kg]",
         )

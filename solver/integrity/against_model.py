@@ -837,6 +837,8 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
     # Rows with the same targets as the first row with most targets have the same barycentre.
     targets = measured[target_counts.argmax()]
     rows = np.flatnonzero((measured == targets).all(axis=1))
+    _, first_of_reading = np.unique(view.measurements.number_unloaded_readings()[rows], return_index=True)
+    rows = rows[np.sort(first_of_reading)]  # an unloaded reading that loads share counts once
     if target_counts.max() == 0 or len(rows) < LEAST_ROWS_OF_DRIFT or view.in_order:
         return
     triangle = _compress_drift_rows(view, rows, targets)

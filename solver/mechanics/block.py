@@ -445,7 +445,33 @@ class RegressorBlock:
     def _scatter_roots(self) -> tuple[FloatArray, FloatArray]:
         """Directions U (B, 3 T, r) of the shared errors, and their reduction (B, r) by whitening."""
         scatter = self.measurements.scatter
-        return compute_scatter_roots(self.shared_motion, scatter.joints, scatter.station)
+        return compute_scatter_roots(self.shared_motion, scatter.list_turns(self.robot.n), scatter.station)
+
+    @cached_property
+    def unloaded_readings(self) -> IndexArray:
+        """Number (B,) of the unloaded reading of each observation."""
+        return self.measurements.number_unloaded_readings()
+
+    @cached_property
+    def load_counts(self) -> IndexArray:
+        """Number (B,) of loads in this block that share the unloaded reading of each observation."""
+        return np.asarray(np.bincount(self.unloaded_readings)[self.unloaded_readings])
+
+    def _average_over_loads(self, rows: FloatArray) -> FloatArray:
+        """Return the mean of rows (B, 3 T, k) over the loads of the same unloaded reading, for each load."""
+        total = np.zeros((self.unloaded_readings.max() + 1, *rows.shape[1:]))
+        np.add.at(total, self.unloaded_readings, rows)
+        return np.asarray(total[self.unloaded_readings] / self.load_counts[:, None, None])
+
+    def _whiten_shared_errors(self, rows: FloatArray, variance: FloatArray) -> FloatArray:
+        """Multiply rows (B, 3 T, k) by ``(v I + G Gᵀ)^(-1/2)``, with the variances v (B,) of their noise."""
+        deviation = np.sqrt(variance)[:, None]
+        if self.measurements.scatter:
+            U, w = self._scatter_roots
+            squared_motion = 1.0 / (1.0 - w) ** 2 - 1.0  # eigenvalues of G Gᵀ
+            w = 1.0 - 1.0 / np.sqrt(1.0 + squared_motion / deviation**2)
+            rows = rows - U @ (w[..., None] * (U.mT @ rows))
+        return np.asarray(rows / deviation[..., None])
 
     def whiten(self, rows: FloatArray) -> FloatArray:
         """Whiten rows (B, T, 3, k) of the targets, so that the noise of each row has variance sigma².
@@ -454,14 +480,20 @@ class RegressorBlock:
         to the covariance I of these rows. The symmetric root ``(I + G Gᵀ)^(-1/2) = I − U diag(w) Uᵀ`` keeps
         each row close to the reading that it belongs to. Weights by a robust loss apply to rows of
         independent noise.
+
+        The deflections of m loads that share an unloaded reading have the covariance ``½ (I + 1 1ᵀ)`` in
+        place of I: contrasts of the loads ½, their mean ½ (1 + m). Each has a symmetric root of its own.
         """
         measurements = self.measurements
-        whitened_rows = whitened(measurements.covariance, rows)
-        if measurements.scatter:
-            U, w = self._scatter_roots
-            flat = whitened_rows.reshape(len(rows), -1, rows.shape[-1])  # (B, 3 T, k)
-            flat = flat - U @ (w[..., None] * (U.mT @ flat))
-            whitened_rows = flat.reshape(rows.shape)
+        flat = whitened(measurements.covariance, rows).reshape(len(rows), -1, rows.shape[-1])  # (B, 3 T, k)
+        if self.load_counts.max() > 1:
+            mean = self._average_over_loads(flat)
+            contrasts = self._whiten_shared_errors(np.asarray(flat - mean), np.full(len(rows), 0.5))
+            variance_of_mean = np.asarray(0.5 * (1.0 + self.load_counts), dtype=np.float64)
+            flat = contrasts + self._whiten_shared_errors(mean, variance_of_mean)
+        else:
+            flat = self._whiten_shared_errors(flat, np.ones(len(rows)))
+        whitened_rows = flat.reshape(rows.shape)
         if measurements.weight is None:
             return whitened_rows
         return np.sqrt(measurements.weight)[..., None, None] * whitened_rows
@@ -505,13 +537,13 @@ class RegressorBlock:
 
 
 def compute_scatter_roots(
-    shared_motion: tuple[FloatArray, FloatArray], joints: float, station: float
+    shared_motion: tuple[FloatArray, FloatArray], joints: FloatArray, station: float
 ) -> tuple[FloatArray, FloatArray]:
     """Decompose the covariance ``I + G Gᵀ`` of whitened readings with errors that a posture's targets share.
 
     Args:
         shared_motion: motion of the targets by joints (B, 3 T, n) and by a common shift (B, 3 T, 3).
-        joints: standard deviation of each joint's angle [rad/m of sigma].
+        joints: (n,) standard deviation of each joint's angle [rad/m of sigma].
         station: standard deviation of the common shift along each axis, in units of sigma.
 
     Returns:

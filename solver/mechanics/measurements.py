@@ -422,7 +422,13 @@ class Scatter:
     #: (n,) noise of the encoder of each joint, relative to its stated noise; encoders then also see the turns
     #: of `joints`. Empty: noise as stated, and encoders see no turns.
     encoders: tuple[float, ...] = ()
+    #: (n,) standard deviation of each joint's angle relative to `joints`; empty if all are alike
+    relative: tuple[float, ...] = ()
     is_assumed: bool = False  #: whether the errors are assumed: neither stated nor shown by the residuals
+
+    def list_turns(self, count: int) -> FloatArray:
+        """Return the standard deviation of each of `count` joints' angles [rad/m]."""
+        return self.joints * np.array(self.relative or (1.0,) * count)
 
     def __bool__(self) -> bool:
         """Return whether targets of a posture share errors."""
@@ -525,6 +531,19 @@ class Measurements:
                 where="noise",
                 remedy="state `noise.sigma` and `noise.encoder_sigma`, or omit the encoder readings",
             )
+
+    def number_unloaded_readings(self) -> IndexArray:
+        """Return the number (N,) of the unloaded reading of each observation, counted from 0.
+
+        Loads of one posture may share it: equal angles and equal positions of all targets are one reading.
+        Where positions were not measured, or encoders were read, each observation has a reading of its own.
+        """
+        count = len(self.joints)
+        if self.in_flange.any() or self.direction is not None or self.encoders is not None:
+            return np.arange(count)
+        keys = np.hstack([self.joints, self.position.reshape(count, -1), self.present])
+        _, numbers = np.unique(keys, axis=0, return_inverse=True)
+        return numbers.reshape(count)
 
     @property
     def _row_shapes(self) -> dict[str, tuple[int, ...]]:

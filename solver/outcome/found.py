@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.model import LinksResult, ScoredModel
 from jointstiff.schemas.options import Loss, RunOptions
-from jointstiff.schemas.run import ModelChoice
+from jointstiff.schemas.run import JointAlone, JointsAloneResult, ModelChoice
 from jointstiff.solver.choice.competition import Competition, Elastic, Winner
 from jointstiff.solver.choice.held_out import HeldOut, report_losses, report_penalty
 from jointstiff.solver.errors import JointstiffError
@@ -21,7 +21,7 @@ from jointstiff.solver.fit.effective import replace_by_effective
 from jointstiff.solver.fit.elastic import ElasticFit
 from jointstiff.solver.fit.estimate import Estimate, Prediction, UncertaintyBudget, predict
 from jointstiff.solver.fit.rows import Rows
-from jointstiff.solver.messages import finite_or_none
+from jointstiff.solver.messages import build_messages, finite_or_none
 from jointstiff.solver.predict.models import (
     ElasticPredictor,
     JointModel,
@@ -46,6 +46,7 @@ class Found:
     budget: UncertaintyBudget | None = None  #: None with links, or where sigma is unknown
     doubt: PointDoubt | None = None  #: doubt about the stated load point; None with links
     links: LinksResult | None = None  #: result for links and base; None if only joints bend
+    alone: JointsAloneResult | None = None  #: fit by joints alone, with links; None if only joints bend
     remarks: tuple[Finding, ...] = ()  #: findings on the choice of penalty and loss
     apart: Apart | None = None  #: gearboxes and structure apart; None with links, or without encoders
 
@@ -160,8 +161,18 @@ def find_elastic(
         choice=describe_choice_by_comparison(winner, screening),
         screening=screening,
         links=_build_links_result(competition, fit),
+        alone=_describe_joints_alone(joints, winner),
         remarks=tuple(_list_remarks_on_choice(competition, winner, elastic, rows)),
     )
+
+
+def _describe_joints_alone(joints: JointsAlone, winner: Winner) -> JointsAloneResult:
+    """Return the fit by joints alone, with the loss that predicts held-out postures best."""
+    held_out = winner.selection.find_held_out("joints", ("squared", "huber"))
+    loss: Loss = "huber" if held_out.loss == "huber" else "squared"
+    estimate = joints.with_loss(loss).estimate
+    columns = {name: [getattr(joint, name) for joint in estimate.joints] for name in JointAlone.model_fields}
+    return JointsAloneResult(joints=build_messages(JointAlone, **columns), compensation=held_out.compensation)
 
 
 def _estimate_error_of_elastic(rows: Rows, fit: ElasticFit) -> ModelError | JointstiffError:
@@ -317,6 +328,11 @@ def _describe_intervals(winner: Winner) -> str:
     model = None if winner.elastic is None else winner.elastic.intervals
     if model is None:
         return ""
+    if winner.given:
+        name = model.replace("_", " ")
+        return (
+            f" The request names {name}: the intervals are those of this model, and wrong if another is true."
+        )
     if model == winner.held_out.model:
         return " The intervals of stiffness are computed with this model."
     name = model.replace("_", " ")

@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from jointstiff.schemas import run as runs
+from jointstiff.schemas.finding import UNKNOWN_JOINTS, Finding, Verdict
 from jointstiff.schemas.finding import Assessment as StatedAssessment
-from jointstiff.schemas.finding import Finding, Verdict
 from jointstiff.schemas.model import IdentifiedModel
 from jointstiff.schemas.run import RunResult
 from jointstiff.solver.arrays import IndexArray
@@ -135,6 +135,7 @@ def _describe_model(found: Found, assessment: Assessment) -> dict[str, Any]:
         "joint_kinds": list_joint_kinds(names, [joint.kind for joint in joints]),
         "characteristic_length": found.estimate.characteristic_length,
         "links": found.links,
+        "alone": found.alone,
         "choice": found.choice,
         "causes": list(found.screening.tests),
         "contributions": _build_contributions(found.prediction, names),
@@ -192,6 +193,7 @@ _SAME_FIELDS: Final = (
     "kind",
     "status",
     "compliance",
+    "own_compliance",
     "stiffness",
     "standard_uncertainty",
     "compliance_interval",
@@ -218,11 +220,17 @@ def build_joint_results(assessment: Assessment, joints: Sequence[JointCompliance
 
 
 def build_assessment_message(assessment: Assessment, joints: Sequence[JointCompliance]) -> StatedAssessment:
-    """Convert an assessment to a message: verdict, reasons, notes, and the number of identified joints."""
+    """Convert an assessment to a message: verdict, reasons, notes, and the number of joints that are known.
+
+    Joints that are not known within the goal, or that are negative, do not count.
+    """
+    unknown = {reason.where for reason in assessment.reasons if reason.code in UNKNOWN_JOINTS}
+    known = [joint for joint in joints if joint.name not in unknown]
     return StatedAssessment(
         verdict=assessment.verdict,
         reasons=list(assessment.reasons),
-        joints_identified=runs.count_identified_joints(joints),
+        questions=list(assessment.questions),
+        joints_identified=runs.count_identified_joints(known),
         joint_count=len(joints),
         notes=list(assessment.notes),
     )

@@ -16,6 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from jointstiff.schemas.finding import (
+    QUESTIONS,
     ROOT_MISTAKES,
     ActionKind,
     AdvisedAction,
@@ -24,7 +25,7 @@ from jointstiff.schemas.finding import (
     NamedCause,
     Verdict,
 )
-from jointstiff.schemas.joints import JOINT_UNITS, JointKind
+from jointstiff.schemas.joints import GOAL, JOINT_UNITS, JointKind
 from jointstiff.schemas.options import MAX_CAUSES
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.evidence.alternatives import (
@@ -42,6 +43,7 @@ from jointstiff.solver.evidence.selection import Cause
 from jointstiff.solver.evidence.structure import Apart
 from jointstiff.solver.evidence.unloading import Unloading, compare_unloaded_positions
 from jointstiff.solver.fit.estimate import (
+    CARRIES,
     CommonErrors,
     ComplementaryStiffness,
     Estimate,
@@ -189,6 +191,7 @@ class Assessment:
     joints: tuple[Verdict, ...]
     notes: tuple[str, ...] = ()  #: sentences on assumptions, and on checks that the readings do not allow
     remarks: tuple[Finding, ...] = ()  #: findings of the weight "use", which do not change the verdict
+    questions: tuple[Finding, ...] = ()  #: what a person knows and the readings do not show
 
     def drop_meaningless_numbers(self, prediction: Prediction) -> Prediction:
         """Return a prediction without the numbers that mean nothing after this assessment.
@@ -231,6 +234,9 @@ def assess(
         return replace(derive_assessment(estimate.joints, reasons), notes=tuple(notes))
     explanation = _choose_explanation(joints, estimate, screening)
     reasons = list(_list_reasons(joints, estimate, prediction, explanation, unloading))
+    reasons += _report_negative(estimate.joints)
+    if all(reason.weight != "do_not_use" for reason in reasons):  # else no interval means anything
+        reasons += _report_poorly_known(estimate)
     if doubt is not None and explanation.finds_nothing:  # else the doubt may have the same reason
         notes.append(doubt.describe())
     return replace(derive_assessment(estimate.joints, reasons), notes=tuple(notes))
@@ -530,9 +536,15 @@ def derive_assessment(joints: Sequence[JointCompliance], findings: Iterable[Find
     return Assessment(
         verdict=ordered[0].weight if ordered else "use",
         reasons=tuple(finding for finding in ordered if not finding.is_remark),
-        remarks=tuple(finding for finding in ordered if finding.is_remark),
+        remarks=tuple(finding for finding in ordered if finding.is_remark and finding.code not in QUESTIONS),
+        questions=tuple(finding for finding in ordered if finding.code in QUESTIONS),
         joints=tuple(verdicts),
     )
+
+
+def is_negative(joint: JointCompliance) -> bool:
+    """Return whether a joint has a negative compliance, which no spring has."""
+    return joint.compliance is not None and joint.compliance < 0.0
 
 
 def _judge_joint(joint: JointCompliance, joint_names: Set[str], findings: Sequence[Finding]) -> Verdict:
@@ -541,6 +553,8 @@ def _judge_joint(joint: JointCompliance, joint_names: Set[str], findings: Sequen
     A finding concerns the joint unless its place `where` is another joint; a finding without a place concerns
     the whole set.
     """
+    if is_negative(joint):
+        return "do_not_use"
     other_joints = joint_names - {joint.name}
     weights = [finding.weight for finding in findings if finding.where not in other_joints]
     verdict_by_status = _BY_STATUS[joint.status]
@@ -1279,6 +1293,37 @@ def _report_unidentified(estimate: Estimate) -> Iterator[Finding]:
             "the chosen robot would move the targets in another way"
         )
         yield from report_no_identified_joint(statuses, remedy)
+
+
+def _report_negative(joints: Sequence[JointCompliance]) -> Iterator[Finding]:
+    """Yield a finding for each joint with a negative compliance, which a fit without bounds may find."""
+    for joint in filter(is_negative, joints):
+        yield Finding(
+            code="stiffness_negative",
+            weight="use_with_care",
+            where=joint.name,
+            message=f"the stiffness of {joint.name} is negative, which is not physical",
+            remedy="identify with compliances that are not negative, or measure postures that load the joint",
+        )
+
+
+def _report_poorly_known(estimate: Estimate) -> Iterator[Finding]:
+    """Yield a finding for each joint that may carry the deflection and is not known within the goal."""
+    for joint, share in zip(estimate.joints, estimate.greatest_shares.tolist(), strict=True):
+        if joint.compliance_interval is None or is_negative(joint):
+            continue
+        lower, upper = joint.compliance_interval
+        if share < CARRIES or upper <= GOAL * lower:
+            continue
+        known = f"to a factor of {figure(upper / lower, '.2g')}" if lower > 0.0 else "from one side only"
+        yield Finding(
+            code="joint_poorly_known",
+            weight="use_with_care",
+            where=joint.name,
+            message=f"{joint.name} is known {known}, and may carry {100.0 * min(share, 1.0):.0f} % of the "
+            f"deflection; the goal is a factor of {GOAL:g} between the ends of its interval",
+            remedy=f"measure more postures and loads that twist {joint.name}; a plan proposes them",
+        )
 
 
 def _fits_with_opposite_sign(estimate: Estimate) -> bool:

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from jointstiff.schemas import deflection as cases
 from jointstiff.schemas import model as stored_as
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.run import Budget
+from jointstiff.schemas.run import Budget, JointResult
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, cross
 from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.fit.constraints import Bounds, Constraints
@@ -393,8 +393,7 @@ def build_stored_model(
 def _describe_joint_model(model: JointModel) -> dict[str, Any]:
     """Return the fields of a stored model in which only joints bend.
 
-    The field `compliance` obeys the constraints. The fields `estimate` and `covariance` are without
-    constraints, and only for the joints listed in `seen`.
+    The fields `estimate` and `covariance` are without constraints, and only for the joints listed in `seen`.
     """
     names = model.robot.joint_names
     likelihood = model.likelihood
@@ -405,11 +404,11 @@ def _describe_joint_model(model: JointModel) -> dict[str, Any]:
             gravity=point(model.weight.gravity),
             mass=model.weight.mass.tolist(),
             centre=model.weight.centre.tolist(),
+            compliance=model.compliance.tolist(),
             covariance_root=[_round_to_eight_digits(row) for row in model.weight.root],
         )
     information_rows = None if likelihood is None else likelihood.given_rows
     return {
-        "compliance": model.compliance.tolist(),
         "seen": [] if likelihood is None else [names[j] for j in likelihood.joints],
         "estimate": [] if likelihood is None else likelihood.centre.tolist(),
         "covariance": [] if likelihood is None else likelihood.covariance.tolist(),
@@ -424,11 +423,8 @@ def _describe_joint_model(model: JointModel) -> dict[str, Any]:
 def _describe_elastic_model(model: ElasticPredictor) -> dict[str, Any]:
     """Return the fields of a stored model in which joints, links and base bend."""
     names, n = model.robot.joint_names, model.robot.n
-    compliances = np.zeros(model.columns.width)
-    compliances[model.kept] = model.entries
     root = np.zeros(0) if model.root is None else model.root[np.triu_indices(len(model.kept))]
     return {
-        "compliance": compliances[model.columns.joints].tolist(),
         "seen": [names[j] for j in np.flatnonzero(model.seen)],
         **dict.fromkeys(("estimate", "covariance", "order"), ()),
         "information_root": None,
@@ -444,13 +440,17 @@ def _describe_elastic_model(model: ElasticPredictor) -> dict[str, Any]:
 
 
 def build_forward_model(
-    robot: Robot, stored: stored_as.IdentifiedModel, weight: OwnWeight | None = None
+    robot: Robot,
+    stored: stored_as.IdentifiedModel,
+    joints: Sequence[JointResult],
+    weight: OwnWeight | None = None,
 ) -> tuple[ForwardModel, ModelError | None]:
-    """Build the forward model of a run, and its model error, from the stored message.
+    """Build the forward model of a run, and its model error, from the stored messages.
 
     Args:
         robot: robot that was measured.
-        stored: model of the run as stored.
+        stored: errors of the run's numbers, as stored.
+        joints: joints of the run, whose compliances predict if only joints bend.
         weight: own weight of the links, ignored if links bend; None: no own weight.
 
     Returns:
@@ -471,12 +471,15 @@ def build_forward_model(
         share = np.array([step.share for step in stored.error.steps], dtype=np.float64)
         error = ModelError(score=score, share=share, **stored.error.model_dump(exclude={"steps"}))
     if stored.elastic is None:
-        return _build_joint_model(robot, stored, weight), error
+        return _build_joint_model(robot, stored, joints, weight), error
     return _build_elastic_model(robot, stored, stored.elastic), error
 
 
 def _build_joint_model(
-    robot: Robot, stored: stored_as.IdentifiedModel, weight: OwnWeight | None
+    robot: Robot,
+    stored: stored_as.IdentifiedModel,
+    joints: Sequence[JointResult],
+    weight: OwnWeight | None,
 ) -> JointModel:
     """Return the forward model of a run in which only joints bend."""
     likelihood = None
@@ -487,14 +490,40 @@ def _build_joint_model(
             identified_joints, np.array(stored.estimate), np.array(stored.covariance), information_root
         )
     bounds = Bounds(_fill_missing_limits(stored.lower, -np.inf), _fill_missing_limits(stored.upper, np.inf))
+    if stored.weight is not None:  # joints without a published compliance sag, too
+        compliance = np.array(stored.weight.compliance)
+    else:
+        compliance = _list_compliances(joints, likelihood, bounds)
     return JointModel(
         robot,
-        np.array(stored.compliance),
+        compliance,
         likelihood,
         Constraints(bounds, tuple(stored.order)),
         weight,
         degrees_of_freedom=stored.degrees_of_freedom,
     )
+
+
+def _list_compliances(
+    joints: Sequence[JointResult], likelihood: Likelihood | None, bounds: Bounds
+) -> FloatArray:
+    """Return the compliance (n,) of each joint [rad/(N·m)] that predicts; zero where nothing is known.
+
+    Joints that readings show only together have no published compliance, but their sum predicts: they have
+    the most likely compliances given the published ones.
+    """
+    compliance = np.array([joint.compliance or 0.0 for joint in joints])
+    if likelihood is None:
+        return compliance
+    seen, covariance = likelihood.joints, likelihood.covariance
+    is_published = np.array([joints[j].compliance is not None for j in seen.tolist()])
+    together = seen[~is_published]
+    change = (compliance[seen] - likelihood.centre)[is_published]
+    inverse = np.linalg.pinv(covariance[np.ix_(is_published, is_published)], hermitian=True)
+    shift = covariance[np.ix_(~is_published, is_published)] @ inverse @ change
+    most_likely = likelihood.centre[~is_published] + shift
+    compliance[together] = np.clip(most_likely, bounds.lower[together], bounds.upper[together])
+    return compliance
 
 
 def _build_elastic_model(

@@ -237,7 +237,8 @@ def _keys(part: Any, step: str) -> Sequence[Any]:
 
 
 def _assessed(assessment: Any) -> dict[str, Any]:
-    return {"verdict": assessment.verdict, "reasons": [_finding(each) for each in assessment.reasons]}
+    findings = [*assessment.reasons, *assessment.questions]
+    return {"verdict": assessment.verdict, "reasons": [_finding(each) for each in findings]}
 
 
 def _finding(each: Any) -> str:
@@ -348,7 +349,7 @@ def predict(document: dict[str, Any], *, run_options: Any = None, run: Any = Non
     found = js.predict(run, options.pop("cases", given), **options)
     out = {
         "verdict": found.assessment.verdict,
-        "reasons": [_finding(each) for each in found.assessment.reasons],
+        "reasons": [_finding(each) for each in (*found.assessment.reasons, *found.assessment.questions)],
     }
     for each in found.cases:
         out[f"moves {each.label}"] = [each.displacement, each.rotation]

@@ -154,6 +154,9 @@ interface VerdictCardProps {
   of?: Run | null | undefined;
 }
 
+/** What a person knows and the readings do not show, such as the payload. */
+export const questionsOf = ({ questions }: Assessment): Finding[] => questions ?? [];
+
 export function VerdictCard({ assessment, context, sentences = words.sentence, of }: VerdictCardProps) {
   const ofRun = of?.result?.assessment.reasons ?? [];
   const isOfRun = ({ code, message }: Finding) => ofRun.some((one) => one.code === code && one.message === message);
@@ -161,7 +164,7 @@ export function VerdictCard({ assessment, context, sentences = words.sentence, o
   return (
     <section class={`verdict-card ${assessment.verdict}`} aria-label={words.title}>
       <VerdictLine assessment={assessment} sentences={sentences} />
-      <Reasons assessment={{ ...assessment, reasons }} context={context} />
+      <Reasons assessment={{ ...assessment, reasons: [...reasons, ...questionsOf(assessment)] }} context={context} />
       {of && reasons.length < assessment.reasons.length && (
         <LinkButton href={link(["runs", of.id])}>{words.onRun(assessment.reasons.length - reasons.length)}</LinkButton>
       )}

@@ -33,6 +33,7 @@ const facts = async (changes: Partial<typeof predicted>) => {
       joints_identified: 6,
       joint_count: 6,
       headline: null,
+      questions: [],
       notes: [],
     },
     confidence: 0.95,

@@ -17,6 +17,7 @@ it.each([
     joints_identified: identified,
     joint_count: count,
     headline: null,
+    questions: [],
   };
   const root = await drawn(<VerdictCard assessment={assessment} context={null} />);
   expect(root.querySelector("h2")?.textContent).toContain(said);
@@ -33,7 +34,7 @@ it("offers what removes two reasons once, with the first of them", async () => {
     remedy: "exchange unloaded and loaded readings",
     action: { ...empty, kind: "exchange_readings" },
   }));
-  const assessment = { verdict: "do_not_use", reasons, notes: [], headline: null } as unknown as Assessment;
+  const assessment = { verdict: "do_not_use", reasons, notes: [], headline: null, questions: [] } as unknown as Assessment;
   const context = { run: { id: "r" } as Run } as RunContext;
   const root = await drawn(<VerdictCard assessment={assessment} context={context} />);
   const [first, second] = [...root.querySelectorAll("ul > li")].map((item) => item.querySelectorAll("button").length);
@@ -54,7 +55,7 @@ it.each([
     remedy: "exchange the readings",
     action: { ...empty, kind: "exchange_readings", targets },
   };
-  const assessment = { verdict: "do_not_use", reasons: [reason], notes: [], headline: null } as unknown as Assessment;
+  const assessment = { verdict: "do_not_use", reasons: [reason], notes: [], headline: null, questions: [] } as unknown as Assessment;
   const context = { run: { id: "r" } as Run } as RunContext;
   const root = await drawn(<VerdictCard assessment={assessment} context={context} />);
   expect(root.querySelector("ul > li button")?.textContent).toBe(label);
@@ -78,6 +79,7 @@ it("offers each unit of force that is plausible on a button of its own", async (
     joints_identified: 6,
     joint_count: 6,
     headline: null,
+    questions: [],
   };
   const context = { run: { id: "r" } } as RunContext;
   const root = await drawn(<VerdictCard assessment={assessment} context={context} />);
@@ -105,6 +107,7 @@ it("offers each robot that fits on a button of its own, the best first", async (
     joints_identified: 0,
     joint_count: 6,
     headline: null,
+    questions: [],
   };
   const context = { run: { id: "r" } } as RunContext;
   const root = await drawn(<VerdictCard assessment={assessment} context={context} />);
@@ -131,6 +134,7 @@ it("says a reason of the run on the run alone, and leads there", async () => {
     joints_identified: 6,
     joint_count: 6,
     headline: "Use this map with care: 1 reason of its run",
+    questions: [],
   };
   const run = { id: "r", result: { assessment: { reasons: [reason("base_bends")] } } } as unknown as Run;
   const root = await drawn(<VerdictCard assessment={assessment} context={null} of={run} />);
@@ -143,7 +147,7 @@ it("asks for the payload of the robot, and offers no button before it is stated"
   const empty = { observations: [], joints: [], joint_map: [], offset: [], target: null, causes: [], unit: null };
   const reason = {
     code: "payload_not_stated",
-    weight: "use_with_care",
+    weight: "use",
     where: null,
     observation: null,
     message: "the robot states no payload",
@@ -151,8 +155,9 @@ it("asks for the payload of the robot, and offers no button before it is stated"
     action: { ...empty, kind: "state_payload", payload: null },
   };
   const assessment = {
-    verdict: "use_with_care",
-    reasons: [reason],
+    verdict: "use",
+    reasons: [],
+    questions: [reason],
     notes: [],
     headline: null,
   } as unknown as Assessment;

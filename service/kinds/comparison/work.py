@@ -524,8 +524,9 @@ def _rebuild_joint_model(run: Run, robot: Robot) -> JointModel:
     Raises:
         RequestError: links or the base of the model are elastic, too.
     """
-    stored = None if run.result is None else run.result.model
-    model = None if stored is None else build_forward_model(robot, stored)[0]
+    model = None
+    if run.result is not None and run.result.model is not None:
+        model, _ = build_forward_model(robot, run.result.model, run.result.joints)
     if not isinstance(model, JointModel):
         raise RequestError(
             "two measurement sets can be compared only if joints alone are elastic in the runs, but the "

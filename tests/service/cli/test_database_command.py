@@ -17,6 +17,7 @@ LAYOUTS = (
     "0021_expand_loads",
     "0022_expand_grounds",
     "0023_expand_hands",
+    "0024_expand_solution",
 )
 
 

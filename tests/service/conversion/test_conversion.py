@@ -206,7 +206,7 @@ class TestNoise:
             readings = self.mixed(noise, {"sigma": 2e-6})
             variance = readings.sigma**2 * np.trace(readings.covariance, axis1=-2, axis2=-1) / 6.0
             np.testing.assert_allclose(variance[:, 0], 4e-10, rtol=1e-12)
-            np.testing.assert_allclose(variance[:, 1], 4e-12, rtol=1e-12)
+            np.testing.assert_allclose(variance[:, 1], 2e-12, rtol=1e-12)  # half of the displacement's
 
 
 def test_a_clean_campaign_of_gauges_is_used_and_holds_the_truth():
@@ -223,7 +223,7 @@ def test_a_clean_campaign_of_gauges_is_used_and_holds_the_truth():
         )
         noise = {"sigma": 2e-5, "load_point": 1e-9}
         run = identify(measured(by_gauges(document, triads(20, seed)), noise=noise))
-        assert run.result.assessment.verdict == "use", run.result.assessment.reasons
+        assert {reason.code for reason in run.reasons} <= {"joint_poorly_known"}, run.reasons
         assert not [w for w in run.result.warnings if w.weight != "use"]
         for joint, k in zip(run.result.joints, ARM.stiffnesses, strict=True):
             joints += joint.stiffness_interval is not None

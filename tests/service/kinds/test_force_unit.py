@@ -77,19 +77,23 @@ def test_a_confused_unit_is_found_on_a_real_arm(unit, declared, taps):
 @pytest.mark.parametrize(
     ("unit", "declared"), [("N", "N"), ("kgf", "N"), ("lbf", "N"), ("N", "kgf"), ("N", "lbf")]
 )
-def test_a_robot_without_a_payload_is_used_with_care_until_it_is_stated(unit, declared, clean):
+def test_a_robot_without_a_payload_is_one_question_and_no_verdict(unit, declared, clean):
     before = js.identify(noted(unit, declared, payload=None), **OPTIONS)
-    (reason,) = before.result.assessment.reasons
-    assert (reason.code, reason.weight) == ("payload_not_stated", "use_with_care")
+    assert (before.verdict, before.reasons) == ("use", [])
+    (question,) = before.result.assessment.questions
+    assert (question.code, question.weight) == ("payload_not_stated", "use")
+    assert question.code not in {warning.code for warning in before.result.warnings}
+    assert "Question: the robot states no payload" in str(before)
     after = before.apply("state_payload", payload=240.0)
     assert after.campaign.robot.payload == 240.0
+    assert after.result.assessment.questions == []
     codes = {reason.code for reason in after.result.assessment.reasons}
     assert codes == (set() if unit == declared else {CODE})
 
 
 @pytest.mark.parametrize("unit", ["kgf", "lbf"])
 @pytest.mark.parametrize("seed", range(10))
-def test_no_bare_urdf_in_kgf_or_lbf_is_plain_use_before_or_after_the_question(unit, seed):
+def test_no_bare_urdf_in_kgf_or_lbf_is_use_without_the_question_or_after_its_answer(unit, seed):
     """The arms' springs are up to a third softer or stiffer than those of the default arm of 240 kg."""
     draw = np.random.default_rng(seed)
     arm = default_arm()
@@ -99,8 +103,7 @@ def test_no_bare_urdf_in_kgf_or_lbf_is_plain_use_before_or_after_the_question(un
     )
     assert document["robot"].keys() == {"name", "model"}
     before = js.identify(in_unit(document, unit, "N", None), **OPTIONS)
-    assert "payload_not_stated" in {reason.code for reason in before.result.assessment.reasons}
-    assert before.result.assessment.verdict != "use"
+    assert "payload_not_stated" in {question.code for question in before.result.assessment.questions}
     after = before.apply("state_payload", payload=240.0)
     assert CODE in {reason.code for reason in after.result.assessment.reasons}
 
@@ -170,14 +173,15 @@ def test_a_service_keeps_the_payload_with_the_robot_for_every_later_run(client):
     stored = post(client, "/v1/measurement-sets", document["measurement_set"] | {"robot_id": robot["id"]})
     request = {"measurement_set_id": stored["id"], **OPTIONS}
     run = post(client, "/v1/runs?wait=30", request)
-    (reason,) = run["result"]["assessment"]["reasons"]
-    answer = reason["action"] | {"payload": 240.0}
+    (question,) = run["result"]["assessment"]["questions"]
+    answer = question["action"] | {"payload": 240.0}
     mended = post(client, f"/v1/runs/{run['id']}/apply?wait=30", answer)
     assert (mended["result"]["assessment"]["verdict"], mended["request"]["variant_of"]) == ("use", run["id"])
     assert post(client, f"/v1/runs/{run['id']}/apply?wait=30", answer)["id"] == mended["id"]
     kept = client.get(f"/v1/robots/{robot['id']}").json()
     assert (kept["payload"], kept["name"], kept["content_hash"]) == (240.0, "bare", robot["content_hash"])
-    assert post(client, "/v1/runs?wait=30", request)["result"]["assessment"]["verdict"] == "use"
+    later = post(client, "/v1/runs?wait=30", request)["result"]["assessment"]
+    assert (later["verdict"], later["questions"]) == ("use", [])
     light = client.patch(f"/v1/robots/{robot['id']}", json={"payload": 6.0}).json()
     assert light["payload"] == 6.0
     again = post(client, "/v1/runs?wait=30", request)["result"]["assessment"]
@@ -190,8 +194,8 @@ def test_a_service_refuses_an_answer_without_its_number_or_to_another_question(c
     robot = post(client, "/v1/robots", document["robot"])
     stored = post(client, "/v1/measurement-sets", document["measurement_set"] | {"robot_id": robot["id"]})
     run = post(client, "/v1/runs?wait=30", {"measurement_set_id": stored["id"], **OPTIONS})
-    (reason,) = run["result"]["assessment"]["reasons"]
-    refused = client.post(f"/v1/runs/{run['id']}/apply", json=reason["action"] | changes)
+    (question,) = run["result"]["assessment"]["questions"]
+    refused = client.post(f"/v1/runs/{run['id']}/apply", json=question["action"] | changes)
     assert (refused.status_code, refused.json()["where"]) in {(422, "payload"), (422, "kind")}
     assert client.get(f"/v1/robots/{robot['id']}").json()["payload"] is None
 

@@ -30,7 +30,7 @@ def test_a_run_says_the_repeatability_that_its_residuals_show(shared):
     assert goodness.repeatability_source == "residuals"
     assert goodness.repeatability_at_targets == pytest.approx(np.sqrt(3.0) * 5e-5, rel=0.3)
     assert goodness.test == "consistent"
-    assert run.result.assessment.verdict == "use"
+    assert {reason.code for reason in run.result.assessment.reasons} == {"joint_poorly_known"}
     words = f"repeatability {1e6 * goodness.repeatability_at_targets:.3g} µm at the targets ("
     assert words in " ".join(run.details().split())
 

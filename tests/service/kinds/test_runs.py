@@ -6,6 +6,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from support.documents import changed
 from support.jobs import run_request, runs_of, set_of, stored_set
@@ -140,7 +141,60 @@ def test_deflections_are_predicted_by_the_stored_model(memory, given, document):
     masses = options | {"masses": [{"joint": "joint_2", "mass": 1.0, "centre": [0.0, 0.0, 0.0]}]}
     with pytest.raises(RequestError, match="own weight"):
         predict_by_run(robot, run, DeflectionOptions.model_validate(masses))
-    assert build_forward_model(robot, run.result.model)[0].first_order
+    assert build_forward_model(robot, run.result.model, run.result.joints)[0].first_order
+
+
+def turned_by(matrix, rotation, lever, force):
+    """Motion of a point by a spring: a force at a lever acts, in the axes of a frame."""
+    axes = np.kron(np.eye(2), rotation)
+    turn = axes @ np.array(matrix) @ axes.T @ np.r_[force, np.cross(lever, force)]
+    return turn[:3] + np.cross(turn[3:], lever)
+
+
+def predict_by_hand(robot, result, q, point, force):
+    """Predict by the published numbers: own compliances, links and base; Pinocchio places the frames."""
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    place = data.oMf[robot.model.getFrameId(robot.flange)].act(np.array(point))
+    springs = [(result.links.base.matrix, pin.SE3.Identity())] if result.links.base else []
+    for index, joint in enumerate(result.joints):
+        axis = np.r_[np.zeros(3), robot.axes[index]]
+        springs.append((joint.own_compliance * np.outer(axis, axis), data.oMi[index + 1]))
+    frame_of = dict(zip(robot.joint_names, data.oMi[1:], strict=False))
+    springs += [(link.matrix, frame_of[link.joint]) for link in result.links.links]
+    return sum(turned_by(matrix, at.rotation, place - at.translation, force) for matrix, at in springs)
+
+
+@pytest.mark.parametrize("model", ["diagonal_links", "joints_and_links", "joints_and_base", "links_and_base"])
+def test_the_published_numbers_predict_as_predict_does(memory, set_id, document, model):
+    readings = document["measurement_set"]
+    robot = Parts(memory).sets.prepared(set_id).robot
+    run = carried_out(memory, set_id, elasticity=model)
+    cases = [{"joints": each["joints"], "force": each["force"]} for each in readings["observations"]]
+    options = {"units": readings["units"], "load_point": readings["load_point"], "cases": cases}
+    found = predict_by_run(robot, run, DeflectionOptions.model_validate(options))
+    for case, answer in zip(cases, found.cases, strict=True):
+        by_hand = predict_by_hand(
+            robot, run.result, np.array(case["joints"]), readings["load_point"], case["force"]
+        )
+        assert np.linalg.norm(by_hand - answer.displacement) <= 1e-9 * np.linalg.norm(by_hand)
+
+
+def test_effective_compliances_are_the_own_ones_with_their_links(given, memory, set_id):
+    """Where an interval is open the effective one may be zero; the own one never exceeds it."""
+    robot = Parts(memory).sets.prepared(set_id).robot
+    links = {link.joint: np.array(link.matrix)[3:, 3:] for link in given.result.links.links}
+    for joint, axis in zip(given.result.joints, robot.axes, strict=True):
+        effective = joint.own_compliance + axis @ links[joint.name] @ axis
+        assert joint.compliance == pytest.approx(effective, rel=1e-9)
+
+
+def test_joints_alone_are_another_fit_with_its_own_score(given):
+    result = given.result
+    scores = {each.model: each.compensation for each in result.choice.models}
+    assert result.alone.compensation == scores["joints"] < scores["joints_and_links"]
+    assert [joint.name for joint in result.alone.joints] == [joint.name for joint in result.joints]
+    assert [each.stiffness for each in result.alone.joints] != [each.stiffness for each in result.joints]
 
 
 def test_a_program_is_compensated_by_links(memory, set_id, given):
@@ -333,7 +387,7 @@ def test_a_tied_model_without_a_certified_optimum_fails_no_run(monkeypatch, docu
 
         def _compute_effective(self, _, widest):
             name = widest if isinstance(widest, str) else "joints_and_base"
-            return EffectiveCompliances(np.array([2.0]), np.array(places[name]), 2.0)
+            return EffectiveCompliances(np.array([2.0]), np.array([2.0]), np.array(places[name]), 2.0)
 
     monkeypatch.setattr(competition, "replace", replace_in)
     elastic = object.__new__(Tied)._fit_whole_set(TIE.models[1], TIE, {})

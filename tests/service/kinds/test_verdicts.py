@@ -25,10 +25,12 @@ from support.mistakes import (
 
 import jointstiff
 import jointstiff as js
+from jointstiff.schemas.joints import GOAL
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.exports import FORMATS
 from jointstiff.service.reports.job import lay_out_job
 from jointstiff.service.runs.verdicts import find_far_points
+from jointstiff.service.tables.report import verdict_line
 from jointstiff.simulator import default_arm, simulate_campaign
 
 TRUTH = default_arm().compliances
@@ -444,3 +446,44 @@ def test_a_note_on_what_is_assumed_names_the_field_of_a_file_and_the_entry_of_th
     assert [field for field, _ in named] == ["grounds.load_point", "force.scale"]
     words = (ROOT / "dashboard" / "src" / "features" / "readings" / "words.ts").read_text(encoding="utf-8")
     assert all(f'"{entry}"' in words for _, entry in named)
+
+
+@pytest.fixture(scope="module", params=range(4))
+def poor(request):
+    """Few postures and ten times the noise, with free compliances."""
+    arm = default_arm()
+    campaign = simulate_campaign(arm, load="pull", configurations=4, sigma=2e-4, seed=request.param)
+    return js.identify(campaign, elasticity="joints", positive=False)
+
+
+class TestPoorCampaigns:
+    def test_use_needs_each_joint_that_carries_the_deflection(self, poor):
+        joints = poor.result.joints
+        poorly_known = {each.where for each in poor.reasons if each.code == "joint_poorly_known"}
+        for joint in joints:
+            if joint.name in poorly_known:
+                lower, upper = joint.compliance_interval
+                assert lower <= 0.0 or upper / lower > GOAL
+                assert joint.verdict != "use"
+        for contribution in poor.result.contributions:
+            if contribution.share >= 0.05 and poor.verdict == "use":
+                lower, upper = poor.joints[contribution.joint].compliance_interval
+                assert 0.0 < upper <= GOAL * lower
+        assert poor.result.assessment.joints_identified <= len(joints) - len(poorly_known)
+
+    def test_a_negative_stiffness_is_never_used(self, poor):
+        negative = [joint for joint in poor.result.joints if (joint.compliance or 0.0) < 0.0]
+        assert {joint.verdict for joint in negative} <= {"do_not_use"}
+        named = {each.where for each in poor.reasons if each.code == "stiffness_negative"}
+        assert named == {joint.name for joint in negative}
+        assert not negative or poor.verdict != "use"
+
+
+def test_the_verdict_counts_the_joints_that_are_known():
+    campaign = simulate_campaign(default_arm(), load="pull", configurations=7, sigma=2e-4, seed=3)
+    run = js.identify(campaign, elasticity="joints")
+    assert {each.code for each in run.reasons} == {"joint_poorly_known"}
+    known = len(run.result.joints) - len(run.reasons)
+    assert verdict_line(run.result.assessment).text == (
+        f"Use with care: {known} of 6 joints are known within a factor of 1.5"
+    )

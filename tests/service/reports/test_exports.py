@@ -3,11 +3,13 @@
 import csv
 import io
 import json
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
 import openpyxl
 import pytest
+from support.everything import LINKS
 from support.slides import arm_on_rail
 
 import jointstiff
@@ -15,6 +17,8 @@ from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.reports.exports import FORMATS, ExportedModel, export_model
 from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
+from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.postures import Postures
 
 ARM = default_arm()
@@ -46,6 +50,38 @@ def weighed():
 
 def parsed(content):
     return ElementTree.fromstring(content)  # noqa: S314 - our own
+
+
+@pytest.fixture(scope="module")
+def bending():
+    document = elastic_campaign(beam_arm(ARM), configurations=12, seed=5)
+    return model_of(document | {"run": LINKS})
+
+
+def test_a_table_with_links_names_effective_own_and_alone(bending):
+    rows = list(csv.DictReader(io.StringIO(export_model(bending, "csv").decode())))
+    result = bending.result
+    for row, joint, alone in zip(rows, result.joints, result.alone.joints, strict=True):
+        assert float(row["effective compliance [rad/(N.m)]"]) == joint.compliance
+        assert float(row["own compliance [rad/(N.m)]"]) == joint.own_compliance
+        assert float(row["stiffness alone [N.m/rad]"]) == alone.stiffness
+        assert "stiffness [N.m/rad]" not in row
+
+
+def test_springs_without_links_are_the_fit_by_joints_alone_with_both_scores(bending):
+    content = export_model(bending, "mjcf").decode()
+    gains = [float(each.get("kp")) for each in parsed(content).iter("position")]
+    assert gains == [joint.stiffness for joint in bending.result.alone.joints]
+    scores = {each.model: f"{100 * each.compensation:.1f} %" for each in bending.result.choice.models}
+    assert f"explains {scores['joints']} of" in content
+    assert f"the model with links {scores['diagonal_links']}." in content
+
+
+def test_an_older_run_with_links_gives_no_springs(bending):
+    older = replace(bending, result=bending.result.model_copy(update={"alone": None}))
+    with pytest.raises(RequestError, match="no fit by joints alone"):
+        export_model(older, "mjcf")
+    assert "own compliance" in export_model(older, "csv").decode()
 
 
 def numbers_of(model):

@@ -262,7 +262,7 @@ def test_the_tables_of_a_run_have_its_lines_and_its_evidence(laboratory, weighed
             {"encoders": "secondary"},
             [
                 "joint_1 | 3.804 | 3.712 … 3.900 | use |",
-                "joint_6 | 0.099 | 0.071 … 0.159 | use |",
+                "joint_6 | 0.099 | 0.071 … 0.159 | use with care |",
                 "Deviation: loss huber: large residuals have less weight.",
                 "Deviation: prior knowledge of joint_1 was used.",
                 "Deviation: stiffness of joint_6 was bounded.",

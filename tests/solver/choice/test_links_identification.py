@@ -596,7 +596,7 @@ def test_balls_hardly_grow_within_the_loads_and_in_proportion_beyond(elastic):
     cases = LoadCases(fitted.joints, fitted.force, fitted.moment, fitted.load_point, fitted.load_point)
     stored = build_stored_model(predictor, error)
     assert stored.error.noise == error.noise
-    _, again = build_forward_model(predictor.robot, stored)
+    _, again = build_forward_model(predictor.robot, stored, ())
     by_load = []
     for factor in (0.25, 1.0, 4.0):
         scaled = replace(cases, force=factor * cases.force)
@@ -640,8 +640,12 @@ def test_a_base_that_links_beat_is_neither_chosen_nor_tied():
 
 
 def test_joined_intervals_contain_those_of_both_models():
-    one = EffectiveCompliances(np.array([2.0, 5.0]), np.array([[1.0, 3.0], [4.0, 6.0]]), 2.0)
-    other = EffectiveCompliances(np.array([4.0, 5.5]), np.array([[2.0, 5.0], [5.0, 5.8]]), 2.5)
+    one = EffectiveCompliances(
+        np.array([2.0, 5.0]), np.array([2.0, 5.0]), np.array([[1.0, 3.0], [4.0, 6.0]]), 2.0
+    )
+    other = EffectiveCompliances(
+        np.array([4.0, 5.5]), np.array([4.0, 5.5]), np.array([[2.0, 5.0], [5.0, 5.8]]), 2.5
+    )
     joined = one.widen_ranges_by(other)
     np.testing.assert_array_equal(joined.compliance, one.compliance)
     np.testing.assert_array_equal(joined.ends, [[1.0, 5.0], [4.0, 6.0]])
@@ -652,8 +656,8 @@ def test_joined_intervals_contain_those_of_both_models():
 def test_a_joined_interval_has_its_uncertainty_whatever_this_models_is(own):
     """Unknown, or without any width: the interval is the other's, with the value of this model in it."""
     compliance = np.array([0.0 if own[0] == 0.0 else 2.0])
-    one = EffectiveCompliances(compliance, np.array([own]), 2.0)
-    other = EffectiveCompliances(np.array([4.0]), np.array([[3.0, 5.0]]), 2.0)
+    one = EffectiveCompliances(compliance, compliance, np.array([own]), 2.0)
+    other = EffectiveCompliances(np.array([4.0]), np.array([4.0]), np.array([[3.0, 5.0]]), 2.0)
     for joined in (one.widen_ranges_by(other), other.widen_ranges_by(one)):
         low, high = joined.ends[0]
         assert joined.uncertainty == pytest.approx([0.25 * (high - low)])
@@ -662,7 +666,9 @@ def test_a_joined_interval_has_its_uncertainty_whatever_this_models_is(own):
 
 
 def test_a_joined_interval_is_unknown_where_both_are():
-    one = EffectiveCompliances(np.array([2.0, np.nan]), np.array([[np.nan, np.nan], [1.0, 3.0]]), 2.0)
+    one = EffectiveCompliances(
+        np.array([2.0, np.nan]), np.array([2.0, np.nan]), np.array([[np.nan, np.nan], [1.0, 3.0]]), 2.0
+    )
     joined = one.widen_ranges_by(one)
     np.testing.assert_array_equal(joined.ends, one.ends)
     np.testing.assert_array_equal(joined.uncertainty, [np.nan, 0.5])

@@ -191,12 +191,12 @@ def advice(robot, measurements):
     [
         (
             100.0,
-            [4.609e-8, 2.005e-6, 1.352e-5],
+            [4.609e-8, 2.005e-6],
             ["compliance falls to 0.046 µrad/(N·m)", "compliance falls to 2 µrad/(N·m)"],
         ),
         (
             250.0,
-            [1.844e-8, 8.02e-7, 5.407e-6],
+            [1.844e-8, 8.02e-7],
             ["compliance falls to 0.018 µrad/(N·m)", "stiffness falls to 0.913 · 10⁶ N·m/rad"],
         ),
     ],
@@ -204,10 +204,10 @@ def advice(robot, measurements):
 def test_advice_names_posture_and_load_and_what_they_give(force, uncertainties, falls_to):
     """A compliance may be less than its uncertainty: that of its inverse would be more than itself."""
     pieces = advice(*prepare(campaign("dead_weight", configurations=4, seed=3, force=force)))
-    assert [piece.joint for piece in pieces] == ["joint_1", "joint_4", "joint_6"]
+    assert [piece.joint for piece in pieces] == ["joint_1", "joint_4"]
     assert [piece.standard_uncertainty for piece in pieces] == pytest.approx(uncertainties, rel=1e-3)
-    assert [np.linalg.norm(piece.force) for piece in pieces] == pytest.approx([force] * 3, rel=1e-3)
-    first, second, third = (piece.message for piece in pieces)
+    assert [np.linalg.norm(piece.force) for piece in pieces] == pytest.approx([force] * 2, rel=1e-3)
+    first, second = (piece.message for piece in pieces)
     begins = f"in posture c03 apply {force:.0f} N along (0.00, 1.00, 0.00): the uncertainty of joint_1's"
     assert first == f"{begins} {falls_to[0]}"
     same = (
@@ -215,8 +215,6 @@ def test_advice_names_posture_and_load_and_what_they_give(force, uncertainties, 
         f"{force:.0f} N as before: the uncertainty of"
     )
     assert second == f"{same} joint_4's {falls_to[1]}, 0.4 times its present value"
-    assert third.startswith(f"{same} joint_6's")
-    assert third.endswith(", 0.6 times its present value")
 
 
 def test_nothing_is_advised_without_a_force_or_outside_of_the_limits():

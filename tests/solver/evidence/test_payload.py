@@ -124,7 +124,7 @@ def test_three_joints_are_enough_and_are_compared_with_the_same_joints(pulls, un
 
 def test_a_robot_without_a_payload_is_asked_for_it_and_told_which_one_suits_each_unit(pulls):
     (finding,) = inspected(pulls, PAPER, robot=pulls[0].with_payload(None))
-    assert (finding.code, finding.weight) == ("payload_not_stated", "use_with_care")
+    assert (finding.code, finding.weight) == ("payload_not_stated", "use")
     assert (finding.action.kind, finding.action.payload) == ("state_payload", None)
     # 93.2 rad⁻¹ of 240 kg, between a third and three times 136 rad⁻¹
     assert finding.message == (

@@ -314,3 +314,55 @@ def test_noise_of_one_target_that_is_stated_too_small_is_no_scatter():
 def test_a_repeatability_that_is_none_is_refused(stated):
     with pytest.raises(MeasurementError, match="repeatability"):
         replace(scattered(0.0), repeatability=stated)
+
+
+def test_one_unsteady_joint_has_a_scatter_of_its_own():
+    """Joint 1 returns to 60 µrad, the others exactly."""
+    turns = 6e-5 * np.eye(6)[0]
+    for seed in range(3):
+        joints = JointsAlone(Rows(ROBOT, scattered(turns, seed=seed)), SETTINGS)
+        scatter = joints.rows.measurements.scatter
+        found = SIGMA * scatter.list_turns(6)
+        assert found.argmax() == 0
+        assert found[0] == pytest.approx(6e-5, rel=0.5)
+        assert np.all(found[1:] < 0.8 * found[0])
+
+
+def shared_readings(postures, loads, seed=0):
+    """Readings of several loads in each posture, whose unloaded targets are read once."""
+    campaign = SpringCampaign.of(ARM, configurations=postures * loads, seed=seed)
+    plan, generator = campaign.experiment, np.random.default_rng([seed, 5])
+    joints = np.repeat(plan.joints[:postures], loads, axis=0)
+    unloaded, loaded = deflections(ARM, joints, *plan.wrenches, POINTS)
+    noise_of_postures = SIGMA * generator.standard_normal((postures, *unloaded.shape[1:]))
+    unloaded = unloaded + np.repeat(noise_of_postures, loads, axis=0)
+    loaded = loaded + SIGMA * generator.standard_normal(loaded.shape)
+    read = campaign.measurements(unloaded, loaded, sigma=SIGMA)
+    return replace(read, joints=joints, position=unloaded, deflection=loaded - unloaded)
+
+
+@pytest.mark.parametrize("scatter", [Scatter(), Scatter(joints=1.0, station=0.5)])
+def test_deflections_that_share_an_unloaded_reading_are_whitened_by_their_whole_covariance(scatter):
+    """Three loads in each of two postures: ``½ (I + 1 1ᵀ)`` for the noise; a load has shared errors anew."""
+    measurements = replace(shared_readings(2, 3), scatter=scatter)
+    assert measurements.number_unloaded_readings().tolist() in ([0, 0, 0, 1, 1, 1], [1, 1, 1, 0, 0, 0])
+    block = get_whole_block(ROBOT, measurements)
+    by_joints, by_station = (motion[0] for motion in block.shared_motion)
+    G = np.concatenate([scatter.joints * by_joints, scatter.station * by_station], axis=-1)
+    size = len(G)
+    covariance = np.kron(0.5 * (np.eye(3) + 1.0), np.eye(size)) + np.kron(np.eye(3), G @ G.T)
+    rows = np.zeros((6, len(POINTS), 3, 3 * size))
+    rows[:3] = np.eye(3 * size).reshape(3, len(POINTS), 3, 3 * size)
+    root_of_variance = np.sqrt(
+        measurements.covariance[0, 0]
+    )  # of a deflection, the difference of two readings
+    W = root_of_variance * block.whiten(rows)[:3].reshape(3 * size, 3 * size)
+    np.testing.assert_allclose(W, W.T, atol=1e-9)
+    np.testing.assert_allclose(W.T @ W, np.linalg.inv(covariance), atol=1e-9)
+
+
+def test_loads_that_share_an_unloaded_reading_name_no_false_cause():
+    """Six postures of ten loads: one error of an unloaded reading is in ten deflections."""
+    for seed in range(3):
+        joints = JointsAlone(Rows(ROBOT, shared_readings(6, 10, seed)), SETTINGS)
+        assert joints.screening.causes == ()

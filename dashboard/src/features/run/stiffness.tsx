@@ -20,7 +20,7 @@ import { percent, significant } from "../../lib/format";
 import { STIFFNESS_UNITS } from "../../lib/stiffness";
 import { useSettings } from "../../state/session";
 import { text } from "../../words";
-import { JobLines, JobTables, Reasons, variantBy, VerdictLine } from "../../components/job_page";
+import { JobLines, JobTables, questionsOf, Reasons, variantBy, VerdictLine } from "../../components/job_page";
 import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
 import { type PartProps, type RunContext, isElastic } from "../../state/run_context";
@@ -147,6 +147,7 @@ export function StiffnessPart({ context, result, query }: PartProps) {
   const nothing = result.joints.every(({ status }) => !NUMBERED.includes(status));
   const { assessment } = result;
   const phone = usePhone();
+  const toDo = [...assessment.reasons, ...questionsOf(assessment)];
   return (
     <>
       <section class={`verdict-card ${assessment.verdict}`} aria-label={assessmentWords.title}>
@@ -159,10 +160,10 @@ export function StiffnessPart({ context, result, query }: PartProps) {
           <First run={run} set={context.set} />
         </div>
       )}
-      {assessment.reasons.length > 0 && (
+      {toDo.length > 0 && (
         <section class={`verdict-card ${assessment.verdict}`} aria-label={assessmentWords.toDo}>
           <h2>{assessmentWords.toDo}</h2>
-          <Reasons assessment={assessment} context={context} brief />
+          <Reasons assessment={{ ...assessment, reasons: toDo }} context={context} brief />
         </section>
       )}
       {run.request.variant_of && <BeforeAfter run={run} origin={run.request.variant_of} />}
