@@ -114,8 +114,9 @@ class TestTwoCampaigns:
             ("no_common_configuration", "use_with_care", None),
             ("numbers_missing", "use_with_care", None),
             ("few_postures", "use_with_care", "first"),
+            ("joint_poorly_known", "use_with_care", "second.joint_6"),
         ]
-        headline = "Do not use this comparison: 2 reasons of its own, 2 reasons of its run"
+        headline = "Do not use this comparison: 2 reasons of its own, 3 reasons of its run"
         assert found.assessment.headline == headline
         unknown = (
             "the uncertainty of the joint is unknown in one of the sets: state `noise`, or add observations"
@@ -125,20 +126,20 @@ class TestTwoCampaigns:
         ]
         one, two = found.entries
         assert {joint.verdict for joint in one.joints} == {"do_not_use"}
-        assert {joint.verdict for joint in two.joints} == {"use"}
+        assert [joint.verdict for joint in two.joints] == ["use"] * 5 + ["use_with_care"]
         stiffness = [[joint.stiffness for joint in each.joints[:3]] for each in (one, two)]
         assert stiffness[0] == pytest.approx([3.1530e6, 3.1429e6, 2.2761e6], rel=1e-4)
-        assert stiffness[1] == pytest.approx([3.8329e6, 3.0866e6, 2.5378e6], rel=1e-4)
+        assert stiffness[1] == pytest.approx([3.83131e6, 3.08548e6, 2.53770e6], rel=1e-4)
         assert one.rms_residual == pytest.approx(0.0, abs=1e-12)
-        assert [two.compensation, two.condition_number] == pytest.approx([0.98255, 3.2439], rel=1e-4)
+        assert [two.compensation, two.condition_number] == pytest.approx([0.98255, 3.28734], rel=1e-4)
         assert one.condition_number == pytest.approx(12945, rel=1e-4)
         assert (found.avoided.matching, found.avoided.measured) == (0, None)
-        assert found.avoided.predicted == pytest.approx(0.030482, rel=1e-3)
+        assert found.avoided.predicted == pytest.approx(0.030180, rel=1e-3)
         shares = [(each.side, each.predicted) for each in found.avoided.configurations[:3]]
         assert shares == [
-            ("first", pytest.approx(0.017974, rel=1e-3)),
-            ("first", pytest.approx(0.013876, rel=1e-3)),
-            ("second", pytest.approx(-0.0013389, rel=1e-2)),
+            ("first", pytest.approx(0.017531, rel=1e-3)),
+            ("first", pytest.approx(0.013646, rel=1e-3)),
+            ("second", pytest.approx(-0.0016102, rel=1e-2)),
         ]
         (warning,) = found.warnings
         assert warning.code == "configurations_differ"
@@ -282,9 +283,9 @@ class TestTwoCampaigns:
         alone = posted_job(local, "comparison", one, two["id"]).json()["result"]
         assert [entry.positive for entry in held.entries] == [True, False, True, False]
         assert 1.0 / held.ordered.joints[2].compliance_first == pytest.approx(3e6)
-        ratios = [0.9992, 0.99543, 1.0063, 0.97085, 1.0069, 0.89788]
+        ratios = [0.9992, 0.99543, 1.0063, 0.97085, 1.0069, 0.89693]
         assert [joint.ratio for joint in free.joints] == pytest.approx(ratios, rel=1e-3)
-        p_values = [0.95943, 0.78692, 0.77480, 0.75351, 0.85352, 0.47924]
+        p_values = [0.95789, 0.78576, 0.77683, 0.75662, 0.85472, 0.47711]
         assert [joint.p_value for joint in free.joints] == pytest.approx(p_values, rel=2e-3)
         for name in ("ratio", "p_value"):
             of_free = [getattr(joint, name) for joint in free.joints]
@@ -334,18 +335,18 @@ class TestMethods:
         cells = rows[4].split(",")
         assert cells[:5] == ["first", "partial_pose", "covariance", "unconstrained", ""]
         assert cells[9:12] == ["joint_1", "identified", "use"]
-        numbers = [0.983614, 4.04183e-5, 2.65423, 3.84221e6, 3.71551e6, 3.97767e6, 2.60267e-7, 4.52248e-9]
+        numbers = [0.983614, 4.04183e-5, 2.65753, 3.84221e6, 3.71551e6, 3.97767e6, 2.60267e-7, 4.51760e-9]
         assert [float(cell) for cell in cells[6:9] + cells[12:17]] == pytest.approx(numbers, rel=1e-4)
 
     def test_the_terminal_shows_the_method_that_was_possible(self, of_one_target):
         words = shown(of_one_target)
         for line in [
-            "Use this comparison: no fault was found; all 6 joints of its run passed the checks",
-            "joint_1 free 3.842 (3.716 … 3.978)",
+            "Use this comparison with care: 2 reasons of its run",
+            "joint_1 free 3.842 (3.716 … 3.977)",
             "joint_6 free 0.093 (",
             "PP: partial pose; free: unconstrained; in brackets: the interval; "
             "≥ 0 gives the same numbers as free: no constraint is active",
-            "PP free 98.4 % 40 2.65",
+            "PP free 98.4 % 40 2.66",
             f"no complete pose, decoupled partial pose: {THREE_TARGETS}",
         ]:
             assert line in words
