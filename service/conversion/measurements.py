@@ -135,10 +135,8 @@ class _PositionCovariances:
             MeasurementError: a stated matrix is not a covariance.
         """
         own_unloaded, own_loaded = own_noise.compute_covariances()
-        if measurements.direction is not None:
-            is_displacement = np.asarray(measurements.direction.any(axis=-1))
-            share = np.where(is_displacement, 0.5, 1.0)[..., None, None]
-            own_unloaded, own_loaded = share * own_unloaded, share * own_loaded
+        share = np.where(_find_displacements(measurements), 0.5, 1.0)[..., None, None]
+        own_unloaded, own_loaded = share * own_unloaded, share * own_loaded
         refuse_invalid_covariance(own_unloaded, own_noise.stated, "unloaded_covariance")
         refuse_invalid_covariance(own_loaded, own_noise.stated, "loaded_covariance")
         is_stated = own_noise.stated[..., None, None]
@@ -156,8 +154,20 @@ class _PositionCovariances:
         if measurements.returned is not None:
             read_again = measurements.returned.present[..., None, None]
             unloaded = np.where(read_again, 0.5, 1.0) * unloaded
-        noise = DifferenceNoise.from_positions(unloaded, self.loaded, measurements.coordinates)
+        noise = DifferenceNoise.from_positions(
+            unloaded,
+            self.loaded,
+            measurements.coordinates,
+            are_displacements=_find_displacements(measurements),
+        )
         return _StatedNoise(noise.sigma, noise.covariance)
+
+
+def _find_displacements(measurements: Measurements) -> BoolArray:
+    """Return which readings (N, T) are displacements along a direction."""
+    if measurements.direction is None:
+        return np.zeros_like(measurements.present)
+    return np.asarray(measurements.direction.any(axis=-1))
 
 
 def _refuse_ambiguous_noise(noise: Noise | None, states_noise: BoolArray, measurements: Measurements) -> None:

@@ -157,14 +157,19 @@ def whitened(covariance: FloatArray, rows: FloatArray) -> FloatArray:
 class DifferenceNoise:
     """Stated noise of the deflections of N observations of T targets: covariances, and sigma as unit."""
 
-    #: root mean square, over the coordinates of all readings, of the standard uncertainty of a position
-    #: [m]; only the unit of `covariance`, on which no estimate depends
+    #: root mean square, over the coordinates of all readings, of the standard uncertainty of a position, or
+    #: of a displacement that was read itself [m]; only the unit of `covariance`, on which no estimate depends
     sigma: float
     covariance: FloatArray  #: (N, T, 3, 3) covariance of the deflections, in units of sigma²
 
     @classmethod
     def from_positions(
-        cls, unloaded: FloatArray, loaded: FloatArray, coordinates: IndexArray
+        cls,
+        unloaded: FloatArray,
+        loaded: FloatArray,
+        coordinates: IndexArray,
+        *,
+        are_displacements: BoolArray | None = None,
     ) -> DifferenceNoise:
         """Return the noise of deflections, differences of two readings: Σ_d = Σ_unloaded + Σ_loaded.
 
@@ -172,11 +177,13 @@ class DifferenceNoise:
             unloaded: (N, T, 3, 3) covariance of the positions before the load [m²].
             loaded: (N, T, 3, 3) covariance of the positions under load [m²].
             coordinates: (N, T) number of coordinates that each reading shows.
+            are_displacements: (N, T) whether a deflection is one reading, not a difference; None: nowhere.
         """
         of_deflection = unloaded + loaded
-        # A trace adds the variances of three coordinates, each of two readings.
-        mean_trace = np.average(np.trace(of_deflection, axis1=-2, axis2=-1), weights=coordinates)
-        variance = mean_trace / 6.0
+        reading_count = 2.0 if are_displacements is None else np.where(are_displacements, 1.0, 2.0)
+        # A trace adds the variances of three coordinates.
+        of_reading = np.trace(of_deflection, axis1=-2, axis2=-1) / (3.0 * reading_count)
+        variance = np.average(of_reading, weights=coordinates)
         was_read = (coordinates > 0)[..., None, None]
         covariance = np.where(was_read, of_deflection / variance, ISOTROPIC_DIFFERENCE)
         return cls(float(np.sqrt(variance)), covariance)

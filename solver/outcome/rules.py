@@ -7,6 +7,7 @@ noise alone raises one in less than one of a hundred sets.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
@@ -1315,7 +1316,9 @@ def _report_poorly_known(estimate: Estimate) -> Iterator[Finding]:
         lower, upper = joint.compliance_interval
         if share < CARRIES or upper <= GOAL * lower:
             continue
-        known = f"to a factor of {figure(upper / lower, '.2g')}" if lower > 0.0 else "from one side only"
+        # Rounded up, so that the factor is shown greater than the goal
+        factor = figure(math.ceil(100.0 * upper / lower) / 100.0, ".3g") if lower > 0.0 else None
+        known = "from one side only" if factor is None else f"to a factor of {factor}"
         yield Finding(
             code="joint_poorly_known",
             weight="use_with_care",
