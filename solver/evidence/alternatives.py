@@ -304,6 +304,9 @@ def _build_alternative_rows(
     joints = _correct_joints(given, robot.n, alternatives)
     # Encoders see the joint that they are on, whatever the joint map is.
     repeated = replace(given, encoders=None)[np.tile(np.arange(len(given)), copies)]
+    # Loads share an unloaded reading within each copy only.
+    numbers = given.number_unloaded_readings() + len(given) * np.arange(float(copies))[:, None]
+    repeated = replace(repeated, unloaded_reading=numbers.ravel())
     corrected = replace(_exchange_places(robot, given, repeated, alternatives), joints=joints)
     postures = Postures(robot, robot.joint_map.model_angles(joints))
     block = unloaded_block(robot, postures, corrected)

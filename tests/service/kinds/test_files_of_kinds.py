@@ -178,7 +178,7 @@ class TestPlan:
         head, rows = rows_of(local, jobs["plan"], "readings.csv")
         assert head[:2] == ["label", "joint_1 [deg]"]
         assert [row[0] for row in rows] == ["p1", "p2"]
-        assert numbers(rows[0][7:13]) == [-724.9, 1153.2, 628.3, -60.0, 20.0, 180.0]
+        assert numbers(rows[0][7:13]) == [-725.1, 1153.0, 628.3, -60.0, 20.0, 180.0]
         assert all(cell == "" for cell in rows[0][14:32])
         lines = report_of(local, jobs["plan"])
         for line in [
@@ -247,7 +247,7 @@ class TestProgram:
         for line in [
             "without correction | 2.314 (2.252 … 2.376) | 2.778 (2.710 … 2.846) | 2.830 (2.761 … 2.898) | "
             "unknown |",
-            "displacement of targets | 2.3177 | 2.7835 | 2.8353 |",
+            "displacement of targets | 2.3178 | 2.7835 | 2.8353 |",
             "1 | | 7 | 2.830 (2.761 … 2.898) | 0.000 (0.000 … 0.074) | unknown |",
             "– 3 of 3 targets are corrected",
             f"– {BOUND[0]}",
