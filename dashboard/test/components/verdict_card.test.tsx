@@ -34,7 +34,13 @@ it("offers what removes two reasons once, with the first of them", async () => {
     remedy: "exchange unloaded and loaded readings",
     action: { ...empty, kind: "exchange_readings" },
   }));
-  const assessment = { verdict: "do_not_use", reasons, notes: [], headline: null, questions: [] } as unknown as Assessment;
+  const assessment = {
+    verdict: "do_not_use",
+    reasons,
+    notes: [],
+    headline: null,
+    questions: [],
+  } as unknown as Assessment;
   const context = { run: { id: "r" } as Run } as RunContext;
   const root = await drawn(<VerdictCard assessment={assessment} context={context} />);
   const [first, second] = [...root.querySelectorAll("ul > li")].map((item) => item.querySelectorAll("button").length);
@@ -55,7 +61,13 @@ it.each([
     remedy: "exchange the readings",
     action: { ...empty, kind: "exchange_readings", targets },
   };
-  const assessment = { verdict: "do_not_use", reasons: [reason], notes: [], headline: null, questions: [] } as unknown as Assessment;
+  const assessment = {
+    verdict: "do_not_use",
+    reasons: [reason],
+    notes: [],
+    headline: null,
+    questions: [],
+  } as unknown as Assessment;
   const context = { run: { id: "r" } as Run } as RunContext;
   const root = await drawn(<VerdictCard assessment={assessment} context={context} />);
   expect(root.querySelector("ul > li button")?.textContent).toBe(label);
