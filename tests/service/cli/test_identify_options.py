@@ -33,7 +33,7 @@ def folder(tmp_path_factory):
                 "┃ joint ┃ stiffness ┃ 95 % interval ┃ prior/data ┃ verdict ┃",
                 "│ joint_1 │ — │ — │ — │ not observable │",
                 "│ joint_2 │ 3.112 │ 3.042 … 3.185 │ — │ well determined │",
-                "│ joint_6 │ 0.0962 │ 0.0795 … 0.1156 │ — │ determined │",
+                "│ joint_6 │ 0.0962 │ 0.0795 … 0.1155 │ — │ determined │",
                 f"{UNSEEN}; {PRIOR} assumed: load point ± 10 mm, force ± 1 %; --details",
                 TO_DO,
             ],
