@@ -291,7 +291,8 @@ def _search_order(robot: Robot, given: Measurements) -> Iterator[Correction]:
     def fit(order: IndexArray) -> tuple[float, FloatArray]:
         """Return what is left of the deflections [m], and the compliances (n,) that explain the rest."""
         own = A[rows, order].reshape(-1, robot.n)
-        unit = np.maximum(np.linalg.norm(own, axis=0), 1e-300)
+        unit = np.linalg.norm(own, axis=0)
+        unit[unit == 0.0] = 1.0  # of a joint that no load twists
         compliance = np.linalg.lstsq(own / unit, d.ravel(), rcond=None)[0] / unit
         return float(np.linalg.norm(d.ravel() - own @ compliance)), compliance
 
@@ -308,8 +309,10 @@ def _search_order(robot: Robot, given: Measurements) -> Iterator[Correction]:
 
     size = np.sqrt(np.square(A).mean(axis=(0, 1, 2)))
     guesses = [np.divide(1.0, size**power, where=size > 0.0, out=np.zeros_like(size)) for power in (0, 1, 2)]
-    scaled = [each * np.median(np.abs(d)) / np.median(np.abs(A[rows, rows] @ each)) for each in guesses]
-    order = min((refine(each) for each in [fit(rows)[1], *scaled]), key=lambda each: fit(each)[0])
+    own = A[rows, rows]
+    scaled = (guess * np.linalg.norm(d) / np.linalg.norm(own @ guess) for guess in guesses)
+    starts = [fit(rows)[1], *(scaled if own.any() else ())]
+    order = min(map(refine, starts), key=lambda each: fit(each)[0])
     others = np.flatnonzero(np.abs(loads[order] - loads).max(axis=1) > 1e-6 * np.abs(loads).max())
     if len(others):
         shown = [
