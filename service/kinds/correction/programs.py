@@ -1,4 +1,4 @@
-"""The work of a compensated program: correct the targets by the model of a run, and write the program."""
+"""The work of a corrected program: correct the targets by the model of a run, and write the program."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from jointstiff.schemas.finding import Assessment, Finding, Verdict
-from jointstiff.schemas.program import (
+from jointstiff.schemas.correction import (
     MAX_WORST,
+    CorrectedProgram,
+    CorrectionJob,
+    CorrectionOptions,
+    CorrectionRequest,
+    CorrectionResult,
     LeftAlone,
-    Program,
     ProgramFile,
     ProgramFormat,
-    ProgramOptions,
     ProgramPoint,
-    ProgramRequest,
-    ProgramResult,
     Spread,
     SpreadEnds,
 )
-from jointstiff.schemas.retired import RetiredProcess
+from jointstiff.schemas.finding import Assessment, Finding, Verdict
+from jointstiff.schemas.retired import RetiredProcess, RetiredProgram
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.conversion.robots import joint_kinds_by_name
@@ -60,7 +61,6 @@ from jointstiff.service.runs.correction.answer import (
 from jointstiff.service.runs.verdicts import (
     RunModel,
     assess_with_run,
-    find_accepted_run,
     find_beyond_campaign,
     find_far_points,
     find_implausible_deflection,
@@ -493,7 +493,7 @@ def _vector_lengths(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
-def write_compensated_program(
+def write_corrected_program(
     path: ProgramPath,
     corrections: Corrections,
     model: ForwardModel,
@@ -501,7 +501,7 @@ def write_compensated_program(
     quantile: float,
     rewriting: Rewriting,
 ) -> WrittenPoints:
-    """Write the compensated program, and check the written numbers with the model of the loaded robot.
+    """Write the corrected program, and check the written numbers with the model of the loaded robot.
 
     The residuals are computed from the numbers as written, so that rounded digits count. `rewriting` then has
     the program's files. Return the points with their residuals.
@@ -715,7 +715,7 @@ def _refuse_points(path: ProgramPath, points: Sequence[int], reason: str, remedy
 
 
 def _read_program(
-    files: Sequence[tuple[str, bytes]], request: ProgramRequest, external_axes: ExternalAxes
+    files: Sequence[tuple[str, bytes]], request: CorrectionRequest, external_axes: ExternalAxes
 ) -> ReadProgram:
     """Read the program of a request; some of its moves may be left without a correction.
 
@@ -761,7 +761,7 @@ def _refuse_left_moves(program: ReadProgram) -> None:
     )
 
 
-def _interpret_external_axes(request: ProgramOptions, robot: Robot) -> ExternalAxes:
+def _interpret_external_axes(request: CorrectionOptions, robot: Robot) -> ExternalAxes:
     """Return whether the program's external axes are joints of the robot, or may carry the arm or the part.
 
     If the request does not say, they are joints of the robot if its model has linear axes.
@@ -779,7 +779,7 @@ class _RequestFiles(NamedTuple):
     load_table: bytes | None  # content of the table of loads; None without
 
 
-def _separate_load_table(request: ProgramRequest) -> _RequestFiles:
+def _separate_load_table(request: CorrectionRequest) -> _RequestFiles:
     """Return the files of the program, and the table of loads, which `loads` of the request names.
 
     Raises:
@@ -797,7 +797,7 @@ def _separate_load_table(request: ProgramRequest) -> _RequestFiles:
     return _RequestFiles(contents, table)
 
 
-def _hash_inputs(model_hash: str, request: ProgramRequest) -> str:
+def _hash_inputs(model_hash: str, request: CorrectionRequest) -> str:
     """Return the hash of all inputs of a program: the model's hash, the options, and the files."""
     options = request.model_dump_json(exclude={"run_id", "files"})
     contents = [file.content or "" for file in request.files]
@@ -805,12 +805,12 @@ def _hash_inputs(model_hash: str, request: ProgramRequest) -> str:
 
 
 class ProgramWork(Work):
-    """Work of a compensated program, whose units are points; postures are computed when first needed."""
+    """Work of a corrected program, whose units are points; postures are computed when first needed."""
 
     unit = "points"
-    activity = "compensating"
+    activity = "correcting"
 
-    def __init__(self, robot: Robot, robot_id: str, run: Run, request: ProgramRequest) -> None:
+    def __init__(self, robot: Robot, robot_id: str, run: Run, request: CorrectionRequest) -> None:
         """Read the program, and collect its loads.
 
         Raises:
@@ -929,8 +929,8 @@ class ProgramWork(Work):
             point = int(points[row])
             raise FaultsError([self._path.make_fault(point, first_error.reason, first_error.remedy)])
 
-    def conclude(self, parts: Sequence[Arrays]) -> ProgramResult:
-        """Write the compensated program, and return it with the residuals of its points.
+    def conclude(self, parts: Sequence[Arrays]) -> CorrectionResult:
+        """Write the corrected program, and return it with the residuals of its points.
 
         Raises:
             RequestError: a load twists a joint of unknown stiffness, or the robot does not reach the path.
@@ -957,10 +957,10 @@ class ProgramWork(Work):
         """
         model = self._run_model.model
         quantile = model.quantile(self._request.confidence)
-        return write_compensated_program(self._path, corrections, model, self._inverse, quantile, rewriting)
+        return write_corrected_program(self._path, corrections, model, self._inverse, quantile, rewriting)
 
     def _insert_mark(self, content: bytes, assessment: Assessment) -> bytes:
-        """Return the content of the first file with a comment that marks the program as compensated."""
+        """Return the content of the first file with a comment that marks the program as corrected."""
         program, left_count = self._program, len(self._program.left_moves)
         return insert_mark(
             program.format,
@@ -973,11 +973,11 @@ class ProgramWork(Work):
         )
 
     def _must_mark(self, assessment: Assessment, unchanged_moves: int) -> bool:
-        """Return whether the written program gets a comment that marks it as compensated."""
+        """Return whether the written program gets a comment that marks it as corrected."""
         return self._request.mark or assessment.verdict == "do_not_use" or bool(unchanged_moves)
 
     def _assess_corrections(self, corrections: Corrections) -> Assessment:
-        """Return the verdict on the compensated program, with its reasons and those of the run.
+        """Return the verdict on the corrected program, with its reasons and those of the run.
 
         Raises:
             VerdictError: limits reduce corrections, and the request has no `accept_verdict`.
@@ -993,7 +993,7 @@ class ProgramWork(Work):
             raise VerdictError.for_result(
                 "a program whose corrections exceed the limits", "max_displacement", items
             )
-        return assess_with_run("program", reasons, self._run_model.assessment)
+        return assess_with_run("correction", reasons, self._run_model.assessment)
 
     def _find_doubtful_deflections(self, corrections: Corrections) -> list[Finding]:
         """Return why predicted deflections are doubtful, most important first.
@@ -1040,13 +1040,11 @@ class ProgramWork(Work):
 
     def _make_result(
         self, points: WrittenPoints, files: list[ProgramFile], assessment: Assessment
-    ) -> ProgramResult:
+    ) -> CorrectionResult:
         """Return the result message of the corrected points and written files."""
         corrections, program = points.corrections, self._program
         kind: ProgramFormat = program.format  # type: ignore[assignment]
-        return ProgramResult(
-            joint_kinds=joint_kinds_by_name(self._run_model.model.robot),
-            assessment=assessment,
+        corrected = CorrectedProgram(
             format=kind,
             points=len(program.targets),
             moves=len(program.moves) + len(program.left_moves),
@@ -1061,11 +1059,16 @@ class ProgramWork(Work):
             residual_ends=points.summarize_intervals("residual"),
             with_model_error=points.has_model_error,
             rounding=points.summarize_sizes(points.rounding),
-            confidence=self._request.confidence,
             worst=points.list_worst_points(),
-            remarks=[*self._describe_blend(points), *self._list_remarks()],
             files=files,
+        )
+        return CorrectionResult(
+            joint_kinds=joint_kinds_by_name(self._run_model.model.robot),
+            assessment=assessment,
+            confidence=self._request.confidence,
+            remarks=[*self._describe_blend(points), *self._list_remarks()],
             table=compress_file("points", points.pack_table()),
+            program=corrected,
         )
 
     def _count_uncorrected_targets(self, points: WrittenPoints) -> dict[LeftAlone, int]:
@@ -1155,34 +1158,20 @@ def _find_capped(corrections: Corrections) -> Iterator[Finding]:
         yield make_reason("corrections_capped", verdict, message, remedy)
 
 
-def prepare_compensation(inputs: Inputs, request: ProgramRequest) -> ProgramWork:
-    """Fetch the run of a request, and return the work that compensates the program.
+def refuse_corrected_files(inputs: Inputs, request: CorrectionRequest, robot_id: str) -> None:
+    """Refuse a request with a file that was written by another job.
 
     Raises:
-        RequestError: the run does not exist or has no model for predictions; or the request has no files,
-            does not fit the run, or has a program that was compensated already.
+        RequestError: a program was corrected already.
     """
-    run = find_accepted_run(inputs, request.run_id, request.accept_verdict)
-    refuse_corrected_files(inputs, request, run.prepared.robot_id)
-    return ProgramWork(run.prepared.robot, run.prepared.robot_id, run.run, request)
-
-
-def refuse_corrected_files(inputs: Inputs, request: ProgramRequest, robot_id: str) -> None:
-    """Refuse a request without files, or with a file that was written by another job.
-
-    Raises:
-        RequestError: there is no file, or a program was compensated already.
-    """
-    if not request.files:
-        raise RequestError("no file was sent", where="files", remedy="send the program")
     sent_digests = {hashlib.sha256(decompress_file(file)).hexdigest() for file in request.files}
-    for kind in (Program, RetiredProcess):
+    for kind in (CorrectionJob, RetiredProgram, RetiredProcess):
         for job in inputs.job_summaries(kind, robot_id):
             written_digests = job.get("outputs", ())
             was_written_by_job = sent_digests.intersection(written_digests)
             if was_written_by_job:
                 raise RequestError(
-                    f"a file of the request is the output of the compensated program '{job['id']}'",
+                    f"a file of the request is the output of the correction '{job['id']}'",
                     where="files",
                     remedy="send the original program",
                 )
