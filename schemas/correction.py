@@ -186,6 +186,76 @@ class Cut(Message):
         return self
 
 
+class _PoseOptions(AcceptingOptions, PredictionOptions):
+    """Options of corrected poses, in a table or in a program."""
+
+    units: Units = Field(
+        description="Units of the numbers in the request, also of the columns of the answer; a program has "
+        "units of its own."
+    )
+    accuracy_option: Literal["off", "same_as_measured", "compensates_load"] | None = Field(
+        default=None,
+        description="Accuracy option of the controller. `off`: switched off. `same_as_measured`: "
+        "switched on, as in the campaign. `compensates_load`: refused, because the load "
+        "would be compensated twice. Required for a program; default for poses: `off`.",
+    )
+    tool: Annotated[_Frame | None, Terminal("", "X,Y,Z,RX,RY,RZ[mm,deg]", parse_numbers, unit="mm,deg")] = (
+        Field(
+            default=None,
+            description="Frame of the tool in the flange frame, as position and rotation vector; default: "
+            "the flange frame.",
+        )
+    )
+    base: Annotated[_Frame | None, Terminal("", "X,Y,Z,RX,RY,RZ[mm,deg]", parse_numbers, unit="mm,deg")] = (
+        Field(
+            default=None,
+            description="Frame of the poses in the base frame R0, as position and rotation vector; "
+            "default: R0.",
+        )
+    )
+    force: Annotated[Vector3 | None, Terminal("", "X,Y,Z[N]", parse_numbers_in_newtons, unit="N")] = Field(
+        default=None,
+        description="Force on the tool in every row or move; omit this field if the columns `fx`, `fy`, "
+        "`fz` state forces.",
+    )
+    axes: Literal["robot", "base", "tool", "feed"] = Field(
+        default="robot",
+        description="Axes along which forces are stated: the robot's base frame R0, the base of the poses, "
+        "the tool, or the path. The axes of `feed` are feed, normal (to the right, seen from the spindle) "
+        "and spindle.",
+    )
+    load_point: Annotated[Vector3 | None, Terminal("", "X,Y,Z[mm]", parse_numbers, unit="mm")] = Field(
+        default=None,
+        description="Point where the force acts, in the flange frame; default: the centre of the tool.",
+    )
+    feed: Annotated[
+        Annotated[Quantity, Field(gt=0.0)] | None, Terminal("", "NUMBER[mm/s]", float, unit="mm")
+    ] = Field(
+        default=None,
+        description="Speed of the tool in units.length per s; used for `joint_speed` and for corners of "
+        "the path.",
+    )
+    start: Annotated[
+        Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] | None,
+        Terminal("", "NUMBERS[deg]", parse_numbers, unit="deg"),
+    ] = Field(
+        default=None,
+        description="Joint positions near the first pose, as the controller shows them, in units.angle or "
+        "units.length. Needed if no columns state the joints, if a program does not state the "
+        "configuration, and for prismatic joints, which keep these positions.",
+    )
+    max_displacement: Annotated[
+        Annotated[Quantity, Field(gt=0.0)] | None, Terminal("", "NUMBER[mm]", float, unit="mm")
+    ] = Field(
+        default=None, description="Greatest displacement of a correction, in units.length; default: 5 mm."
+    )
+    max_rotation: Annotated[
+        Annotated[Quantity, Field(gt=0.0)] | None, Terminal("", "NUMBER[deg]", float, unit="deg")
+    ] = Field(
+        default=None, description="Greatest rotation of a correction, in units.angle; default: 10 mrad."
+    )
+
+
 class _ProgramOptions(Message):
     """Options of robot programs, which tables of poses do not have."""
 
@@ -274,74 +344,8 @@ class _ProgramOptions(Message):
     )
 
 
-class CorrectionOptions(_ProgramOptions, AcceptingOptions, PredictionOptions):
+class CorrectionOptions(_ProgramOptions, _PoseOptions):
     """Options of corrected poses."""
-
-    units: Units = Field(
-        description="Units of the numbers in the request, also of the columns of the answer; a program has "
-        "units of its own."
-    )
-    accuracy_option: Literal["off", "same_as_measured", "compensates_load"] | None = Field(
-        default=None,
-        description="Accuracy option of the controller. `off`: switched off. `same_as_measured`: "
-        "switched on, as in the campaign. `compensates_load`: refused, because the load "
-        "would be compensated twice. Required for a program; default for poses: `off`.",
-    )
-    tool: Annotated[_Frame | None, Terminal("", "X,Y,Z,RX,RY,RZ[mm,deg]", parse_numbers, unit="mm,deg")] = (
-        Field(
-            default=None,
-            description="Frame of the tool in the flange frame, as position and rotation vector; default: "
-            "the flange frame.",
-        )
-    )
-    base: Annotated[_Frame | None, Terminal("", "X,Y,Z,RX,RY,RZ[mm,deg]", parse_numbers, unit="mm,deg")] = (
-        Field(
-            default=None,
-            description="Frame of the poses in the base frame R0, as position and rotation vector; "
-            "default: R0.",
-        )
-    )
-    force: Annotated[Vector3 | None, Terminal("", "X,Y,Z[N]", parse_numbers_in_newtons, unit="N")] = Field(
-        default=None,
-        description="Force on the tool in every row or move; omit this field if the columns `fx`, `fy`, "
-        "`fz` state forces.",
-    )
-    axes: Literal["robot", "base", "tool", "feed"] = Field(
-        default="robot",
-        description="Axes along which forces are stated: the robot's base frame R0, the base of the poses, "
-        "the tool, or the path. The axes of `feed` are feed, normal (to the right, seen from the spindle) "
-        "and spindle.",
-    )
-    load_point: Annotated[Vector3 | None, Terminal("", "X,Y,Z[mm]", parse_numbers, unit="mm")] = Field(
-        default=None,
-        description="Point where the force acts, in the flange frame; default: the centre of the tool.",
-    )
-    feed: Annotated[
-        Annotated[Quantity, Field(gt=0.0)] | None, Terminal("", "NUMBER[mm/s]", float, unit="mm")
-    ] = Field(
-        default=None,
-        description="Speed of the tool in units.length per s; used for `joint_speed` and for corners of "
-        "the path.",
-    )
-    start: Annotated[
-        Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] | None,
-        Terminal("", "NUMBERS[deg]", parse_numbers, unit="deg"),
-    ] = Field(
-        default=None,
-        description="Joint positions near the first pose, as the controller shows them, in units.angle or "
-        "units.length. Needed if no columns state the joints, if a program does not state the "
-        "configuration, and for prismatic joints, which keep these positions.",
-    )
-    max_displacement: Annotated[
-        Annotated[Quantity, Field(gt=0.0)] | None, Terminal("", "NUMBER[mm]", float, unit="mm")
-    ] = Field(
-        default=None, description="Greatest displacement of a correction, in units.length; default: 5 mm."
-    )
-    max_rotation: Annotated[
-        Annotated[Quantity, Field(gt=0.0)] | None, Terminal("", "NUMBER[deg]", float, unit="deg")
-    ] = Field(
-        default=None, description="Greatest rotation of a correction, in units.angle; default: 10 mrad."
-    )
 
     @model_validator(mode="after")
     def _require_one_load(self) -> CorrectionOptions:

@@ -670,9 +670,14 @@ def _correct_table_or_explain_moves(values: _Values, sources: Sequence[Any]) -> 
         CampaignError: a file or an option cannot be used.
         typer.Exit: no row of a table is corrected, or the arguments are exchanged.
     """
+    from jointstiff.service.resources.documents import read_object
+
     file, paths = sources
     _refuse_exchanged(Path(file), paths[0], "CAMPAIGN_OR_ROBOT POSES")
-    is_program = values["explain"] or len(paths) > 1 or are_programs(_list_names(paths), values["format"])
+    format_ = values["format"] or (
+        read_object(values["options"]).get("format") if values["options"] else None
+    )
+    is_program = values["explain"] or len(paths) > 1 or are_programs(_list_names(paths), format_)
     if not is_program:
         _correct_table(file, paths[0], values)
         return True
@@ -831,7 +836,7 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
                 ],
                 False,
             ),
-            "report": _make_optional_parameter(cli.path_option("CSV file for all points of a program.")),
+            "report": _make_optional_parameter(cli.path_option("CSV file to write a program's points to.")),
         },
         finish=_write_program_files,
         replace_work=_correct_table_or_explain_moves,

@@ -171,4 +171,4 @@ def compensated(api: httpx2.Client, run: str) -> str:
     options = {"run_id": run} | small_program_options()
     file = ("corner.src", program_text("krl", tool_poses(path(6)), 4).encode())
     data = {"options": json.dumps(options)}
-    return made(api, partial(api.post, "/v1/programs?wait=60", data=data, files={"files": file}))
+    return made(api, partial(api.post, "/v1/corrections?wait=60", data=data, files={"files": file}))

@@ -18,7 +18,7 @@ def two_files():
     cells = [row.split(";") for row in (head, *rows)]
     joints = "\n".join(";".join(row[:7]) for row in cells)
     points = "\n".join(";".join([row[0], *row[7:]]) for row in cells)
-    return [file_of("joints.csv", joints), file_of("points.csv", points)]
+    return [file_of("joints.csv", joints), file_of("rows.csv", points)]
 
 
 def test_a_saved_mapping_reads_the_next_files(visit, stored):

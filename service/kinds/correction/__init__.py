@@ -2,4 +2,4 @@
 
 from jointstiff.service.kinds.room import Room
 
-ROOM = Room(70, "correct", "Correct a table of poses or a robot program for the deflection under load.")
+ROOM = Room(70, "correct", "Correct poses or a robot program for the deflection under load.")

@@ -993,7 +993,7 @@ class ProgramWork(Work):
             raise VerdictError.for_result(
                 "a program whose corrections exceed the limits", "max_displacement", items
             )
-        return assess_with_run("correction", reasons, self._run_model.assessment)
+        return assess_with_run("program", reasons, self._run_model.assessment)
 
     def _find_doubtful_deflections(self, corrections: Corrections) -> list[Finding]:
         """Return why predicted deflections are doubtful, most important first.

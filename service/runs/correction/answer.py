@@ -147,16 +147,12 @@ def refuse_foreign_fields(options: CorrectionOptions, *, is_program: bool) -> No
         reason = f"`{name}` does not concern a {'program' if is_program else 'table of poses'}"
         remedy = "omit it; state frames of a program in `tools` and `bases`" if is_program else "omit it"
         raise RequestError(reason, where=name, remedy=remedy)
-    if not is_program:
-        return
-    if options.accuracy_option is None:
-        remedy = "state `accuracy_option`: one of off, same_as_measured"
+    if is_program and options.accuracy_option is None:
         raise RequestError(
-            "the accuracy option of the controller is missing", where="accuracy_option", remedy=remedy
+            "the accuracy option of the controller is missing",
+            where="accuracy_option",
+            remedy="give `accuracy_option`: one of off, same_as_measured",
         )
-    if getattr(options, "robot_id", None) is not None:
-        remedy = "give `run_id`: a program is corrected by the model of a run"
-        raise RequestError("a robot without a run cannot correct a program", where="robot_id", remedy=remedy)
 
 
 def refuse_compensating_controller(options: CorrectionOptions) -> None:

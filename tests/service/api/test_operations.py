@@ -88,7 +88,7 @@ def test_the_description_names_the_service_and_where_to_begin(openapi, local):
 
 FILES = """\
 * `model.…` of a run: tables with intervals (csv, xlsx), or MJCF with springs; `do_not_use` needs
-* `program` of a program: a compensated file (`file`); only numbers of its targets differ
+* `program` of the correction of a program: a corrected file (`file`); only numbers of its targets differ
 * tables, by the kind of the job; their headers have the units
 * geometry: `axes.csv` (each axis: a point, the direction, and the uncertainties of both, in the base frame R0 at model angle zero)
 * plan: `report.pdf`, `report.html`, `readings.csv` (the readings in their order)

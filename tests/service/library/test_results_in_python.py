@@ -44,7 +44,7 @@ def results(run, document):
         "geometry": js.geometry(EXAMPLES / "sweeps.json"),
         "plan": js.plan(run, readings=4, candidates=200),
         "map": js.map(run, area=area, grid=(3, 3, 1), place=(0, 0, 250), force=FORCE),
-        "program": js.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
+        "program": js.correct(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
         "prediction": run.predict(postures, FORCE, at=(0, 0, 120)),
     }
 
@@ -194,7 +194,7 @@ TABLES = {
     "geometry": ["axes"],
     "plan": ["readings"],
     "map": ["map"],
-    "program": ["points"],
+    "program": ["rows"],
     "prediction": ["cases"],
 }
 

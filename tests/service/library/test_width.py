@@ -149,7 +149,7 @@ def test_work_by_an_executor_is_cancelled_between_its_steps(pool):
 
 def test_a_service_refuses_an_executor(pool):
     with Client("http://127.0.0.1:9") as client:
-        for verb in (client.identify, client.map, client.plan, client.compare, client.compensate):
+        for verb in (client.identify, client.map, client.plan, client.compare, client.correct):
             with pytest.raises(TypeError, match="own workers"):
                 verb(DOCUMENT, executor=pool)
 
