@@ -12,7 +12,7 @@ it("a form says beside its button what it needs", async () => {
     <ProgramForm context={{ run: { id: "r" }, robot: { id: "a", joints: [] } } as unknown as RunContext} />,
   );
   await settled(() => {});
-  const button = [...root.querySelectorAll("button")].find(({ textContent }) => textContent === "Compensate");
+  const button = [...root.querySelectorAll("button")].find(({ textContent }) => textContent === "Correct");
   expect(button?.disabled).toBe(true);
   expect(button?.nextElementSibling?.textContent).toBe("Choose the program");
 });

@@ -1,4 +1,4 @@
-"""Compensated programs: their points, what is certain, patterns of moves, and other solvers' answers."""
+"""Corrected programs: their points, what is certain, patterns of moves, and other solvers' answers."""
 
 import re
 from pathlib import Path
