@@ -215,8 +215,8 @@ class _PoseOptions(AcceptingOptions, PredictionOptions):
     )
     force: Annotated[Vector3 | None, Terminal("", "X,Y,Z[N]", parse_numbers_in_newtons, unit="N")] = Field(
         default=None,
-        description="Force on the tool in every row or move; omit this field if the columns `fx`, `fy`, "
-        "`fz` state forces.",
+        description="Force on the tool in every row or move, in units.force; omit this field if the columns "
+        "`fx`, `fy`, `fz` state forces.",
     )
     axes: Literal["robot", "base", "tool", "feed"] = Field(
         default="robot",
@@ -226,7 +226,8 @@ class _PoseOptions(AcceptingOptions, PredictionOptions):
     )
     load_point: Annotated[Vector3 | None, Terminal("", "X,Y,Z[mm]", parse_numbers, unit="mm")] = Field(
         default=None,
-        description="Point where the force acts, in the flange frame; default: the centre of the tool.",
+        description="Point where the force acts, in the flange frame, in units.length; default: the centre "
+        "of the tool.",
     )
     feed: Annotated[
         Annotated[Quantity, Field(gt=0.0)] | None, Terminal("", "NUMBER[mm/s]", float, unit="mm")

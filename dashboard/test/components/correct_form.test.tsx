@@ -28,7 +28,11 @@ beforeEach(() => {
     const refused = isPost && options["trust_routines"] !== true;
     const headers = { "Content-Type": refused ? "application/problem+json" : "application/json" };
     const schemas = { CorrectionRequest: {}, ProgramFrame: {} };
-    const answer = refused ? problem : isPost ? { id: "p1", kind: "correction" } : { components: { schemas }, items: [] };
+    const answer = refused
+      ? problem
+      : isPost
+        ? { id: "p1", kind: "correction" }
+        : { components: { schemas }, items: [] };
     return new Response(JSON.stringify(answer), { status: refused ? 422 : 200, headers });
   });
 });

@@ -117,11 +117,8 @@ _LOADED_COLUMNS: Final = (
     "residual rotation [mrad]",
     "rounding [mm]",
     "share [1]",
+    *(f"residual {end}, {by} [mm]" for by in ("readings", "with model error") for end in ("low", "high")),
 )
-_REMAINING_COLUMNS: Final = tuple(
-    f"residual {end}, {by} [mm]" for by in ("readings", "with model error") for end in ("low", "high")
-)
-"""Columns that stored tables of older versions lack."""
 _UNCERTAIN: Final = "uncertain: not corrected"
 _REMARKS: Final = ("", "no load", "capped", _UNCERTAIN)
 """Remarks on a point in the table of points, stored there by index."""
@@ -325,12 +322,13 @@ class WrittenPoints:
         }
 
     def _loaded_columns(self, block: slice) -> FloatArray:
-        """Return the numbers (b, 22) of b points under load, in the order of the names `_LOADED_COLUMNS`.
+        """Return the numbers (b, 26) of b points under load, in the order of the names `_LOADED_COLUMNS`.
 
         Lengths are in mm, rotations in mrad. `block` is the range of the points among the corrections.
         """
         corrections = self.corrections
         interval, interval_with_model_error = 1e3 * self._intervals[:, block]  # (b, 2) [mm]
+        of_residual, of_residual_with_model_error = 1e3 * self._remaining_intervals[:, block]
         return np.column_stack(
             [
                 corrections.deflection_motions.select(block).in_mm(),
@@ -341,6 +339,8 @@ class WrittenPoints:
                 self.residual_motions.select(block).in_mm(),
                 1e3 * self.rounding[block],
                 corrections.share[block],
+                of_residual,
+                of_residual_with_model_error,
             ]
         )
 
@@ -358,7 +358,6 @@ class WrittenPoints:
             line=program.targets.line[targets].astype(np.int32),
             file_names=np.array([source.name for source in program.sources]),
             names=np.frombuffer(names.encode("latin-1"), dtype=np.uint8),
-            remaining=self._pack_remaining(),
         )
         return stored.to_bytes()
 
@@ -387,16 +386,6 @@ class WrittenPoints:
         remarks[corrections.points[corrections.uncertain]] = _REMARKS.index(_UNCERTAIN)
         return remarks
 
-    def _pack_remaining(self) -> NDArray[np.float32]:
-        """Return the columns `_REMAINING_COLUMNS` (4, m) [mm] of the points of the path; NaN without load.
-
-        They are the lower and upper ends of two intervals of the residual: by readings, and with model error.
-        """
-        columns = np.full((len(_REMAINING_COLUMNS), len(self.path.targets)), np.nan, dtype=np.float32)
-        by_readings, with_model_error = 1e3 * self._remaining_intervals  # (k, 2) low and high ends [mm]
-        columns[:, self.corrections.points] = np.concatenate([by_readings.T, with_model_error.T])
-        return columns
-
 
 class _StoredTable(NamedTuple):
     """Table of the m points of a path, as arrays that are stored one after the other."""
@@ -407,31 +396,24 @@ class _StoredTable(NamedTuple):
     line: NDArray[np.int32]  # (m,) line of each point in its file
     file_names: NDArray[np.str_]  # names of the files
     names: NDArray[np.uint8]  # names of the points as bytes of Latin-1, one name a line
-    remaining: NDArray[np.float32] | None  # (4, m) columns `_REMAINING_COLUMNS`; None in older tables
 
     def to_bytes(self) -> bytes:
         """Return the arrays in the order of the fields, each in NumPy's format `npy`."""
         stored = io.BytesIO()
         arrays: list[NDArray[Any]] = [*self.columns, self.remark, self.file, self.line]
         arrays += [self.file_names, self.names]
-        if self.remaining is not None:
-            arrays.append(self.remaining)
         for array in arrays:
             np.save(stored, array, allow_pickle=False)
         return stored.getvalue()
 
     @classmethod
     def from_bytes(cls, content: bytes) -> _StoredTable:
-        """Read the arrays from bytes of `to_bytes`, or of an older version, which lacks `remaining`."""
+        """Read the arrays from bytes of `to_bytes`."""
         stored = io.BytesIO(content)
         column_count = len(_POSTURE_COLUMNS + _LOADED_COLUMNS)
         columns = [np.load(stored, allow_pickle=False) for _ in range(column_count)]
         remark, file, line, file_names, names = (np.load(stored, allow_pickle=False) for _ in range(5))
-        remaining = None
-        has_remaining = stored.tell() < len(content)
-        if has_remaining:
-            remaining = np.load(stored, allow_pickle=False)
-        return cls(columns, remark, file, line, file_names, names, remaining)
+        return cls(columns, remark, file, line, file_names, names)
 
     def list_names(self) -> list[str]:
         """Return the name of each point."""
@@ -440,10 +422,7 @@ class _StoredTable(NamedTuple):
     def name_columns(self) -> dict[str, NDArray[np.float32]]:
         """Return the columns of numbers (m,) by their headers, such as `deflection [mm]`."""
         headers = _POSTURE_COLUMNS + _LOADED_COLUMNS
-        columns = dict(zip(headers, map(_add_up_differences, self.columns), strict=True))
-        if self.remaining is not None:
-            columns.update(zip(_REMAINING_COLUMNS, self.remaining, strict=True))
-        return columns
+        return dict(zip(headers, map(_add_up_differences, self.columns), strict=True))
 
 
 def points_sheet(content: bytes) -> Sheet:

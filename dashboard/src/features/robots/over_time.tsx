@@ -64,7 +64,9 @@ export function LastCorrection({ robot }: { robot: Robot }) {
   return (
     <section>
       <h2>{words.lastCorrection}</h2>
-      <Rows rows={[{ id: correction.id, name, href: link(["corrections", correction.id]), at: correction.created_at }]} />
+      <Rows
+        rows={[{ id: correction.id, name, href: link(["corrections", correction.id]), at: correction.created_at }]}
+      />
     </section>
   );
 }
