@@ -228,11 +228,11 @@ def test_units_that_are_not_known_or_not_stated_are_refused():
         requested("map", None, units={"length": "cm"}, place=(0, 0, 1))
     with pytest.raises(js.CampaignError, match="the unit of moments is missing"):
         requested("map", None, units="mm, deg, kN", moment=(0, 0, 1))
-    load = {"force": (0.0, 0.0, -500.0)}
     units = Units(length="m", angle="rad", force="N")
+    load = (0.0, 0.0, -500.0)
     options = import_kind("correction").options(units=units, accuracy_option="off", force=load)
     with pytest.raises(TypeError, match="already state units"):
-        requested("correct", "run", options=options, units="mm, deg, N")
+        requested("correct", "run", "a.src", options=options, units="mm, deg, N")
     assert complete_units("m, rad, kg")["moment"] == "kgf.m"
     assert set(complete_units(None)) == {"length", "angle", "force", "moment"}
     assert complete_units({"length": "m"})["moment"] in MOMENT
