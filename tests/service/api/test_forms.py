@@ -50,9 +50,9 @@ def run(local):
             [],
             {},
             "415 unsupported-media-type | - | "
-            "the body has the Content-Type 'application/x-www-form-urlencoded' | send a file in a form of the "
-            "fields `files` and `options`, as curl -F does (multipart/form-data); or send columns as JSON, with "
-            "the header Content-Type: application/json",
+            "the body has the Content-Type 'application/x-www-form-urlencoded' | send a file in a form of "
+            "the fields `files` and `options`, as curl -F does (multipart/form-data); or send columns as "
+            "JSON, with the header Content-Type: application/json",
         ),
         ([SOURCE, SOURCE], {}, f"422 invalid-request | files | two files have the same name | {ONCE}"),
         (
