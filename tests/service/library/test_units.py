@@ -232,7 +232,7 @@ def test_units_that_are_not_known_or_not_stated_are_refused():
     load = (0.0, 0.0, -500.0)
     options = import_kind("correction").options(units=units, accuracy_option="off", force=load)
     with pytest.raises(TypeError, match="already state units"):
-        requested("correct", "run", "a.src", options=options, units="mm, deg, N")
+        requested("correct", "run", __file__, options=options, units="mm, deg, N")
     assert complete_units("m, rad, kg")["moment"] == "kgf.m"
     assert set(complete_units(None)) == {"length", "angle", "force", "moment"}
     assert complete_units({"length": "m"})["moment"] in MOMENT
