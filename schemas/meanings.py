@@ -143,7 +143,7 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "joint_stays_uncertain": "The predicted uncertainty of the joint is above 50 %. Add readings, a "
             "larger load, or targets farther from the flange.",
         },
-        "Compensated program": {
+        "Corrected program": {
             "moves_left": "Some moves are not corrected; `trust_routines` may help.",
             "corrections_capped": "Limits reduce some corrections (*use with care*), or all (*do not use*). "
             "Check the load, then raise the limit.",

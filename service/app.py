@@ -136,7 +136,6 @@ def all_routes() -> Sequence[BaseRoute]:
         runs.router,
         runs.deflections,
         runs.imports,
-        runs.programs,
         corrections.router,
         health.router,
         admin.sessions,

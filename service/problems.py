@@ -1065,7 +1065,7 @@ def _find_remedy_of_fields_of_sets(error: Mapping[str, Any]) -> str | None:
 
 
 _COMMAND_IN_TEXT: Final = re.compile(
-    r"`jointstiff (compare|compensate|correct|gearbox|geometry|identify|import|map|measure|plan|predict"
+    r"`jointstiff (compare|correct|gearbox|geometry|identify|import|map|measure|plan|predict"
     r"|process|rehearse)((?: [^\s`]+)*)`"
 )
 """Command of the terminal for which Python has a function: its name and its words."""

@@ -7,7 +7,6 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -60,15 +59,6 @@ if TYPE_CHECKING:
 _NUMBERS: Final = "give an array, or lists of equal lengths, of numbers"
 CANCELLED: Final = http_problem(409, "the correction was cancelled", "correct the poses again")
 """Problem of a correction that the caller has cancelled."""
-PROGRAM_LANGUAGES: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        **dict.fromkeys((".src", ".dat"), "KRL"),
-        **dict.fromkeys((".mod", ".prg", ".modx", ".sys", ".sysx"), "RAPID"),
-        ".ls": "FANUC",
-        **dict.fromkeys((".script", ".urscript"), "URScript"),
-    }
-)
-"""Ending of a file of a robot program → its language."""
 AnyPoses = Any
 """Poses of the tool in the base: an array (N, 4, 4), an array (N, 6) of X, Y, Z and rotation vector, or a CSV
 or Parquet file."""
@@ -162,11 +152,7 @@ def _read_columns(
     if isinstance(poses, str | PathLike):
         path = Path(poses)
         with naming_file(path):
-            try:
-                file = read_number_table(path.read_bytes())
-            except RequestError:
-                _refuse_program(path)
-                raise
+            file = read_number_table(path.read_bytes())
             return convert_headers(file.columns, units, robot), file.labels
     return name_poses(poses, "poses", units), None
 
@@ -351,21 +337,6 @@ def _name_joints(joints: AnyJoints, count: int, robot: Robot) -> dict[str, Float
             remedy=f"give the controller's joints of each pose, ({count}, {robot.n})",
         )
     return {f"j{number}": column for number, column in enumerate(array.T, 1)}
-
-
-def _refuse_program(path: Path) -> None:
-    """Refuse a robot program in place of a table of poses.
-
-    Raises:
-        RequestError: the ending of the file is that of a program.
-    """
-    language = PROGRAM_LANGUAGES.get(path.suffix.lower())
-    if language is not None:
-        raise RequestError(
-            f"{path.name} is a {language} program, not a table of poses",
-            where="poses",
-            remedy="use `jointstiff compensate`, in Python `compensate`, which correct programs",
-        )
 
 
 def _refuse_second_load(stated: Mapping[str, Any], columns: Mapping[str, FloatArray]) -> None:

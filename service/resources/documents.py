@@ -285,7 +285,7 @@ def _explain_text(content: bytes, error: MalformedError, name: str) -> Problem:
         return http_problem(422, f"{name} is a URDF, not a campaign", remedy)
     if any(sign.encode() in content for sign in _SIGNS_OF_TABLES):
         return http_problem(422, f"{name} is a table that jointstiff printed, not a document", _GIVE_CAMPAIGN)
-    correction = f"to correct a robot program use `jointstiff compensate CAMPAIGN {shlex.quote(name)}`"
+    correction = f"to correct a robot program use `jointstiff correct CAMPAIGN {shlex.quote(name)}`"
     remedy = f"{_IMPORT_HINT}; {correction}"
     return http_problem(422, f"{name} is a text, not a JSON document", remedy)
 

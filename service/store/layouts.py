@@ -13,7 +13,7 @@ from typing import Final
 from jointstiff.service.history.steps import NEWEST, OLDEST
 from jointstiff.service.problems import StoreError
 
-LAYOUT: Final = "0023_expand_hands"
+LAYOUT: Final = "0024_expand_programs"
 """Layout of this program: of new databases, and the newest file in `migrations/versions/`."""
 BASELINE: Final = "0018_actions_name_targets"
 """Oldest layout that can be upgraded."""

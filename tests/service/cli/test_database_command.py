@@ -17,6 +17,7 @@ LAYOUTS = (
     "0021_expand_loads",
     "0022_expand_grounds",
     "0023_expand_hands",
+    "0024_expand_programs",
 )
 
 
@@ -48,6 +49,7 @@ def test_a_database_is_upgraded_by_hand(folder: Path) -> None:
         f"upgraded the database from layout {LAYOUTS[2]} to {LAYOUTS[3]}",
         f"upgraded the database from layout {LAYOUTS[3]} to {LAYOUTS[4]}",
         f"upgraded the database from layout {LAYOUTS[4]} to {LAYOUTS[5]}",
+        f"upgraded the database from layout {LAYOUTS[5]} to {LAYOUTS[6]}",
         "documents of an earlier form: 0 left",
         f"layout {LAYOUTS[-1]}; documents of an earlier form: 0",
     ]

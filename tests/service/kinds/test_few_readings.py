@@ -158,7 +158,7 @@ def bad(local):
     [
         ("plan", "the verdict on the campaign so far is: do not use"),
         ("map", "the verdict on run '{run}' is: do not use"),
-        ("program", "the verdict on run '{run}' is: do not use"),
+        ("correction", "the verdict on run '{run}' is: do not use"),
     ],
 )
 def test_what_acts_on_a_robot_is_refused_with_the_reasons_of_the_run(kind, detail, local, bad):

@@ -249,14 +249,14 @@ def test_six_numbers_as_forces_are_split_into_forces_and_moments(order, rows):
     assert found.cases[0].model_dump() == expected.cases[0].model_dump()
 
 
-@pytest.mark.parametrize("call", ["correct", "compensate", "map"])
+@pytest.mark.parametrize("call", ["correct", "program", "map"])
 def test_six_numbers_as_force_are_a_force_and_a_moment(call, tmp_path):
     run = js.identify(simulate_campaign(default_arm(), load="pull", configurations=12, seed=1))
     (tmp_path / "a.src").write_text("DEF a()\nEND\n")
     six, area = (0, 0, -800, 0, 0, 0), [[1400, -200, 600], [1800, 200, 600]]
     calls = {
         "correct": lambda: js.correct(run, [[1500, 0, 900, 0, 180, 0]], force=six, tool=[0, 0, 200, 0, 0, 0]),
-        "compensate": lambda: js.compensate(run, tmp_path / "a.src", force=six, accuracy_option="off"),
+        "program": lambda: js.correct(run, tmp_path / "a.src", force=six, accuracy_option="off"),
         "map": lambda: js.map(run, force=six, area=area, grid=[2, 2, 1], place=[0, 0, 250]),
     }
     with pytest.raises(js.CampaignError, match="if these are a force and a moment"):

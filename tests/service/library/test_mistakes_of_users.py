@@ -549,7 +549,6 @@ TYPES = {
         "give `concurrent.futures.ProcessPoolExecutor\\(\\)`, or leave it out",
     ),
     "number of processes for many": (lambda run: js.identify_many([run], executor=4), "or leave it out"),
-    "run as program": (lambda run: js.compensate(run, run), "a program is a file, not a TabledRun"),
 }
 
 

@@ -438,7 +438,7 @@ def results(run):
         "geometry": js.geometry(EXAMPLES / "sweeps.json"),
         "plan": js.plan(run, readings=6, candidates=200),
         "map": js.map(run, area=AREA, grid=(3, 3, 1), place=(0, 0, 250), force=force),
-        "program": js.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=force),
+        "program": js.correct(run, EXAMPLES / "pocket.src", accuracy_option="off", force=force),
         "prediction": run.predict([[0, 0, 0, 0, 30, 0], [10, 0, 0, 0, 30, 0]], force, at=POINT),
     }
 
@@ -460,7 +460,7 @@ def test_files_of_a_program_keep_their_names_in_a_folder_and_none_takes_the_plac
     (sent / "pocket.src").write_bytes((EXAMPLES / "pocket.src").read_bytes())
     (sent / "more.src").write_text("DEF more( )\nWAIT SEC 1\nEND\n")
     paths = [sent / "pocket.src", sent / "more.src"]
-    program = js.compensate(results["run"], *paths, accuracy_option="off", force=(0.0, 300.0, -500.0))
+    program = js.correct(results["run"], paths, accuracy_option="off", force=(0.0, 300.0, -500.0))
     program.save(saved)
     assert sorted(each.name for each in tmp_path.iterdir()) == ["saved", "sent"]
     assert sorted(each.name for each in saved.iterdir()) == ["more.src", "pocket.src"]

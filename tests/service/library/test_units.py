@@ -154,11 +154,11 @@ def test_a_verb_of_programs_sends_the_units_of_the_call(tmp_path):
     (tmp_path / "path.src").write_text("DEF p()\nEND\n")
     file = tmp_path / "path.src"
     fields = {"load_point": (0, 0, 120), "force": (0, 0, -500), "cut": {"diameter": 20.0}}
-    one = requested("compensate", ROBOT, file, **fields).request
+    one = requested("correct", ROBOT, file, **fields).request
     assert one["units"] == {"length": "mm", "angle": "deg", "force": "N", "moment": "N.m"}
     assert one["load_point"] == [0, 0, 120]
     assert one["cut"]["diameter"] == 0.02  # a cut is in SI units in the message
-    other = requested("compensate", ROBOT, file, units="m, rad, kN", load_point=(0, 0, 0.12)).request
+    other = requested("correct", ROBOT, file, units="m, rad, kN", load_point=(0, 0, 0.12)).request
     assert other["units"] == {"length": "m", "angle": "rad", "force": "kN", "moment": "kN.m"}
 
 
@@ -228,11 +228,11 @@ def test_units_that_are_not_known_or_not_stated_are_refused():
         requested("map", None, units={"length": "cm"}, place=(0, 0, 1))
     with pytest.raises(js.CampaignError, match="the unit of moments is missing"):
         requested("map", None, units="mm, deg, kN", moment=(0, 0, 1))
-    load = {"force": (0.0, 0.0, -500.0)}
     units = Units(length="m", angle="rad", force="N")
-    options = import_kind("program").options(units=units, accuracy_option="off", load=load)
+    load = (0.0, 0.0, -500.0)
+    options = import_kind("correction").options(units=units, accuracy_option="off", force=load)
     with pytest.raises(TypeError, match="already state units"):
-        requested("compensate", "run", options=options, units="mm, deg, N")
+        requested("correct", "run", __file__, options=options, units="mm, deg, N")
     assert complete_units("m, rad, kg")["moment"] == "kgf.m"
     assert set(complete_units(None)) == {"length", "angle", "force", "moment"}
     assert complete_units({"length": "m"})["moment"] in MOMENT

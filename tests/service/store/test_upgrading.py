@@ -111,7 +111,7 @@ class TestKept:
     def test_a_rewritten_job_states_the_version_of_its_document(self, restored: Restore, number: str) -> None:
         with Store.open(restored(number), upgrade=lambda _: None) as store:
             before = dict(
-                rows_of(store, "SELECT id, schema FROM jobs WHERE schema < 23 AND state = 'succeeded'")
+                rows_of(store, "SELECT id, schema FROM jobs WHERE schema < 24 AND state = 'succeeded'")
             )
             store.old_documents.rewrite(FOREVER)
             jobs_of_all_kinds = Parts(store)
@@ -502,7 +502,7 @@ class TestDocuments:
 
     def test_an_unfinished_job_has_an_old_form_until_it_ends(self, restored: Restore) -> None:
         with upgraded(restored()) as store:
-            ((queued,),) = rows_of(store, "SELECT id FROM jobs WHERE schema < 23")
+            ((queued,),) = rows_of(store, "SELECT id FROM jobs WHERE schema < 24")
             runs = Parts(store).jobs["run"]
             assert runs.current(queued).state == "queued"
             name = runs.current(queued).key_name
@@ -510,13 +510,13 @@ class TestDocuments:
             runs.cancel(queued)
             key_name = sa.select(jobs.c.key_name).where(jobs.c.id == queued)
             assert store._database.rows(key_name) == [(name,)]
-            assert rows_of(store, "SELECT id FROM jobs WHERE schema < 23") == []
+            assert rows_of(store, "SELECT id FROM jobs WHERE schema < 24") == []
             assert runs.current(queued).state == "cancelled"
 
     def test_a_job_that_an_older_program_ends_is_rewritten(self, restored: Restore) -> None:
         """The job of a new program, on the same database: the older one knows no version and no numbers."""
         with upgraded(restored()) as store:
-            ((ended,),) = rows_of(store, "SELECT id FROM jobs WHERE key_name IS NOT NULL AND schema = 23")
+            ((ended,),) = rows_of(store, "SELECT id FROM jobs WHERE key_name IS NOT NULL AND schema = 24")
             before = store.jobs(RUN).get(ended)
             parts = Parts(store, lambda *_: None)
             request = parts.jobs["run"].current(ended).request
@@ -570,7 +570,7 @@ class TestDocuments:
         """The step has its own code for them, which never changes, as it reads old documents."""
         with upgraded(restored()) as store:
             parts = Parts(store)
-            ((unfinished,),) = rows_of(store, "SELECT id FROM jobs WHERE schema < 23")
+            ((unfinished,),) = rows_of(store, "SELECT id FROM jobs WHERE schema < 24")
             parts.jobs["run"].cancel(unfinished)
             rows = store._database.rows(sa.select(jobs.c.id, jobs.c.kind, jobs.c.numbers, jobs.c.key_name))
             for identifier, kind, numbers, key_name in rows:
@@ -604,7 +604,7 @@ class TestDocuments:
 
     def test_old_rows_are_found_by_their_index(self, old_file: Path) -> None:
         with Store.open(f"sqlite:///{old_file}", upgrade=lambda _: None) as store:
-            query = "EXPLAIN QUERY PLAN SELECT sequence FROM jobs WHERE schema < 23 AND sequence > 5"
+            query = "EXPLAIN QUERY PLAN SELECT sequence FROM jobs WHERE schema < 24 AND sequence > 5"
             assert "ix_jobs_old" in str(rows_of(store, f"{query} ORDER BY sequence LIMIT 200"))
 
 
@@ -645,7 +645,7 @@ def test_an_upgrade_that_is_killed_at_any_moment_goes_on(
     layouts = done.stdout.split()
     assert len(layouts) == 12
     assert layouts == sorted(layouts)
-    assert set(layouts) <= {"0018", "0019", "0020", "0021", "0022", "0023"}
+    assert set(layouts) <= {"0018", "0019", "0020", "0021", "0022", "0023", "0024"}
     before = json.loads(kept.read_kept("0018", "answers.json"))
     assert len(list(tmp_path.glob("*before*"))) <= STEPS + 1, "a copy for each step at most, and a journal"
     with upgraded(url) as store:
