@@ -51,14 +51,10 @@ _NUMBERS: Final[tuple[RoleName, ...]] = ("joints", "position", "displacement", "
 class Finding:
     """Meaning that a robot found with one grouping of the rows."""
 
+    known: KnownRobot  #: robot that was measured
     proposal: Proposal
     layout: Layout
     fitting: frozenset[tuple[str, int]]  #: columns of all positions that fit, also of nominal ones
-
-    @property
-    def known(self) -> KnownRobot:
-        """Robot that fits."""
-        return self.proposal.robots[0]
 
     @property
     def share(self) -> float:
