@@ -134,11 +134,11 @@ def robot(
         name: name of the robot.
         base: link of a URDF whose frame is R0; default: its root.
         flange: link of a URDF, or frame of a model, that is the flange; default: the only tip.
-        convention: convention of the rows, `standard` or `modified` (Craig, Khalil).
+        convention: convention of the rows, `standard` or `modified` (Craig).
         columns: names of the columns of rows without names, in their order, such as "theta d a alpha";
-            further names are r, lower, upper and kind.
-        units: units of the lengths and angles of rows, such as "m, rad" or "mm, deg"; default: mm and deg.
-            Columns with names need units, here or in their names.
+            further names are lower, upper, speed and kind.
+        units: units of the lengths and angles of rows, such as "m, rad" or "mm, deg"; needed, unless the
+            names of all columns have units.
         joint_map: map from the controller's joints to the model's, with an offset in rad or m; default:
             identity, or the map of the arm.
         payload: largest payload by the maker [kg]; default: that of the document, or of the arm.

@@ -305,12 +305,15 @@ MISTAKES = {
     ),
     "another word for a convention": (
         lambda _, _document: js.robot(
-            [[0.0, 700.0, 300.0, -90.0]] * 2, columns="theta d a alpha", convention="mdh"
+            [[0.0, 700.0, 300.0, -90.0]] * 2, columns="theta d a alpha", convention="mdh", units="mm, deg"
         ),
         lambda _, _document: js.robot(
-            [[0.0, 700.0, 300.0, -90.0]] * 2, columns="theta d a alpha", convention="modified"
+            [[0.0, 700.0, 300.0, -90.0]] * 2,
+            columns="theta d a alpha",
+            convention="modified",
+            units="mm, deg",
         ),
-        "'mdh', which is not known; remedy: state convention='modified'",
+        "'mdh', not 'standard' or 'modified'.*state convention='standard' or convention='modified'",
     ),
     "misspelt option": (*option({"methd": "CP"}, {"method": "CP"}), "give `method` in its place"),
     # Values
