@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.deflection import LinkMass
     from jointstiff.schemas.program import Cut, ProcessLoad, Program, ProgramFrame
-    from jointstiff.service.conversion.arguments import AnyUnits
+    from jointstiff.service.conversion.units import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, File, OnProgress, Source, Vector
 
 
