@@ -16,10 +16,9 @@ from jointstiff.schemas.finding import Assessment
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.run import Run
-from jointstiff.service.conversion.arguments import complete_units
 from jointstiff.service.conversion.arrays import read_numbers
 from jointstiff.service.conversion.poses import read_frame
-from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.service.conversion.units import ANGLE, LENGTH, complete_units
 from jointstiff.service.kinds.correction.work import CorrectionWork
 from jointstiff.service.kinds.width import CancelledWorkError
 from jointstiff.service.kinds.work import Arrays, compute_steps
@@ -56,7 +55,6 @@ if TYPE_CHECKING:
     from jointstiff.service.tables.table import Sheet
     from jointstiff.solver.mechanics.robot import Robot
 
-_NUMBERS: Final = "give an array, or lists of equal lengths, of numbers"
 CANCELLED: Final = http_problem(409, "the correction was cancelled", "correct the poses again")
 """Problem of a correction that the caller has cancelled."""
 AnyPoses = Any
@@ -135,7 +133,7 @@ def _read_places(stated: Mapping[str, Any], units: Units) -> dict[str, Any]:
     for name in stated.keys() & {"tool", "base"}:
         places[name] = read_frame(stated[name], name, units.angle).tolist()
     for name in stated.keys() & {"start", "load_point", "force"}:
-        places[name] = read_numbers(stated[name], name, _NUMBERS).tolist()
+        places[name] = read_numbers(stated[name], name).tolist()
     return places
 
 
@@ -233,7 +231,7 @@ class CorrectionCall:
         columns, labels = _read_columns(poses, units, robot)
         _refuse_second_joints(joints, columns)
         columns |= _name_joints(joints, len(next(iter(columns.values()))), robot)
-        forces = read_numbers(stated.pop("forces", ()), "forces", _NUMBERS)
+        forces = read_numbers(stated.pop("forces", ()), "forces")
         if forces.size:
             _refuse_second_load(stated, columns)
         if forces.shape == (3,):
@@ -329,7 +327,7 @@ def _name_joints(joints: AnyJoints, count: int, robot: Robot) -> dict[str, Float
     """
     if joints is None:
         return {}
-    array = read_numbers(joints, "joints", _NUMBERS)
+    array = read_numbers(joints, "joints")
     if array.shape != (count, robot.n):
         raise RequestError(
             f"the joints have shape {array.shape}",

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.correction import Cut, ProcessLoad, ProgramFrame
     from jointstiff.schemas.deflection import LinkMass
-    from jointstiff.service.conversion.arguments import AnyUnits
+    from jointstiff.service.conversion.units import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, File, Matrix, OnProgress, Vector
 
 

@@ -137,7 +137,6 @@ OF_PYTHON = re.compile(
 FOR_PYTHON = (
     "service/library/",
     "service/conversion/arrays.py",
-    "service/conversion/dh_orders.py",
     "service/conversion/dh_tables.py",
     "service/kinds/verb.py",
 )

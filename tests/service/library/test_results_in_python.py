@@ -263,7 +263,7 @@ def test_residuals_and_configurations_are_tables_of_their_own(results):
         ),
         (
             lambda _, document: js.identify(document, colour=1),
-            "1 fault; first: colour: unknown field; remedy: remove this field, or use one of ",
+            "1 fault; first: colour: unknown field; remedy: remove this field, or check its spelling",
         ),
         (
             lambda run, _: js.map(run),

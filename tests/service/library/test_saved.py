@@ -264,7 +264,7 @@ def test_a_file_without_a_result_is_refused_by_its_name(tmp_path, monkeypatch, i
     with pytest.raises(js.CampaignError, match=r"large\.json exceeds 32 MiB"):
         js.load("large.json")
     Path("broken.json").write_text("[1, 2")
-    with pytest.raises(js.CampaignError, match="ends in the middle of the JSON document"):
+    with pytest.raises(js.CampaignError, match="Invalid JSON: EOF while parsing"):
         js.load("broken.json")
 
 

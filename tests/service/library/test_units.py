@@ -1,6 +1,7 @@
 """One rule for units: every function takes mm, deg, N and N·m, or the units of `units=`."""
 
 import inspect
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,8 +10,8 @@ import pytest
 import jointstiff as js
 from jointstiff.schemas.live import LiveOptions
 from jointstiff.schemas.measurement import Units
-from jointstiff.service.conversion.arguments import complete_units, convert_to_si
-from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
+from jointstiff.service.conversion.arguments import convert_to_si
+from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT, complete_units
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
 from jointstiff.service.kinds.verb import import_verb
 from jointstiff.service.library.cases import PredictFields, make_load_cases
@@ -215,14 +216,6 @@ def test_every_function_with_numbers_takes_units():
     assert "units" in PredictFields.__annotations__
 
 
-def test_rows_of_a_robot_are_in_mm_and_deg():
-    rows = [[350.0, -90.0, 675.0, 0.0]]
-    table = {"convention": "modified", "columns": "a alpha d theta"}
-    one = js.robot(rows, **table).model.rows[0]
-    other = js.robot([[0.35, -np.pi / 2, 0.675, 0.0]], units="m, rad, N", **table).model.rows[0]
-    assert (one.a, one.alpha, one.d) == pytest.approx((other.a, other.alpha, other.d))
-
-
 def test_units_that_are_not_known_or_not_stated_are_refused():
     with pytest.raises(js.CampaignError, match="'cm' is not a known unit of length"):
         requested("map", None, units={"length": "cm"}, place=(0, 0, 1))
@@ -236,3 +229,15 @@ def test_units_that_are_not_known_or_not_stated_are_refused():
     assert complete_units("m, rad, kg")["moment"] == "kgf.m"
     assert set(complete_units(None)) == {"length", "angle", "force", "moment"}
     assert complete_units({"length": "m"})["moment"] in MOMENT
+
+
+def test_the_factors_of_units_stand_in_one_file_of_the_service():
+    """A live source still has an inch of its own."""
+    service = Path(js.__file__).parent / "service"
+    places = {
+        str(path.relative_to(service))
+        for path in service.rglob("*.py")
+        for factor in ("9.80665", "0.0254", "0.3048", "4.448")
+        if factor in path.read_text(encoding="utf-8")
+    }
+    assert places == {"conversion/units.py", "live/sources.py"}
