@@ -104,8 +104,8 @@ BENCHMARKS = {
     "mistakes": Benchmark(
         "studies.mistakes", "29 mistakes of campaigns in arrays, frames and files; 20 minutes", in_parts=True
     ),
-    "programs": Benchmark("studies.programs", "on exact springs, beside a loop of EAIK; docs/compensate.md"),
-    "shares": Benchmark("studies.shares", "moves known in programs as people write them; docs/compensate.md"),
+    "programs": Benchmark("studies.programs", "on exact springs, beside a loop of EAIK; docs/correct.md"),
+    "shares": Benchmark("studies.shares", "moves known in programs as people write them; docs/correct.md"),
     "mutants": Benchmark("studies.mutants", "small changes of all houses; half an hour", in_parts=True),
     "attacks": Benchmark(
         "attacks.attacks", "hostile bodies, connections, many posts; a quarter of an hour", in_parts=True

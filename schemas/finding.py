@@ -257,7 +257,7 @@ FindingCode = Literal[
     "link_penalty_at_end",
     "link_penalty_raised",
     "loss_not_compared",
-    # in a compensated program
+    # in a corrected program
     "moves_left",
     "corrections_capped",
     "beyond_campaign",

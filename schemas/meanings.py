@@ -74,9 +74,9 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "encoder_deflection_implausibly_large": "The angle of an encoder changed by more than 20 mrad.",
         },
         "Result of a run": {
-            "alternative_explains_better": "The readings fit far better with exchanged columns, another "
-            "joint map or another cause. *Do not use*; *use with care* if a load hardly matters or links may "
-            "bend.",
+            "alternative_explains_better": "The readings fit far better after a change of the data, such as "
+            "load point and target exchanged, or with another cause. *Do not use*; *use with care* if a load "
+            "hardly matters or links may bend.",
             "no_joint_identified": "No joint has a stiffness with an upper limit. *Do not use.*",
             "no_residual_freedom": "There are as many parameters as readings. *Do not use*; if the noise is "
             "stated, *use with care*.",
@@ -148,7 +148,7 @@ MEANINGS: Final[Mapping[str, Mapping[FindingCode, str]]] = MappingProxyType(
             "joint_stays_uncertain": "The predicted uncertainty of the joint is above 50 %. Add readings, a "
             "larger load, or targets farther from the flange.",
         },
-        "Compensated program": {
+        "Corrected program": {
             "moves_left": "Some moves are not corrected; `trust_routines` may help.",
             "corrections_capped": "Limits reduce some corrections (*use with care*), or all (*do not use*). "
             "Check the load, then raise the limit.",

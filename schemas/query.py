@@ -98,7 +98,7 @@ class FileQuery(AcceptingOptions):
     )
     details: bool = Field(default=True, description="False to include only the main tables in `tables.json`.")
     file: Annotated[str, Field(max_length=MAX_NAME_LENGTH)] | None = Field(
-        default=None, description="Name of a file of a compensated `program`; default: the first file."
+        default=None, description="Name of a file of a corrected `program`; default: the first file."
     )
 
 

@@ -6,10 +6,10 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
+from jointstiff.schemas.correction import ProgramFile
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Verdict
 from jointstiff.schemas.job import Job
-from jointstiff.schemas.program import ProgramFile
 
 
 class StoredFields(Message, extra="allow"):

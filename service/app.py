@@ -13,7 +13,7 @@ from fastapi import APIRouter, Depends, FastAPI
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.routing import BaseRoute
 
-from jointstiff.service.api import admin, archives, bridges, corrections, health, jobs, live, resources, runs
+from jointstiff.service.api import admin, bridges, corrections, health, jobs, live, resources, runs
 from jointstiff.service.api.answers import install_error_handlers, refuse_unknown_parameters
 from jointstiff.service.api.description import DescribedApplication, describe_problems
 from jointstiff.service.api.health import Metrics, Watch
@@ -90,7 +90,6 @@ def create_app(
     app.state.laboratory = laboratory or LaboratorySettings()
     app.state.parts = Parts(store, enqueue)
     app.state.parts.find_reason = watch.find_reason
-    app.state.archives = None  # archives of the database; None if the database has no address of its own
     app.state.answer_elsewhere = None  # function that lets another process answer requests with large bodies
     app.state.is_closing = lambda: False
     app.state.failing_workers = lambda: 0
@@ -137,12 +136,10 @@ def all_routes() -> Sequence[BaseRoute]:
         runs.router,
         runs.deflections,
         runs.imports,
-        runs.programs,
         corrections.router,
         health.router,
         admin.sessions,
         admin.router,
-        archives.router,
         jobs.router,
         *(jobs.make_post_route(kind) for kind in KINDS if not kind.is_form),
     ):

@@ -67,11 +67,10 @@ _PATHS: Final = frozenset(
     )
 )
 """Paths of the API whose large request bodies are handled in the child process."""
-_ALWAYS_IN_CHILD: Final = frozenset({"/v1/geometries", "/v1/imports", "/v1/programs"})
-"""Paths of the API whose request bodies of any size are handled in the child process.
+_ALWAYS_IN_CHILD: Final = "/v1/geometries"
+"""Path of the API whose request bodies of any size are handled in the child process.
 
-Programs and tables are of any origin, and the robot searches the meaning of a table; the time of a geometry
-grows with the cube of the number of positions.
+The time of a geometry grows with the cube of the number of positions.
 """
 _LEFT_AFTER_SECONDS: Final = 0.5
 """Interval of the check whether a client has left [s]."""
@@ -115,9 +114,14 @@ class Forwarded:
 FORWARDED: Final = TypeAdapter(Forwarded)
 
 
-def belongs_to_child(path: str, content: bytes) -> bool:
-    """Return whether the child must answer a request, given the path and the body of the request."""
-    return path in _ALWAYS_IN_CHILD or (path in _PATHS and len(content) > LIMITED_BYTES)
+def belongs_to_child(path: str, content: bytes, media_type: str) -> bool:
+    """Return whether the child must answer a request, given path, body and media type of the request.
+
+    Forms always belong to it: their programs and tables are of any origin, and the robot searches the meaning
+    of a table.
+    """
+    is_form = media_type.strip().lower().startswith("multipart/")
+    return is_form or path == _ALWAYS_IN_CHILD or (path in _PATHS and len(content) > LIMITED_BYTES)
 
 
 class Template:
@@ -210,7 +214,7 @@ class LimitedChildren:
             HTTPException: the body took too much memory or time (413), or the child does not start (503).
         """
         content = await request.body()
-        if not belongs_to_child(request.url.path, content):
+        if not belongs_to_child(request.url.path, content, request.headers.get("content-type", "")):
             return None
         forwarded = Forwarded(
             request.method,

@@ -516,14 +516,6 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
     }
 )
 """Type of a fault that pydantic found → remedy."""
-_REMEDIES_OF_TEXTS: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        "bool_type": "give true or false, without quotes",
-        "float_type": "give a number, without quotes",
-        "int_type": "give a whole number, without quotes",
-    }
-)
-"""Type of a fault of a text that should be another value → remedy."""
 _UNITS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {"length": get_args(LengthUnit), "angle": get_args(AngleUnit), "force": get_args(ForceUnit)}
 )
@@ -531,12 +523,6 @@ _UNITS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 _MOST_FILES: Final = 3
 """Files of a folder that an error names."""
 _LONGEST_NAME: Final = 60
-_FEWEST_UNCLEAR: Final = 2
-"""Number of places of a field from which it is not clear which one is meant."""
-_MOST_NAMES: Final = 4
-"""Greatest number of fields that a sentence names one by one."""
-_MOST_FIELDS: Final = 40
-"""Greatest number of known fields that a remedy lists."""
 MISSING: Final = "required field is missing"
 
 _WORDING: Final = tuple(
@@ -646,7 +632,6 @@ def problem_from_faults(errors: Sequence[Mapping[str, Any]], parameters: Sequenc
         errors: faults, as pydantic lists them (`ValidationError.errors()`).
         parameters: names of the query parameters of the route, to suggest a name for an unknown parameter.
     """
-    errors = _order_faults(errors, parameters)
     items = [
         ProblemItem(
             where=_shorten(_path_text(error["loc"])) or "body",
@@ -670,30 +655,6 @@ def problem_from_faults(errors: Sequence[Mapping[str, Any]], parameters: Sequenc
     )
 
 
-def _order_faults(
-    errors: Sequence[Mapping[str, Any]], parameters: Sequence[str]
-) -> Sequence[Mapping[str, Any]]:
-    """Return the faults with misnamed and misplaced fields first, without the faults that follow from these.
-
-    A field that is missing, because it has another name or is in an unknown field, is one mistake, not two.
-    """
-    causes = list[Mapping[str, Any]]()
-    misnamed = list[Mapping[str, Any]]()
-    others = list[Mapping[str, Any]]()
-    found = set[tuple[int | str, ...]]()
-    for error in errors:
-        meant = _find_meant_name(error, parameters)
-        homes = error.get("homes", ())
-        names = error.get("inside") or (homes if meant is None else (meant,))
-        if names and len(homes) < _FEWEST_UNCLEAR:
-            (causes if error.get("inside") else misnamed).append(error)
-            found.update((*error["loc"][:-1], name) for name in names)
-        else:
-            others.append(error)
-    rest = [error for error in others if error["type"] != "missing" or tuple(error["loc"]) not in found]
-    return causes + misnamed + rest
-
-
 def describe_first_fault(count: int, place: str, reason: str) -> str:
     """Return the number of faults of a request, and place and reason of the first fault, in words."""
     faults = "1 fault" if count == 1 else f"{count} faults"
@@ -710,13 +671,11 @@ def _general_remedy(error: Mapping[str, Any]) -> str:
 def _find_remedy(error: Mapping[str, Any], parameters: Sequence[str]) -> str | None:
     """Return the remedy for a type of fault that pydantic found; None if the type has no remedy.
 
-    For an unknown field with a name like that of a known field, the remedy names the known field.
+    For an unknown query parameter with a name like that of a known one, the remedy names the known one.
     """
-    meant = _find_meant_name(error, parameters)
-    if meant is not None and not error.get("inside"):
-        if meant in _LISTINGS:
-            return f"give `{meant}` in its place, with an id: {_LISTINGS[meant]} lists the ids with the names"
-        return f"give `{meant}` in its place, or remove this field"
+    meant = _find_meant_parameter(error, parameters)
+    if meant is not None:
+        return f"give `{meant}` in its place, or remove this parameter"
     if error["type"] == "extra_forbidden" and error["loc"][:1] == ("query",):
         known = f", or use one of {', '.join(parameters)}" if parameters else ""
         return f"leave out this parameter{known}"
@@ -724,47 +683,13 @@ def _find_remedy(error: Mapping[str, Any], parameters: Sequence[str]) -> str | N
         return remedy
     return (
         _find_remedy_of_ids(error)
-        or _find_remedy_of_places(error)
         or _find_remedy_of_fields_of_sets(error)
         or _find_remedy_of_unread(error)
         or _find_remedy_of_limits(error)
         or _explain_encoders(error)
         or _find_remedy_of_numbers(error)
-        or _find_remedy_of_objects(error)
-        or _list_known_fields(error)
-        or _find_remedy_of_words(error)
-        or (_REMEDIES_OF_TEXTS.get(str(error["type"])) if error.get("is_text", True) else None)
         or _REMEDIES.get(str(error["type"]))
     )
-
-
-def _find_remedy_of_words(error: Mapping[str, Any]) -> str | None:
-    """Return the remedy for a missing word, and for a list in place of a number; None for other faults."""
-    if 0 < len(error.get("words", ())) <= _MOST_NAMES:
-        return f"add this field: {' or '.join(map(repr, error['words']))}"
-    if error["type"] in {"float_type", "int_type"} and error.get("is_list"):
-        return f"{_REMEDIES[error['type']]} in place of this list"
-    return None
-
-
-def _find_remedy_of_places(error: Mapping[str, Any]) -> str | None:
-    """Return the remedy for an unknown field whose content is known at another place; None for others."""
-    if error["type"] != "extra_forbidden" or not error["loc"]:
-        return None
-    name = _shorten(str(error["loc"][-1]), _LONGEST_NAME)
-    if error.get("inside"):
-        return f"write {_list_names(error['inside'])} one level higher, in place of `{name}`"
-    homes = error.get("homes", ())
-    if len(homes) == 1:
-        return f'write this field in `{homes[0]}`: "{homes[0]}": {{"{name}": …}}'
-    return None
-
-
-def _list_names(names: Sequence[str]) -> str:
-    """Return the names of fields in words; of many fields, that all are meant."""
-    if len(names) > _MOST_NAMES:
-        return "all its fields"
-    return ", ".join(f"`{name}`" for name in names)
 
 
 def _find_remedy_of_numbers(error: Mapping[str, Any]) -> str | None:
@@ -864,32 +789,6 @@ def _reword_limit_of_goal(error: Mapping[str, Any], message: str) -> str:
     return f"{message}, that is {100 * float(limit[1]):g} %"
 
 
-def _list_known_fields(error: Mapping[str, Any]) -> str | None:
-    """Return the remedy for an unknown field that resembles no known one; None for other faults."""
-    known = error.get("fields", ())
-    if error["type"] != "extra_forbidden" or not 0 < len(known) <= _MOST_FIELDS:
-        return None
-    is_id = str(error["loc"][-1]).endswith(("_id", "_ids"))
-    options = [name for name in known if is_id or name not in _LISTINGS]
-    options.sort(key=lambda name: name not in _LISTINGS)
-    return f"remove this field, or use one of {', '.join(options)}"
-
-
-def _find_remedy_of_objects(error: Mapping[str, Any]) -> str | None:
-    """Return the remedy for a value that is no object, with the fields of the object; None without them."""
-    if error["type"] == "list_type" and error.get("fields"):
-        fields = ", ".join(f'"{name}": …' for name in error["fields"])
-        return f"give a list of objects, such as [{{{fields}}}]"
-    if error["type"] == "union_tag_not_found" and error.get("forms"):
-        return f"add this field, such as {' or '.join(error['forms'][:2])}"
-    if error.get("forms"):
-        return f"give an object in braces, such as {' or '.join(error['forms'][:2])}"
-    if error["type"] == "model_type" and error.get("fields"):
-        fields = ", ".join(f'"{name}": …' for name in error["fields"])
-        return f"{_AN_OBJECT}: {{{fields}}}"
-    return None
-
-
 def _find_remedy_of_unread(error: Mapping[str, Any]) -> str | None:
     """Return the remedy for a number of an observation that is no finite number; None for other faults."""
     place = error["loc"]
@@ -903,8 +802,7 @@ def _find_remedy_of_unread(error: Mapping[str, Any]) -> str | None:
         return "give a list of one number for each joint, in the order of the robot's joints"
     if "observations" not in place or error["type"] not in {"finite_number", "float_type"}:
         return None
-    of_texts = _REMEDIES_OF_TEXTS if error.get("is_text", True) else _REMEDIES
-    remedy = _find_remedy_of_words(error) or of_texts.get(error["type"]) or _REMEDIES[error["type"]]
+    remedy = _REMEDIES[error["type"]]
     if "readings" in place:
         return f"{remedy}; leave out the reading of a target that was not read"
     if any(name in place for name in ("joints", "force", "moment")):
@@ -978,20 +876,14 @@ def reword_fault(error: Mapping[str, Any], parameters: Sequence[str] = ()) -> st
     if _is_missing_entry(error):
         message = f"entry {error['loc'][-1] + 1} of the list is missing"
     message = _reword_limit_of_goal(error, message)
-    if error.get("inside"):
-        return f"{message}; what it contains belongs one level higher"
-    meant = _find_meant_name(error, parameters)
+    meant = _find_meant_parameter(error, parameters)
     return message if meant is None else f"{message}; did you mean `{meant}`?"
 
 
-def _find_meant_name(error: Mapping[str, Any], parameters: Sequence[str]) -> str | None:
-    """Return the known name that an unknown field or query parameter resembles; None if there is none."""
-    unknown_name = str(error["loc"][-1]) if error["type"] == "extra_forbidden" and error["loc"] else ""
-    is_parameter = error["loc"][:1] == ("query",)
-    known_names = parameters if is_parameter else error.get("fields", ())
-    if len(error.get("alike", ())) == 1:
-        return str(error["alike"][0])
-    return find_similar_name(unknown_name, known_names)
+def _find_meant_parameter(error: Mapping[str, Any], parameters: Sequence[str]) -> str | None:
+    """Return the known query parameter that an unknown one resembles; None if there is none."""
+    is_unknown = error["type"] == "extra_forbidden" and error["loc"][:1] == ("query",)
+    return find_similar_name(str(error["loc"][-1]), parameters) if is_unknown else None
 
 
 _FEWEST_LETTERS: Final = 4
@@ -1053,11 +945,9 @@ def _find_remedy_of_ids(error: Mapping[str, Any]) -> str | None:
 
 def _find_remedy_of_fields_of_sets(error: Mapping[str, Any]) -> str | None:
     """Return the remedy for an unknown field that a campaign states elsewhere; None for other faults."""
-    if error["type"] != "extra_forbidden" or not error["loc"]:
+    if error["type"] != "extra_forbidden" or "observations" in error["loc"]:
         return None
     name = str(error["loc"][-1])
-    if name == "robot" and "robot_id" not in error.get("fields", ("robot_id",)):
-        return "remove this field: a campaign names its robot, and a measurement set belongs to one robot"
     if name in _BELONGS_TO_SET:
         place = "in `noise` of the measurement set" if name == "sigma" else "in the measurement set"
         return f"remove this field: it is stated {place}, when the campaign is made"
@@ -1065,7 +955,7 @@ def _find_remedy_of_fields_of_sets(error: Mapping[str, Any]) -> str | None:
 
 
 _COMMAND_IN_TEXT: Final = re.compile(
-    r"`jointstiff (compare|compensate|correct|gearbox|geometry|identify|import|map|measure|plan|predict"
+    r"`jointstiff (compare|correct|gearbox|geometry|identify|import|map|measure|plan|predict"
     r"|process|rehearse)((?: [^\s`]+)*)`"
 )
 """Command of the terminal for which Python has a function: its name and its words."""

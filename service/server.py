@@ -25,7 +25,6 @@ from uvicorn.config import LOGGING_CONFIG
 
 from jointstiff.service.api.connections import Deadlines, TimedConnection
 from jointstiff.service.app import create_app
-from jointstiff.service.archive.serving import ServedArchives
 from jointstiff.service.limited import LimitedChildren, Template
 from jointstiff.service.problems import ServiceError, StoreError
 from jointstiff.service.process import LogFormat, give_memory_back, jointstiff_version, set_log_format
@@ -192,13 +191,12 @@ def _announce(settings: Settings, policy: AccessPolicy, address: str) -> None:
 
 
 def _connect_app(app: FastAPI, settings: Settings, parts: _Parts, stack: ExitStack) -> None:
-    """Give the application what only a server has: other processes, archives, and the state of workers."""
+    """Give the application what only a server has: other processes, and the state of workers."""
     template = stack.enter_context(closing(Template()))
     limited = LimitedChildren(template, settings.database, _quota_in_bytes(settings))
     children = stack.enter_context(closing(limited))
     children.prepare_later()
     app.state.answer_elsewhere = children.answer
-    app.state.archives = ServedArchives(settings.database, parts.store.quota.refuse_full)
     app.state.failing_workers = lambda: parts.supervisor.failing
     app.state.solver.start()
 

@@ -154,7 +154,7 @@ def _upload(generator: Random) -> Request:
         cells[generator.randrange(len(cells))] = generator.choice((*cells, *_ODD))
     files = [("files", (_odd_name(generator, name), _spoilt(generator, "".join(cells).encode())))]
     options = b"{}" if generator.random() < 0.9 else _odd_body(generator, {"name": "day"})
-    path = generator.choice(("/v1/imports",) * 9 + ("/v1/programs",))
+    path = generator.choice(("/v1/imports",) * 9 + ("/v1/corrections",))
     return "POST", path, {"files": files, "data": {"options": options.decode("latin-1")}}
 
 

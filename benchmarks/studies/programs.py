@@ -16,7 +16,7 @@ from jointstiff.service.kinds.correction.files import decompress_file
 from jointstiff.service.kinds.correction.programs import (
     Corrections,
     points_sheet,
-    write_compensated_program,
+    write_corrected_program,
 )
 from jointstiff.service.kinds.work import concatenate_steps
 from jointstiff.service.tables.files import csv_text
@@ -26,13 +26,12 @@ from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import flange_poses
 from jointstiff.solver.mechanics.robot import Robot
 from robotprograms import Rewriting, read_program
-from tests.support.programs import ARM, TOOL, exact_run, loaded_poses, path, tool_poses, work_of
+from tests.support.programs import ARM, TOOL, corrected, exact_run, loaded_poses, path, tool_poses, work_of
 
 __all__ = ["run"]
 
 FORCE = np.array([600.0, 800.0, -1118.0])
 """1500 N."""
-LOAD = {"force": FORCE.tolist()}
 FULL_DIGITS = 13
 
 
@@ -52,10 +51,10 @@ def formats(robot: Robot, count: int) -> Iterator[tuple[str, ...]]:
         if notation.has_pose:
             parsed = max(parsed, np.abs(notation.to_poses(numbers) - goal).max())
         digits = program_text(kind, goal, 3)
-        same = work_of(kind, digits, load={"force": [0.0, 0.0, 0.0]}).conclude(())
+        same = corrected(kind, digits, force=[0.0, 0.0, 0.0])
         identical = decompress_file(same.files[0]) == digits.encode()
-        result = work_of(kind, text, load=LOAD).conclude(())
-        short = work_of(kind, digits, load=LOAD).conclude(())
+        result = corrected(kind, text, force=FORCE.tolist())
+        short = corrected(kind, digits, force=FORCE.tolist())
         off = "-"
         if notation.has_pose:
             new = read_program([(name, decompress_file(result.files[0]))])
@@ -87,7 +86,7 @@ def mirror(count: int) -> float:
 
 
 def timing(robot: Robot, count: int) -> list[tuple[str, float]]:
-    """Return processor seconds of a bare loop of EAIK's calls, and of the parts of a compensated program."""
+    """Return processor seconds of a bare loop of EAIK's calls, and of the parts of a corrected program."""
     poses = flange_poses(robot, robot.joint_map.model_angles(path(count)))
     solver = InverseKinematics(robot)._solver
     text = program_text("csv", tool_poses(path(count)), 4)
@@ -102,14 +101,14 @@ def timing(robot: Robot, count: int) -> list[tuple[str, float]]:
     for pose in poses:
         solver.calculate_IK(pose)
     lap("bare loop of EAIK")
-    work = work_of("csv", text, load=LOAD)
+    work = work_of("csv", text, force=FORCE.tolist())
     lap("read")
     made = work._path
     lap("postures")
     found = Corrections(**concatenate_steps(map(work.compute, work._spans())))
-    lap("compensate")
+    lap("correct")
     rewriting = Rewriting(made.program)
-    points = write_compensated_program(made, found, work._run_model.model, work._inverse, 2.0, rewriting)
+    points = write_corrected_program(made, found, work._run_model.model, work._inverse, 2.0, rewriting)
     lap("write and certify")
     csv_text(points_sheet(points.pack_table()))
     lap("table")

@@ -79,7 +79,7 @@ const SideBySideView = lazy(async () => (await import("./features/compare/view")
 const ComparisonView = lazy(async () => (await import("./features/compare/view")).ComparisonView);
 const TrendView = lazy(async () => (await import("./features/trend/view")).TrendView);
 const MapView = lazy(async () => (await import("./features/use/results")).MapView);
-const ProgramView = lazy(async () => (await import("./features/use/results")).ProgramView);
+const CorrectionView = lazy(async () => (await import("./features/use/results")).CorrectionView);
 const RobotsView = lazy(async () => (await import("./features/robots/view")).RobotsView);
 const RobotView = lazy(async () => (await import("./features/robots/view")).RobotView);
 const RobotNewView = lazy(async () => (await import("./features/robots/new")).RobotNewView);
@@ -164,7 +164,7 @@ const OneRobot = ({ id }: Place) => (id === "new" ? <RobotNewView /> : <RobotVie
 const VIEWS = new Map<string, [FunctionComponent<Place>, FunctionComponent<Place>, string?]>([
   ["", [StartView, StartView]],
   ["runs", [RunsView, RunView]],
-  ["programs", [RunsView, ProgramView, "runs"]],
+  ["corrections", [RunsView, CorrectionView, "runs"]],
   ["maps", [RunsView, MapView, "runs"]],
   ["sets", [({ query }) => <RobotsView list="sets" query={query} />, SetView, "robots"]],
   ["gearboxes", [GearboxesView, GearboxView, "robots"]],
@@ -179,7 +179,7 @@ const sectionOf = ({ parts: [first = ""] }: Route): string => VIEWS.get(first)?.
 
 /** Whether the view has an arm beside its numbers, for which a wide window has room. */
 const hasArm = ({ parts: [section = "", id] }: Route): boolean =>
-  id !== undefined && ["runs", "maps", "programs"].includes(section);
+  id !== undefined && ["runs", "maps", "corrections"].includes(section);
 
 /** Parts of one run are one view, which keeps what it has loaded. */
 const viewKey = ({ parts }: Route): string => (parts[0] === "runs" ? parts.slice(0, 2) : parts).join("/");

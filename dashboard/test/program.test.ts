@@ -1,4 +1,4 @@
-/** Points of a compensated program: its table, thinned paths, numbers typed by people. */
+/** Points of a corrected program: its table, thinned paths, numbers typed by people. */
 import { describe, expect, it } from "vitest";
 import { binned, pointsOf, thinned } from "../src/lib/map";
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import hashlib
-import re
 from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Iterator, Mapping, Set
 from contextlib import contextmanager, suppress
 from typing import Annotated, Any, ClassVar, Final
@@ -26,7 +25,6 @@ from jointstiff.service.conversion.parsing import (
     NOT_JSON,
     USE_ARRAYS,
     MalformedError,
-    explain_broken_text,
     parse,
 )
 from jointstiff.service.security.access import AccessRoute
@@ -197,7 +195,6 @@ def parse_body(message: type[BaseModel], content: bytes) -> BaseModel:
         if error.keys is NOT_JSON:
             _refuse_file(content)
             _refuse_no_text(content)
-            _refuse_broken_text(content, str(error.faults[0]["msg"]))
         elif not error.keys:
             _refuse_encoded_twice(content)
         _refuse_other_document(message, content, error.keys)
@@ -261,28 +258,6 @@ def _refuse_no_text(content: bytes) -> None:
         )
 
 
-def _refuse_broken_text(content: bytes, message: str) -> None:
-    """Refuse a text that is no JSON document, if the mistake behind the text is known.
-
-    Args:
-        content: the body, a text in UTF-8.
-        message: message of the parser about the body.
-
-    Raises:
-        RequestError: names the mistake.
-    """
-    if broken := explain_broken_text(content, message):
-        raise RequestError(f"the body {broken.cause}", remedy=broken.remedy, where="body")
-    if _WRONG_FROM_START.search(message):
-        raise RequestError(
-            "the body is a text, but no JSON document",
-            remedy=f"send a JSON document; {_SEND_FILES}",
-            where="body",
-        )
-
-
-_WRONG_FROM_START: Final = re.compile(r"expected (?:value at line 1 column 1|ident at line 1 column 2)$")
-"""Message of the parser about a text whose first word is none of JSON."""
 _SEND_FILES: Final = (
     "send tables and point lists as `files` of a form with POST /v1/imports, and a URDF as the text `urdf` "
     "of a robot's model"

@@ -1,4 +1,4 @@
-"""Routes of corrected poses: few rows are answered at once, more rows and files are jobs."""
+"""Routes of corrected poses: few rows are answered at once; more rows, tables and programs are jobs."""
 
 from __future__ import annotations
 
@@ -12,18 +12,21 @@ from starlette.routing import Match
 from starlette.types import Scope
 
 from jointstiff.schemas.correction import (
+    MAX_FILES,
     MAX_ROWS,
     CorrectionJob,
     CorrectionRequest,
     CorrectionResult,
+    are_programs,
 )
 from jointstiff.schemas.run import Run
 from jointstiff.service.api.answers import describe_post_responses, json_response
-from jointstiff.service.api.bodies import Key, KeyText, json_body, limiter_of_large_work
+from jointstiff.service.api.bodies import Key, KeyText, bind_key, json_body, limiter_of_large_work
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.jobs import InjectedPost, JobRoute
-from jointstiff.service.api.runs import BINARY, answer_form
+from jointstiff.service.api.runs import BINARY, read_named_file
 from jointstiff.service.jobs import Jobs, Parts
+from jointstiff.service.kinds.correction.files import compress_file
 from jointstiff.service.kinds.correction.kind import CORRECTION
 from jointstiff.service.kinds.correction.work import pack_columns, pack_file
 from jointstiff.service.runs.correction.answer import correct_request
@@ -43,7 +46,7 @@ class _ColumnsRoute(JobRoute):
 router = APIRouter(tags=["corrections"], route_class=_ColumnsRoute)
 
 _ADDRESS: Final = f"/v1/{CORRECTION.collection}"
-_Table = Annotated[list[UploadFile], File(min_length=1, max_length=1)]
+_Files = Annotated[list[UploadFile], File(min_length=1, max_length=MAX_FILES)]
 _Options = Annotated[Json[CorrectionRequest], Form()]
 _FORM: Final[dict[str, Any]] = {
     "schema": {
@@ -54,8 +57,9 @@ _FORM: Final[dict[str, Any]] = {
                 "type": "array",
                 "items": BINARY,
                 "minItems": 1,
-                "maxItems": 1,
-                "description": "The table, CSV or Parquet; headers have units, as `x [mm]`.",
+                "maxItems": MAX_FILES,
+                "description": "A table, CSV or Parquet, whose headers have units, as `x [mm]`. Or the files "
+                "of a robot program, each with its file name, and the table of loads, if any.",
             },
             "options": {
                 "type": "string",
@@ -65,7 +69,7 @@ _FORM: Final[dict[str, Any]] = {
         },
     }
 }
-"""Description of a form with a table, which has the same address as columns."""
+"""Description of a form with files, which has the same address as columns."""
 _JOB_ANSWERS: Final[dict[int | str, dict[str, Any]]] = {
     status: answer | {"model": CorrectionJob}
     for status, answer in describe_post_responses(CorrectionJob).items()
@@ -85,11 +89,33 @@ _forms = APIRouter(route_class=_FormRoute)
 
 
 @_forms.post(_ADDRESS, dependencies=[OPERATOR], status_code=201, include_in_schema=False)
-async def correct_file(
-    posted: InjectedPost, files: _Table, options: _Options, idempotency_key: KeyText = None
+async def correct_files(
+    posted: InjectedPost, files: _Files, options: _Options, idempotency_key: KeyText = None
 ) -> Response:
-    """Correct a file of poses."""
-    return await answer_form(posted, CorrectionJob, files, options, idempotency_key, pack_file)
+    """Correct a table of poses, or a program.
+
+    Raises:
+        RequestError: two files have the same name, or the options contain files.
+    """
+    if len({file.filename for file in files}) < len(files):
+        raise RequestError("two files have the same name", where="files", remedy="send each file once")
+    if options.files:
+        raise RequestError(
+            "the options contain a field `files`",
+            where="files",
+            remedy="send each file as a field `files` of the form",
+        )
+
+    def create(jobs: Jobs) -> JobRecord:
+        """Store the job with the uploaded files; return the job's record."""
+        named = [read_named_file(file) for file in files]
+        is_program = are_programs([name for name, _ in named], options.format)
+        pack = compress_file if is_program else pack_file
+        body = options.model_copy(update={"files": [pack(*each) for each in named]})
+        return jobs.create(body, bind_key(idempotency_key, body.model_dump_json().encode()), posted.by)
+
+    # Packing and reading files may take seconds: the limiter keeps threads free for other requests.
+    return await posted.answer(CORRECTION.name, create, limiter_of_large_work(posted.request))
 
 
 router.include_router(_forms)  # before the route of columns, which takes all other bodies

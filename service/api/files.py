@@ -16,8 +16,8 @@ from urllib.parse import quote
 from fastapi import HTTPException, Request
 from pydantic import BaseModel
 
+from jointstiff.schemas.correction import CorrectionJob
 from jointstiff.schemas.job import Job
-from jointstiff.schemas.program import Program
 from jointstiff.schemas.query import FileQuery
 from jointstiff.schemas.retired import RetiredJob
 from jointstiff.schemas.robot import Robot
@@ -78,7 +78,7 @@ _MakeContent = Callable[[_RequestedFile], Content]
 
 def is_stored_file(kind: AnyKind, name: str) -> bool:
     """Return whether this file of a kind of job is stored with the result, so that nothing is computed."""
-    # Of the present kinds, only a program has files whose content the result of a job contains.
+    # Of the present kinds, only a correction has files whose content the result of a job contains.
     return kind.name in RETIRED or _find_content_makers(kind).get(name) is _make_program_file
 
 
@@ -219,19 +219,18 @@ def _make_program_file(requested: _RequestedFile) -> Content:
     Its name tells it from the original.
 
     Raises:
-        RequestError: the program has no file of this name.
+        RequestError: the correction has no file of this name.
     """
-    result, file = cast("Program", requested.job).result, requested.query.file
-    chosen = (
-        next((candidate for candidate in result.files if file in {None, candidate.name}), None)
-        if result
-        else None
-    )
-    if result is None or chosen is None:
-        names = ", ".join(candidate.name for candidate in result.files) if result else ""
-        raise RequestError("the program has no such file", where="query.file", remedy=f"use one of {names}")
+    result, file = cast("CorrectionJob", requested.job).result, requested.query.file
+    program = None if result is None else result.program
+    files = [] if program is None else program.files
+    chosen = next((candidate for candidate in files if file in {None, candidate.name}), None)
+    if program is None or chosen is None:
+        names = ", ".join(candidate.name for candidate in files)
+        remedy = f"use one of {names}" if files else "use `rows.csv`"
+        raise RequestError("the correction has no such file", where="query.file", remedy=remedy)
     path = PurePath(chosen.name)
-    ending = "-corrected" if result.corrected else ""
+    ending = "-corrected" if program.corrected else ""
     name = f"{path.stem}{ending}{path.suffix}"
     disposition = f"attachment; filename*=UTF-8''{quote(name, safe='')}"
     return Content(decompress_file(chosen), "application/octet-stream", {"Content-Disposition": disposition})
@@ -359,7 +358,7 @@ _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
   with lines to sign, PDF/A-3b with the run attached
 * `model.…` of a run: tables with intervals (csv, xlsx), or MJCF with springs; `do_not_use` needs
   `accept_verdict`
-* `program` of a program: a compensated file (`file`); only numbers of its targets differ
+* `program` of the correction of a program: a corrected file (`file`); only numbers of its targets differ
 * tables, by the kind of the job; their headers have the units"""
 
 

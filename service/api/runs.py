@@ -15,15 +15,12 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, File, Form, Request, Response, UploadFile
 from pydantic import Json, JsonValue, TypeAdapter, ValidationError
 
-from jointstiff.schemas.correction import CorrectionJob, CorrectionRequest
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
 from jointstiff.schemas.fields import MAX_NAME_LENGTH, Message, Name, content_key
 from jointstiff.schemas.finding import AdvisedAction
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetRequest
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.program import MAX_FILES as MAX_PROGRAM_FILES
-from jointstiff.schemas.program import Program, ProgramFile, ProgramRequest
 from jointstiff.schemas.robot import CatalogueModel, RobotChange, RobotDocument
 from jointstiff.schemas.run import Campaign, Run, RunRequest
 from jointstiff.service.api.answers import (
@@ -36,19 +33,15 @@ from jointstiff.service.api.bodies import (
     MAX_FILES,
     BodyRoute,
     Key,
-    KeyText,
-    bind_key,
     garbage_collector_paused,
     json_body,
     limiter_of_large_work,
 )
 from jointstiff.service.api.description import describe_problems
 from jointstiff.service.api.examples import EXAMPLES
-from jointstiff.service.api.jobs import InjectedPost, JobId, JobRoute, Posted
+from jointstiff.service.api.jobs import InjectedPost, JobId, JobRoute
 from jointstiff.service.imports.formats import SourceFile
 from jointstiff.service.jobs import Jobs, Parts
-from jointstiff.service.kinds.correction.files import compress_file
-from jointstiff.service.kinds.program.kind import PROGRAM
 from jointstiff.service.problems import NotFoundError, find_path_in_document
 from jointstiff.service.resources.stored import load_job, robot_from_record
 from jointstiff.service.runs.deflection import predict_by_run
@@ -64,7 +57,6 @@ AMessage = TypeVar("AMessage", bound=Message)
 router = APIRouter(tags=["runs"], route_class=JobRoute)
 deflections = APIRouter(tags=["runs"], route_class=BodyRoute)
 imports = APIRouter(tags=["measurement sets"], route_class=BodyRoute)
-programs = APIRouter(tags=["programs"], route_class=JobRoute)
 
 _NAME: Final = TypeAdapter(Name)
 
@@ -91,19 +83,6 @@ _ImportOptions = Annotated[
     Json[ImportRequest],
     Form(examples=[json.dumps(_IMPORT["options"])], json_schema_extra={"default": "{}"}),
 ]
-
-_PROGRAM: Final = PROGRAM.examples["milling"]
-_Program = Annotated[
-    list[UploadFile],
-    File(
-        description="Files of the program, each with its file name, and the table of loads, if any.",
-        min_length=1,
-        max_length=MAX_PROGRAM_FILES,
-        examples=[_PROGRAM["files"]],
-        json_schema_extra={"items": BINARY},
-    ),
-]
-_ProgramOptions = Annotated[Json[ProgramRequest], Form(examples=[json.dumps(_PROGRAM["options"])])]
 
 
 @router.post(
@@ -363,53 +342,3 @@ def read_named_file(file: UploadFile) -> tuple[str, bytes]:
             remedy=f"send the file with a `filename` of 1 to {MAX_NAME_LENGTH} printable characters",
             where="files",
         ) from None
-
-
-@programs.post(
-    "/v1/programs",
-    dependencies=[OPERATOR],
-    description=PROGRAM.description,
-    status_code=201,
-    response_model=Program,
-    responses=describe_post_responses(Program),
-)
-async def create_program(
-    posted: InjectedPost, files: _Program, options: _ProgramOptions, idempotency_key: KeyText = None
-) -> Response:
-    """Correct the targets of a program."""
-    return await answer_form(posted, Program, files, options, idempotency_key)
-
-
-async def answer_form(
-    posted: Posted,
-    job_class: type[Program | CorrectionJob],
-    files: list[UploadFile],
-    options: ProgramRequest | CorrectionRequest,
-    idempotency_key: str | None,
-    pack: Callable[[str, bytes], ProgramFile] = compress_file,
-) -> Response:
-    """Store the job of a form with its uploaded files, and return the answer.
-
-    `pack` makes a stored file of name and content.
-
-    Raises:
-        RequestError: two files have the same name, or the options contain files.
-    """
-    if len({file.filename for file in files}) < len(files):
-        raise RequestError("two files have the same name", where="files", remedy="send each file once")
-    if options.files:
-        raise RequestError(
-            "the options contain a field `files`",
-            where="files",
-            remedy="send each file as a field `files` of the form",
-        )
-
-    def create(jobs: Jobs) -> JobRecord:
-        """Store the job with the uploaded files; return the job's record."""
-        packed_files = [pack(*read_named_file(file)) for file in files]
-        body = options.model_copy(update={"files": packed_files})
-        key = bind_key(idempotency_key, body.model_dump_json().encode())
-        return jobs.create(body, key, posted.by)
-
-    # Packing and reading a program may take seconds: the limiter keeps threads free for other requests.
-    return await posted.answer(job_class.kind_name(), create, limiter_of_large_work(posted.request))

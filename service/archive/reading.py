@@ -52,17 +52,14 @@ class Archive:
 
 
 @contextmanager
-def read_archive(path: Path, name: str | None = None) -> Iterator[Archive]:
+def read_archive(path: Path) -> Iterator[Archive]:
     """Yield an archive after all its files were read once and compared with its manifest.
-
-    `name` is the name of the file in errors; None for its path.
 
     Raises:
         ArchiveError: the file is no archive, is damaged, or exceeds a limit.
         OSError: the file cannot be read.
     """
-    shown_name = str(path) if name is None else name
-    _refuse_large_directory(path, shown_name)
+    _refuse_large_directory(path)
     try:
         with zipfile.ZipFile(path) as file:
             manifest = _read_manifest(file)
@@ -72,7 +69,7 @@ def read_archive(path: Path, name: str | None = None) -> Iterator[Archive]:
                 _compare(file, name, described)
             yield Archive(file, manifest)
     except (zipfile.BadZipFile, zlib.error, RuntimeError, EOFError) as error:  # RuntimeError: encrypted
-        raise _refuse(f"{shown_name} is damaged ({error})") from error
+        raise _refuse(f"{path} is damaged ({error})") from error
 
 
 def _refuse(reason: str) -> ArchiveError:
@@ -80,20 +77,17 @@ def _refuse(reason: str) -> ArchiveError:
     return ArchiveError(reason, "give a file that `jointstiff archive` wrote, copied completely")
 
 
-def _refuse_large_directory(path: Path, name: str) -> None:
-    """Refuse a file whose directory zipfile would read into memory, though an archive has few entries.
-
-    `name` is the name of the file in errors.
-    """
+def _refuse_large_directory(path: Path) -> None:
+    """Refuse a file whose directory zipfile would read into memory, though an archive has few entries."""
     with path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
         file.seek(max(0, size - _END_RECORD.size))
         end = file.read()
     if len(end) < _END_RECORD.size or not end.startswith(b"PK\x05\x06"):
-        raise _refuse(f"{name} is no archive")
+        raise _refuse(f"{path} is no archive")
     directory_bytes = _END_RECORD.unpack(end)[1]
     if directory_bytes > form.MOST_DIRECTORY_BYTES:
-        raise _refuse(f"{name} is not an archive, because it has too many files")
+        raise _refuse(f"{path} is not an archive, because it has too many files")
 
 
 def _read_manifest(file: zipfile.ZipFile) -> Manifest:

@@ -6,7 +6,7 @@ Rows are stored in portions, one transaction each. A restore that ends early is 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from functools import cache
@@ -75,7 +75,6 @@ class Restored:
     layout: str  # of the archive
     tables: dict[str, TableOutcome] = field(default_factory=dict)
     dropped: Counter[str] = field(default_factory=Counter)  # field without a place → number of documents
-    left_out: dict[str, int] = field(default_factory=dict)  # table that was not requested → number of lines
 
     @property
     def refused(self) -> int:
@@ -88,10 +87,7 @@ def restore_archive(
     url: str,
     *,
     dry_run: bool = False,
-    without: Collection[str] = (),
-    name: str | None = None,
     notify: Callable[[str], object] = lambda _: None,
-    watch: Callable[[Restored], object] = lambda _: None,
 ) -> Restored:
     """Store the rows of an archive that a database lacks.
 
@@ -99,10 +95,7 @@ def restore_archive(
         path: the archive.
         url: URL of the database; tables are created if it has none.
         dry_run: True to change nothing, and to return what would be stored.
-        without: tables that are not restored.
-        name: name of the file in errors; None for its path.
         notify: function that is called with a sentence for each table.
-        watch: function that is called with the outcome so far, after each portion.
 
     Returns:
         The numbers of rows that were stored, were there already, or cannot be stored.
@@ -112,16 +105,13 @@ def restore_archive(
         StoreError: the database cannot be used.
         OSError: the file cannot be read.
     """
-    with read_archive(path, name) as archive, ExitStack() as opened:
+    with read_archive(path) as archive, ExitStack() as opened:
         target = DryTarget(_find_tables(url, opened)) if dry_run else _open_target(url, opened)
         restored = Restored(archive.manifest.layout)
         for table in RESTORED:
-            if table in without:
-                restored.left_out[table] = _count_lines(archive, table)
-                continue
             restored.tables[table] = TableOutcome(_count_lines(archive, table))
         for table in restored.tables:
-            _restore_table(archive, table, target, restored, watch)
+            _restore_table(archive, table, target, restored)
             notify(_describe(table, restored.tables[table], dry_run=dry_run))
         return restored
 
@@ -164,15 +154,12 @@ def _find_tables(url: str, opened: ExitStack) -> Database | None:
         return database if has_tables(connection) else None
 
 
-def _restore_table(
-    archive: Archive, table: str, target: Target, restored: Restored, watch: Callable[[Restored], object]
-) -> None:
+def _restore_table(archive: Archive, table: str, target: Target, restored: Restored) -> None:
     """Store the lines of the file of a table, portion by portion."""
     outcome = restored.tables[table]
     lines = _skip_present(enumerate(archive.lines(table), 1), table, target, outcome)
     for portion in _make_portions(_build_rows(lines, table, outcome, restored.dropped), table):
         target.store(table, portion, outcome)
-        watch(restored)
 
 
 def _skip_present(

@@ -78,26 +78,6 @@ def write_archive(
     return archived
 
 
-def write_stream(url: str, target: BinaryIO, keys: Keys = "names") -> Archived:
-    """Write all records of a database to a stream, as `write_archive` writes them to a file.
-
-    Args:
-        url: URL of the database, of any layout from 0018 on.
-        target: stream, such as a pipe.
-        keys: what the archive has of access keys.
-
-    Returns:
-        The manifest, and what could not be read.
-
-    Raises:
-        StoreError: the database has no layout that can be archived.
-        OSError: the stream cannot be written.
-    """
-    with read_snapshot(url, form.RESTORED) as snapshot:
-        _refuse_unknown_layout(snapshot.layout)
-        return _write_zip(target, snapshot, keys, lambda _: None)
-
-
 def _refuse_unknown_layout(layout: str) -> None:
     """Refuse a database whose layout is older than the oldest, or newer than that of this program."""
     if not can_archive(layout):

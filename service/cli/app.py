@@ -55,8 +55,6 @@ def _build_function(name: str) -> Callable[..., None]:
 
     if name == "predict":
         return kinds.build_predict_command()
-    if name == "correct":
-        return kinds.build_correct_command()
     kind_of_command = {room.command: kind for kind, room in ROOMS.items()}
     return kinds.build_command(kind_of_command[name])
 

@@ -32,8 +32,6 @@ _MORE_FILES: Final[Mapping[str, str]] = MappingProxyType(
 _OPTIONS_OF_VALUES: Final[Mapping[str, str]] = MappingProxyType(
     {
         "archive": "--database",
-        "compensate": "--output",
-        "correct": "--output",
         "identify": "--leave-out",
         "map": "--options",
         "plan": "--readings",

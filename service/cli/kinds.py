@@ -1,4 +1,4 @@
-"""Commands of the kinds of work, such as `identify`, and the commands `predict` and `correct`.
+"""Commands of the kinds of work, such as `identify`, and the command `predict`.
 
 A command is made from the declaration and the options of its kind when it is called.
 """
@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from jointstiff.schemas.correction import CorrectionOptions
+from jointstiff.schemas.correction import CorrectionOptions, Cut, are_programs
 from jointstiff.schemas.deflection import DeflectionOptions
 from jointstiff.schemas.fields import Message, Terminal
 from jointstiff.schemas.finding import AcceptingOptions
-from jointstiff.schemas.program import Cut
 from jointstiff.service.cli import options as cli
 from jointstiff.service.cli.fields import (
     Forms,
@@ -79,11 +78,12 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
     },
     "readings": {"file": Annotated[Path, cli.file_argument("FILE", "File of readings.")]},
     "files": {
-        "program": Annotated[
+        "poses": Annotated[
             list[Path],
             cli.file_argument(
-                "PROGRAM",
-                "Robot program, or CSV table of poses. KUKA: the .src and .dat files. ABB: the modules "
+                "POSES",
+                "CSV or Parquet of poses, with units in the headers: x [mm], …, rx [deg], …; if known "
+                "J1 [deg], …; Fx [N], … Or a robot program. KUKA: the .src and .dat files. ABB: the modules "
                 "of the task. FANUC: the .LS file and the .LS files that it calls.",
             ),
         ]
@@ -99,6 +99,7 @@ _Save = Annotated[
 _AsCsv = Annotated[bool, typer.Option("--csv", help="Print CSV for spreadsheets.")]
 
 
+_FRAME_UNITS: Final = "mm,deg"  # units of the option of a frame
 _JOINTS_OF_ARM: Final = 6  # number of an arm's joints; further joints of a posture are linear axes
 
 
@@ -311,16 +312,6 @@ def _show_predictions(result: DeflectionResult, values: _Values) -> None:
         console().print(lay_out_parts(describe_predictions(result)))
 
 
-_Poses = Annotated[
-    Path,
-    cli.file_argument(
-        "POSES",
-        "CSV or Parquet of poses, with units in the headers: x [mm], …, rx [deg], …; if known J1 [deg], …; "
-        "Fx [N], …",
-    ),
-]
-
-
 def _refuse_exchanged(source: Path, table: Path, order: str) -> None:
     """Refuse a table of rows and a JSON document in each other's place.
 
@@ -335,59 +326,35 @@ def _refuse_exchanged(source: Path, table: Path, order: str) -> None:
         )
 
 
-def build_correct_command() -> Callable[..., None]:
-    """Return the function of the command `correct`, with an option for each field of its request."""
-
-    def command(file: str, poses: Path, **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
-        """Correct a table of poses for the deflection under load."""
-        from jointstiff.service.runs.correction.verdict import WITHOUT_NUMBERS
-
-        _refuse_exchanged(Path(file), poses, "CAMPAIGN_OR_ROBOT POSES")
-        if values["output"] is not None:
-            cli.check_ending(values["output"], [".csv", ".parquet"])
-            inputs = [file, poses, *cli.list_inputs(values)]
-            cli.refuse_existing(values["output"], overwrite=values["overwrite"], inputs=inputs)
-        result = _correct(file, poses, values)
-        has_numbers = bool(result.counts.keys() - WITHOUT_NUMBERS)
-        if values["output"] is not None and has_numbers:
-            result.save(values["output"])
-            cli.warn(f"wrote {values['output']}")
-        typer.echo(name_options_in_text(CorrectionOptions, result.summary()))
-        if not has_numbers:
-            if values["output"] is not None:
-                cli.warn(f"{values['output']} was not written: no row is corrected")
-            raise typer.Exit(1)
-
-    sources = {
-        "file": (_ARGUMENTS["run_or_robot"]["source"], ...),
-        "poses": (_Poses, ...),
-        "run": (cli.RunFile, None),
-    }
-    fields = {key: (annotation, None) for key, annotation in field_options(CorrectionOptions)}
-    output = _make_optional_parameter(cli.output_option("File to write the rows to: .csv or .parquet."))
-    cli.set_signature(command, sources | fields | {"output": output, "overwrite": (cli.Overwrite, False)})
-    return command
-
-
-def _correct(file: str, poses: Path, values: _Values) -> Any:  # noqa: ANN401 - a CorrectedPoses
-    """Return the corrected table of poses, and show the progress meanwhile.
-
-    Args:
-        file: file of a campaign or a robot, or name of an arm of the catalogue.
-        poses: table of poses.
-        values: values of all options; `--run` names the file of the campaign's run.
+def _correct_table(file: str, poses: Path, values: _Values) -> None:
+    """Correct a table of poses: print counts and remarks, and write the rows if `--output` names a file.
 
     Raises:
-        CampaignError: a file or an option cannot be used; the texts name options in place of fields.
+        typer.BadParameter: an option holds only for programs.
+        typer.Exit: no row is corrected.
     """
-    from jointstiff.service.cli.models import read_or_identify_run
-    from jointstiff.service.library.here import Here
-    from jointstiff.service.tables.terminal import progress_bar
+    from jointstiff.service.runs.correction.verdict import WITHOUT_NUMBERS
 
-    stated = gather_stated_fields(CorrectionOptions, values)
-    source = file if values["run"] is None else read_or_identify_run(Path(file), values["run"])
-    with naming_options(CorrectionOptions), progress_bar(shown=True) as show_progress:
-        return Here().correct(source, poses, on_progress=show_progress, **stated)
+    for name in ("save", "report", "as_json"):
+        if values[name]:
+            option = "--json" if name == "as_json" else f"--{name}"
+            raise typer.BadParameter("holds only for a robot program: omit it", param_hint=option)
+    output: Path | None = values["output"]
+    if output is not None:
+        cli.check_ending(output, [".csv", ".parquet"])
+        inputs = [file, poses, *cli.list_inputs(values)]
+        cli.refuse_existing(output, overwrite=values["overwrite"], inputs=inputs)
+    kind = import_kind("correction")
+    result: Any = _run_work(kind, [file, poses], gather_stated_fields(CorrectionOptions, values), values)
+    has_numbers = bool(result.counts.keys() - WITHOUT_NUMBERS)
+    if output is not None and has_numbers:
+        result.save(output)
+        cli.warn(f"wrote {output}")
+    typer.echo(name_options_in_text(CorrectionOptions, result.summary()))
+    if not has_numbers:
+        if output is not None:
+            cli.warn(f"{output} was not written: no row is corrected")
+        raise typer.Exit(1)
 
 
 def _run_work(kind: AnyKind, sources: list[Any], stated_fields: dict[str, Any], values: _Values) -> Job:
@@ -410,13 +377,13 @@ def _run_work(kind: AnyKind, sources: list[Any], stated_fields: dict[str, Any], 
     if values["options"] is not None:
         stated_fields = _add_fields_of_file(values["options"], kind.options, stated_fields)
     if values.get("run") is not None:
-        sources = [read_or_identify_run(sources[0], values["run"]), *sources[1:]]
+        sources = [read_or_identify_run(Path(sources[0]), values["run"]), *sources[1:]]
     fields = _state_units(kind, stated_fields)
     do_work = getattr(Here(), ROOMS[kind.name].command)  # the method with the name of the command
     has_progress = kind.stepped or "campaigns" in kind.sources
     with naming_options(kind.options), progress_bar(shown=has_progress) as show_progress:
         on_progress = show_progress if has_progress else None
-        job: Job = do_work(*_flatten(sources), on_progress=on_progress, **fields)
+        job: Job = do_work(*sources, on_progress=on_progress, **fields)
     return job
 
 
@@ -445,15 +412,7 @@ def _state_units(kind: AnyKind, fields: dict[str, Any]) -> dict[str, Any]:
     """
     if "units" not in kind.options.model_fields:
         return {"units": "m, rad, N, N.m"} | fields
-    return {"units": "m, deg, N, N.m"} | fields if kind.is_form else fields
-
-
-def _flatten(sources: Sequence[Any]) -> list[Any]:
-    """Return the values of arguments; of an argument with a list of files, each file."""
-    flat = list[Any]()
-    for source in sources:
-        flat += source if isinstance(source, list) else [source]
-    return flat
+    return {"units": "mm, deg, N, N.m"} | fields if kind.is_form else fields
 
 
 def _convert_to_units_of_file(
@@ -461,12 +420,12 @@ def _convert_to_units_of_file(
 ) -> dict[str, Any]:
     """Return the values of a command's options, converted to the units that a file of options states.
 
-    With `{"units": {"length": "mm"}}` in the file: an option parsed to 0.2 m → 200.
+    With `{"units": {"length": "m"}}` in the file: an option of 200 mm → 0.2.
 
     Args:
         file_content: content of the file of options; its `units` hold for all fields.
         message_class: class of the message that has the fields.
-        stated_fields: fields that options of the command state, in m, deg and N.
+        stated_fields: fields that options of the command state, in mm, deg and N.
 
     Raises:
         typer.BadParameter: a posture has more than six joints, so it contains linear axes, and the file
@@ -478,10 +437,15 @@ def _convert_to_units_of_file(
     if not isinstance(units, dict):
         return stated_fields
     # Unit of an option → its quantity, and the size of each unit of that quantity in SI units.
-    quantities = {"m": ("length", LENGTH), "deg": ("angle", ANGLE), "N": ("force", FORCE)}
+    quantities = {"mm": ("length", LENGTH), "deg": ("angle", ANGLE), "N": ("force", FORCE)}
     converted = dict(stated_fields)
     for name, value in stated_fields.items():
         unit_of_option = find_option_form(message_class.model_fields[name]).unit
+        if unit_of_option == _FRAME_UNITS and (units.get("length"), units.get("angle")) != ("mm", "deg"):
+            raise typer.BadParameter(
+                f"is in mm and deg, not in the units of the file of options; remedy: state `{name}` there",
+                param_hint=option_flag(message_class, name),
+            )
         quantity, unit_sizes = quantities.get(unit_of_option, ("", {}))
         file_unit = units.get(quantity)
         if file_unit not in unit_sizes:
@@ -690,19 +654,33 @@ def _write_campaign_to_fill_in(job: Any, values: _Values, sources: Sequence[Any]
 
 def _choose_program_paths(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
     """Return name → path to write, for each file of a program, by the path or folder of --output."""
-    from jointstiff.service.kinds.program.kind import choose_program_paths
+    from jointstiff.service.kinds.correction.files import choose_program_paths
 
-    names = [file.name for file in sources[1] if file.name != values.get("loads")]
+    names = [name for name in _list_names(sources[1]) if name != values["loads"]]
     return choose_program_paths(values["output"], names)
 
 
-def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool:
-    """Print how each move of a program is understood if --explain is given; return whether it was printed.
+def _correct_table_or_explain_moves(values: _Values, sources: Sequence[Any]) -> bool:
+    """Correct a table of poses; or print how each move of a program is understood if --explain is given.
+
+    Return False for a program that is to be corrected.
 
     Raises:
-        typer.BadParameter: neither --explain nor --output is given.
-        CampaignError: the program cannot be read.
+        typer.BadParameter: neither --explain nor --output is given for a program.
+        CampaignError: a file or an option cannot be used.
+        typer.Exit: no row of a table is corrected, or the arguments are exchanged.
     """
+    from jointstiff.service.resources.documents import read_object
+
+    file, paths = sources
+    _refuse_exchanged(Path(file), paths[0], "CAMPAIGN_OR_ROBOT POSES")
+    format_ = values["format"] or (
+        read_object(values["options"]).get("format") if values["options"] else None
+    )
+    is_program = values["explain"] or len(paths) > 1 or are_programs(_list_names(paths), format_)
+    if not is_program:
+        _correct_table(file, paths[0], values)
+        return True
     if not values["explain"]:
         if values["output"] is None:
             raise typer.BadParameter("is missing: name the file to write", param_hint="--output")
@@ -718,19 +696,23 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
     return True
 
 
+def _list_names(paths: Sequence[Path]) -> list[str]:
+    """Return the names of files, without folders."""
+    return [path.name for path in paths]
+
+
 def _list_moves(values: _Values, paths: Sequence[Path]) -> Sequence[Any]:
     """Return how each move of the program in some files is understood, as `robotprograms.ReadMove`.
 
     Raises:
         CampaignError: the program cannot be read.
     """
-    from jointstiff.schemas.program import ProgramOptions
     from jointstiff.service.problems import naming_missing_extra
 
     with naming_missing_extra("a program file"):
         from jointstiff.service.kinds.correction.text import list_moves
     files = [(path.name, path.read_bytes()) for path in paths]
-    with naming_options(ProgramOptions):
+    with naming_options(CorrectionOptions):
         return list_moves(
             files,
             values["format"],
@@ -742,25 +724,23 @@ def _list_moves(values: _Values, paths: Sequence[Path]) -> Sequence[Any]:
 
 def _describe_move(move: Any) -> str:  # noqa: ANN401 - a `robotprograms.ReadMove`
     """Return a line on a move: "line 7: P3, base 2, tool 1: corrected", or why it is not corrected."""
-    from jointstiff.schemas.program import ProgramOptions
-
     verdict = "corrected"
     if not move.corrected:
-        remedy = name_options_in_text(ProgramOptions, f"; {move.remedy}") if move.remedy else ""
+        remedy = name_options_in_text(CorrectionOptions, f"; {move.remedy}") if move.remedy else ""
         verdict = f"not corrected: {move.reason}{remedy}"
     frames = f"base {move.base or 'unknown'}, tool {move.tool or 'unknown'}"
     return f"line {move.line}: {move.target or 'target unknown'}, {frames}: {verdict}"
 
 
-def _write_program_files(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Program
-    """Write the compensated files of a program, and the table of points if `--report` names a file.
+def _write_program_files(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a CorrectionJob
+    """Write the corrected files of a program, and the table of points if `--report` names a file.
 
     Return the job.
     """
     from jointstiff.service.kinds.correction.files import decompress_file
 
     paths = _choose_program_paths(values, sources)
-    for file in job.result.files:
+    for file in job.result.program.files:
         paths[file.name].write_bytes(decompress_file(file))
     if values["report"] is not None:
         values["report"].write_bytes(job.table("csv"))
@@ -837,12 +817,12 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
         finish=_write_campaign_to_fill_in,
         list_paths=lambda values, _: [values["campaign"]],
     ),
-    "program": _FileOptions(
+    "correction": _FileOptions(
         options={
             "output": _make_optional_parameter(
                 cli.output_option(
-                    "File for the compensated program, with its .dat next to it; in a folder, files keep "
-                    "their names."
+                    "File for the rows, .csv or .parquet; or for the corrected program, with its .dat next "
+                    "to it; in a folder, files of a program keep their names."
                 )
             ),
             "explain": (
@@ -850,16 +830,16 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
                     bool,
                     typer.Option(
                         "--explain",
-                        help="Only print the target, base and tool of each move, and the reason why a move "
-                        "is not corrected.",
+                        help="Only print the target, base and tool of each move of a program, and the reason "
+                        "why a move is not corrected.",
                     ),
                 ],
                 False,
             ),
-            "report": _make_optional_parameter(cli.path_option("CSV file to write all points to.")),
+            "report": _make_optional_parameter(cli.path_option("CSV file to write a program's points to.")),
         },
         finish=_write_program_files,
-        replace_work=_explain_moves_if_requested,
+        replace_work=_correct_table_or_explain_moves,
         list_paths=lambda values, sources: [
             *_choose_program_paths(values, sources).values(),
             values["report"],

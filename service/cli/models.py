@@ -43,7 +43,7 @@ def report(
         Path,
         cli.file_argument(
             "FILE",
-            "File of a campaign, or output of --json for a comparison, plan, map or program.",
+            "File of a campaign, or output of --json for a comparison, plan, map or correction.",
         ),
     ],
     *,

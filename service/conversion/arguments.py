@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from difflib import get_close_matches
 from functools import lru_cache
 from typing import Any, Final
 
@@ -16,70 +15,15 @@ import numpy as np
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.joints import JointKind
-from jointstiff.schemas.measurement import Units
-from jointstiff.service.conversion.arrays import parse_units
-from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
+from jointstiff.service.conversion.units import SIZES
 from jointstiff.solver.errors import MeasurementError
 
-AnyUnits = Units | Mapping[str, str] | str | None
-"""Units of the numbers of a call, such as "mm, deg, N" or {"length": "m"}; None for `DEFAULT_UNITS`."""
-DEFAULT_UNITS: Final = "mm, deg, N, N.m"
 JointKinds = Callable[[], Mapping[str, JointKind]]
 """Function that returns joint name → kind, in the order of the joints; called only to convert positions."""
 
 _QUANTITIES: Final = {"m": "length", "rad": "angle", "N": "force", "N.m": "moment"}
-_SIZES: Final = {"length": LENGTH, "angle": ANGLE, "force": FORCE, "moment": MOMENT}
 _DOCUMENTS: Final = frozenset({"robot", "joint_map"})
 """Options that are documents of their own, whose numbers are in the units of the document."""
-
-
-def complete_units(stated: AnyUnits | Message) -> dict[str, str]:
-    """Return the unit of each quantity by name; a quantity that a mapping does not name has the default unit.
-
-    Raises:
-        MeasurementError: a unit is not known; or a text names a quantity twice, or not all quantities.
-    """
-    default = parse_units(DEFAULT_UNITS)
-    if stated is None:
-        return default
-    # Readings of geometry have units of their own type, without forces.
-    units = stated.model_dump(exclude_none=True) if isinstance(stated, Message) else parse_units(stated)
-    is_partial = isinstance(stated, Mapping)
-    if units.get("force", "N") != "N" or not is_partial:
-        del default["moment"]
-        default |= _derive_unit_of_moments(units)
-    units = default | {name: unit for name, unit in units.items() if unit is not None}
-    _refuse_unknown_quantity(units)
-    _refuse_unknown_unit(units)
-    return units
-
-
-def _derive_unit_of_moments(units: Mapping[str, str]) -> dict[str, str]:
-    """Return {"moment": unit of force times m} if lengths are in m, as in a measurement set; otherwise {}."""
-    by_metre = f"{units.get('force', 'N')}.m".replace("kg.", "kgf.")
-    is_known = units.get("length") == "m" and by_metre in MOMENT
-    return {"moment": by_metre} if is_known else {}
-
-
-def _refuse_unknown_unit(units: Mapping[str, str]) -> None:
-    """Raise a `MeasurementError` if `units`, quantity → unit, has a unit that is not one of its quantity."""
-    for quantity, unit in units.items():
-        if unit not in _SIZES.get(quantity, {}):
-            known = "; ".join(f"{name} {', '.join(sizes)}" for name, sizes in _SIZES.items())
-            raise MeasurementError(
-                f"'{unit}' is not a known unit of {quantity}",
-                where="units",
-                remedy=f"use one unit for each quantity: {known}",
-            )
-
-
-def _refuse_unknown_quantity(units: Mapping[str, str]) -> None:
-    """Raise a `MeasurementError` if `units`, with a unit for each quantity, names another quantity."""
-    for name in units:
-        if name not in _SIZES:
-            similar = get_close_matches(name, _SIZES, n=1)
-            remedy = f"write `{similar[0]}`" if similar else f"use one of {', '.join(_SIZES)}"
-            raise MeasurementError(f"there is no quantity '{name}'", where="units", remedy=remedy)
 
 
 def convert_to_si(
@@ -121,7 +65,7 @@ class _Converter:
         self._schema, self._joint_kinds = _read_schema(message), joint_kinds
         self._states_units = "units" in message.model_fields
         self._factors = {
-            si_unit: _SIZES[quantity][units[quantity]]
+            si_unit: SIZES[quantity][units[quantity]]
             for si_unit, quantity in _QUANTITIES.items()
             if quantity in units
         }

@@ -9,7 +9,7 @@ from difflib import get_close_matches
 from functools import cache
 from importlib.resources import files
 from math import radians
-from typing import Any, Final, NoReturn
+from typing import Any, Final
 
 from jointstiff.schemas.robot import Arm, Catalogue, DhModel, DhRow, JointMap, JointMapPreset, RobotDocument
 from jointstiff.solver.errors import RequestError
@@ -59,75 +59,41 @@ def find_arm(name: str, where: str) -> Arm:
         where: field or option that holds the name, for messages.
 
     Raises:
-        RequestError: no arm, or several arms of the catalogue or of the maker, have the name.
+        RequestError: no arm of the catalogue, or several, have the name.
     """
     wanted = _normalise_name(name)
     arms = [arm for arm in catalogue().arms if wanted and wanted in _normalise_name(arm.name)]
     exact = [arm for arm in arms if _normalise_name(arm.name) == wanted]
-    if len(exact) == 1:
-        return exact[0]
-    whole = [arm for arm in arms if _has_whole_words(wanted, arm) and not _lacks_digits(wanted, arm)]
-    if len(whole) == 1:
-        return whole[0]
-    if not arms:
-        _refuse_unknown_name(name, where)
-    if len(arms) == 1:
-        _refuse_lacking_parts(name, wanted, arms[0], where)
-    shown = ", ".join(arm.name for arm in arms[:_SHOWN])
-    raise RequestError(
-        f"'{name}' matches several arms of the catalogue: {shown}{', …' if arms[_SHOWN:] else ''}",
-        where=where,
-        remedy="give the whole name",
-    )
-
-
-def _refuse_unknown_name(name: str, where: str) -> NoReturn:
-    """Raise a `RequestError` with the names of the catalogue that are most similar to a name."""
+    meant = exact or [arm for arm in arms if _is_whole_part(wanted, arm.name)]
+    if len(meant) == 1:
+        return meant[0]
     names = {_normalise_name(arm.name): arm.name for arm in catalogue().arms}
-    near = get_close_matches(_normalise_name(name), names, n=3, cutoff=0.5)
-    similar = f"; similar names: {', '.join(names[each] for each in near)}" if near else ""
+    near = get_close_matches(wanted, names, n=_SHOWN, cutoff=0.5)
+    similar = [arm.name for arm in arms[:_SHOWN]] or [names[each] for each in near]
+    reason = f"the catalogue has no arm '{name}'"
+    if arms:
+        reason = f"'{name}' is not the whole name of one arm of the catalogue"
+    if similar:
+        reason += f"; similar names: {', '.join(similar)}"
     raise RequestError(
-        f"the catalogue has no arm '{name}'{similar}",
+        reason,
         where=where,
-        remedy=(
-            "`jointstiff robots` and GET /v1/catalogue list its arms; or describe the arm by a DH table or "
-            "URDF"
-        ),
+        remedy="`jointstiff robots` and GET /v1/catalogue list its arms; or describe the arm by a DH table "
+        "or URDF",
     )
 
 
-def _has_whole_words(wanted: str, arm: Arm) -> bool:
-    """Return whether a part of an arm's name, normalised, begins and ends where words do."""
-    before, _, _ = _normalise_name(arm.name).partition(wanted)
-    return {len(before), len(before) + len(wanted)} <= _find_word_ends(arm.name)
+def _is_whole_part(wanted: str, name: str) -> bool:
+    """Return whether a part of an arm's name, normalised, has whole words and all digits of the name.
 
-
-def _lacks_digits(wanted: str, arm: Arm) -> bool:
-    """Return whether a part of an arm's name, normalised, has not all digits of the name."""
-    before, _, after = _normalise_name(arm.name).partition(wanted)
-    return any(character.isdigit() for character in before + after)
-
-
-def _refuse_lacking_parts(name: str, wanted: str, arm: Arm, where: str) -> NoReturn:
-    """Refuse a name that only one arm's name contains, but that may mean another arm.
-
-    Raises:
-        RequestError: the name lacks digits, by which the maker distinguishes payloads and reaches, or letters
-            of a word, by which the maker distinguishes generations: a UR5 is no UR5e.
+    By digits makers distinguish payloads and reaches, by letters of a word generations.
     """
-    lacks = _lacks_digits(wanted, arm)
-    fault = "fits arms of several reaches" if lacks else "is a part of a word, and may be another arm"
-    raise RequestError(
-        f"'{name}' {fault}; the catalogue has {arm.name}, with a reach of {arm.reach:g} m",
-        where=where,
-        remedy="give the whole name if this arm is meant; or describe the arm by a DH table or URDF",
-    )
-
-
-def _find_word_ends(name: str) -> set[int]:
-    """Return the places in a normalised name at which a word of the name begins or ends."""
-    words = [_normalise_name(word) for word in re.split(r"[\W_]+", name)]
-    return {len("".join(words[:count])) for count in range(len(words) + 1)}
+    before, _, after = _normalise_name(name).partition(wanted)
+    ends = {0}
+    for word in re.split(r"[\W_]+", name):
+        ends.add(max(ends) + len(_normalise_name(word)))
+    has_all_digits = not any(character.isdigit() for character in before + after)
+    return has_all_digits and {len(before), len(before) + len(wanted)} <= ends
 
 
 def nominal_robot(arm: Arm) -> RobotDocument:

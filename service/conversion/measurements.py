@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from jointstiff.schemas.joints import JOINT_UNITS, JointKind
+from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.schemas.measurement import (
     MeasurementSetHeader,
     Noise,
@@ -42,23 +42,17 @@ from jointstiff.solver.mechanics.measurements import (
     position_covariances,
     refuse_invalid_covariance,
 )
-from jointstiff.solver.mechanics.robot import Robot, describe_other_count
+from jointstiff.solver.mechanics.robot import Robot
 
 
-class _StatedNoise(NamedTuple):
-    """Noise of the deflections of N observations of T targets, as the set and its readings state it."""
-
-    sigma: float | None  # standard uncertainty of a coordinate of a position [m]; None if not stated
-    covariance: FloatArray  # of the deflections, in units of sigma²: (N, T, 3, 3), or (3, 3) for all
-    refuted_sigma: float | None = None  # stated sigma that a check refuted, so that it is not used [m]
-
-
-def _to_noise(
+def _convert_noise(
     noise: Noise | None, own_noise: PointNoise | None, robot: Robot, measurements: Measurements, length: float
-) -> _StatedNoise:
-    """Return the noise of the deflections.
+) -> dict[str, Any]:
+    """Return the noise of the deflections as fields of `Measurements`: sigma [m], covariance, refuted sigma.
 
-    A stated sigma that was refuted is only reported; the residuals of the fit then give the noise.
+    A deflection is the difference of two positions, Σ = Σ_unloaded + Σ_loaded. Where the position without
+    load is the mean of two readings, it has half the variance of one. A stated sigma that was refuted is only
+    reported; the residuals of the fit then give the noise.
 
     Args:
         noise: noise that is stated for the set; None if it is not stated.
@@ -72,95 +66,39 @@ def _to_noise(
     """
     states_noise = np.zeros_like(measurements.present) if own_noise is None else own_noise.stated
     _refuse_ambiguous_noise(noise, states_noise, measurements)
-    isotropic = _compute_isotropic_covariance(measurements)
-    if own_noise is None and _find_noise_field(noise) != "instrument":
-        sigma = None if noise is None or noise.sigma is None else length * noise.sigma
-        stated = _StatedNoise(sigma, isotropic)
-    else:
-        covariances = _PositionCovariances.from_set(noise, robot, measurements, length)
+    variance_unloaded = (
+        np.ones((1, 1))
+        if measurements.returned is None
+        else (np.where(measurements.returned.present[..., None, None], 0.5, 1.0))
+    )
+    isotropic = 0.5 * (variance_unloaded + 1.0) * ISOTROPIC_DIFFERENCE
+    sigma = None if noise is None or noise.sigma is None else length * noise.sigma
+    covariance = isotropic
+    instrument = None if noise is None else noise.instrument
+    if own_noise is not None or instrument is not None:
+        unloaded = loaded = (sigma or 0.0) ** 2 * np.eye(3)
+        if instrument is not None:
+            unloaded, loaded = position_covariances(to_instrument(instrument, length), robot, measurements)
         if own_noise is not None:
-            covariances = covariances.replaced_by(own_noise, length, measurements)
-        stated = covariances.to_noise(measurements)
-    if noise is None or not noise.refuted:
-        return stated
-    return _StatedNoise(sigma=None, covariance=isotropic, refuted_sigma=stated.sigma)
-
-
-def _compute_isotropic_covariance(measurements: Measurements) -> FloatArray:
-    """Return the covariance of deflections, in units of sigma², if sigma is the same in all coordinates.
-
-    A deflection is the difference of two positions: its covariance is `ISOTROPIC_DIFFERENCE`, 2 I (3, 3).
-    Where the position without load is the mean of two readings, which has half the variance of one, the
-    covariance is 0.75 of that: (N, T, 3, 3).
-    """
-    if measurements.returned is None:
-        return ISOTROPIC_DIFFERENCE
-    read_again = measurements.returned.present[..., None, None]
-    return np.where(read_again, 0.75, 1.0) * ISOTROPIC_DIFFERENCE
-
-
-@dataclass(frozen=True, eq=False)
-class _PositionCovariances:
-    """Covariances [m²] of positions of T targets in N observations: (N, T, 3, 3), or (3, 3) for all."""
-
-    unloaded: FloatArray
-    loaded: FloatArray
-
-    @classmethod
-    def from_set(
-        cls, noise: Noise | None, robot: Robot, measurements: Measurements, length: float
-    ) -> _PositionCovariances:
-        """Return the covariances by the noise of the set: of its instrument, else sigma² I, else zero.
-
-        `length` is the set's unit of length in m.
-        """
-        if noise is None:
-            return cls(0.0 * np.eye(3), 0.0 * np.eye(3))
-        if noise.instrument is not None:
-            instrument = to_instrument(noise.instrument, length)
-            unloaded, loaded = position_covariances(instrument, robot, measurements)
-            return cls(unloaded, loaded)
-        sigma = 0.0 if noise.sigma is None else length * noise.sigma
-        return cls(sigma**2 * np.eye(3), sigma**2 * np.eye(3))
-
-    def replaced_by(
-        self, own_noise: PointNoise, length: float, measurements: Measurements
-    ) -> _PositionCovariances:
-        """Return the covariances with those of the readings that state their noise themselves.
-
-        The sigma of a reading along a direction is that of its displacement, of which each position has half
-        of the variance. `length` is the set's unit of length in m.
-
-        Raises:
-            MeasurementError: a stated matrix is not a covariance.
-        """
-        own_unloaded, own_loaded = own_noise.compute_covariances()
-        share = np.where(_find_displacements(measurements), 0.5, 1.0)[..., None, None]
-        own_unloaded, own_loaded = share * own_unloaded, share * own_loaded
-        refuse_invalid_covariance(own_unloaded, own_noise.stated, "unloaded_covariance")
-        refuse_invalid_covariance(own_loaded, own_noise.stated, "loaded_covariance")
-        is_stated = own_noise.stated[..., None, None]
-        return _PositionCovariances(
-            unloaded=np.where(is_stated, length**2 * own_unloaded, self.unloaded),
-            loaded=np.where(is_stated, length**2 * own_loaded, self.loaded),
-        )
-
-    def to_noise(self, measurements: Measurements) -> _StatedNoise:
-        """Return the noise of the deflections, Σ_deflection = Σ_unloaded + Σ_loaded, in units of sigma².
-
-        Where a position without load was read twice, the mean of the two has half the variance of one.
-        """
-        unloaded = self.unloaded
-        if measurements.returned is not None:
-            read_again = measurements.returned.present[..., None, None]
-            unloaded = np.where(read_again, 0.5, 1.0) * unloaded
-        noise = DifferenceNoise.from_positions(
+            # The sigma of a displacement is that of the difference: each position has half of its variance.
+            share = np.where(_find_displacements(measurements), 0.5, 1.0)[..., None, None]
+            own = [share * each for each in own_noise.compute_covariances()]
+            refuse_invalid_covariance(own[0], own_noise.stated, "unloaded_covariance")
+            refuse_invalid_covariance(own[1], own_noise.stated, "loaded_covariance")
+            is_stated = own_noise.stated[..., None, None]
+            unloaded = np.where(is_stated, length**2 * own[0], unloaded)
+            loaded = np.where(is_stated, length**2 * own[1], loaded)
+        unloaded = variance_unloaded * unloaded
+        difference = DifferenceNoise.from_positions(
             unloaded,
-            self.loaded,
+            loaded,
             measurements.coordinates,
             are_displacements=_find_displacements(measurements),
         )
-        return _StatedNoise(noise.sigma, noise.covariance)
+        sigma, covariance = difference.sigma, difference.covariance
+    if noise is not None and noise.refuted:
+        return {"sigma": None, "covariance": isotropic, "refuted_sigma": sigma}
+    return {"sigma": sigma, "covariance": covariance}
 
 
 def _find_displacements(measurements: Measurements) -> BoolArray:
@@ -182,36 +120,23 @@ def _refuse_ambiguous_noise(noise: Noise | None, states_noise: BoolArray, measur
         MeasurementError: noise is stated twice, or not at all for a reading.
     """
     relies_on_set = measurements.present & ~states_noise
-    stated_field = _find_noise_field(noise)
-    if stated_field is not None and not relies_on_set.any():
+    stated = [name for name in ("sigma", "instrument") if getattr(noise, name, None) is not None]
+    if stated and not relies_on_set.any():
         raise MeasurementError(
-            f"both the readings and noise.{stated_field} state the noise",
-            where=f"noise.{stated_field}",
-            remedy=f"state the noise once: omit noise.{stated_field}, or omit the noise in every reading",
+            f"both the readings and noise.{stated[0]} state the noise",
+            where=f"noise.{stated[0]}",
+            remedy=f"state the noise once: omit noise.{stated[0]}, or omit the noise in every reading",
         )
-    if stated_field == "instrument":  # a tracker's data sheet does not apply to readings along a direction
-        _refuse_readings_without_noise(relies_on_set & (measurements.coordinates == 1))
-    elif stated_field is None and states_noise.any():
-        _refuse_readings_without_noise(relies_on_set)
-
-
-def _find_noise_field(noise: Noise | None) -> str | None:
-    """Return the field that states the noise of all readings of a set: `sigma`, `instrument` or None."""
-    if noise is None:
-        return None
-    if noise.sigma is not None:
-        return "sigma"
-    return None if noise.instrument is None else "instrument"
-
-
-def _refuse_readings_without_noise(without_noise: BoolArray) -> None:
-    """Raise a `MeasurementError` at the first reading in the mask (N, T), if the mask has any reading."""
+    without_noise = np.zeros_like(relies_on_set)
+    if stated == ["instrument"]:  # a tracker's data sheet does not apply to readings along a direction
+        without_noise = relies_on_set & (measurements.coordinates == 1)
+    elif not stated and states_noise.any():
+        without_noise = relies_on_set
     if without_noise.any():
-        i = int(np.argwhere(without_noise)[0, 0])
         raise MeasurementError(
             "the noise of a reading is not stated, and the noise of the other readings does not apply to "
             "this reading",
-            where=f"observations[{i}].readings",
+            where=f"observations[{np.argwhere(without_noise)[0, 0]}].readings",
             remedy="state `sigma` of this reading, or state `noise.sigma` for all readings without `sigma`",
         )
 
@@ -278,12 +203,6 @@ def _choose_force_scale(noise: Noise) -> float | None:
             return max(stated or 0.0, CATALOGUE_SCALE)
         case _:
             return stated
-
-
-def _find_force_at_hook(noise: Noise | None) -> float:
-    """Return the force at the hook, relative to the stated force."""
-    ground = None if noise is None or noise.grounds is None else noise.grounds.force
-    return FORCE_BEYOND_PULLEY if ground == "pulley" else 1.0
 
 
 def _state_load_point(common: CommonUncertainty, noise: Noise, length: float) -> CommonUncertainty:
@@ -355,71 +274,21 @@ def _convert(
         MeasurementError: the set lacks a quantity or a unit, or its noise is unclear.
     """
     length = LENGTH[header.units.length]
-    measurements = _convert_readings(header, readings, robot)
-    noise = _to_noise(header.noise, readings.noise, robot, measurements, length)
-    encoders = _to_encoder_readings(header, readings.encoders, robot)
-    repeatability = _get_repeatability(header, encoders)
-    measured = replace(
-        measurements,
-        sigma=noise.sigma,
-        covariance=noise.covariance,
-        refuted_sigma=noise.refuted_sigma,
-        repeatability=repeatability,
-        scatter=_start_scatter(repeatability, noise.sigma),
-        encoders=encoders,
-        common_uncertainty=to_common_uncertainty(header.noise, length),
-        present=readings.present & ~readings.unloaded_only,
-    )
-    return measured if shots is None else _add_hook(measured, shots)
-
-
-def _start_scatter(repeatability: float | None, sigma: float | None) -> Scatter:
-    """Return the scatter with which the first fit begins: of joints [rad] relative to sigma [m].
-
-    Without sigma it is zero: the first fit shows how the scatter compares to the noise of the readings.
-    """
-    if not repeatability or not sigma:
-        return Scatter(joints=0.0)
-    return Scatter(joints=repeatability / sigma)
-
-
-def _add_hook(measurements: Measurements, shots: LocatedLoadPoint) -> Measurements:
-    """Return measurements whose load point is known by the readings of a target at the hook, `shots`.
-
-    These readings give the uncertainty of the load point, in place of an assumed one.
-    """
-    hook = shots.to_hook_reading(measurements.sigma or 0.0, measurements.repeatability or 0.0)
-    common_uncertainty = replace(
-        measurements.common_uncertainty,
-        load_point=hook.uncertainty,
-        assumed=measurements.common_uncertainty.assumed - {"load_point"},
-        doubtful_load_point=None,
-    )
-    return replace(measurements, hook=hook, common_uncertainty=common_uncertainty)
-
-
-def _convert_readings(header: MeasurementSetHeader, readings: ReadingArrays, robot: Robot) -> Measurements:
-    """Return N observations of T targets in SI units, still without noise.
-
-    Raises:
-        MeasurementError: the load point, a position or the unit of moments is missing.
-    """
-    length = LENGTH[header.units.length]
     joints = joint_factors(robot, header.units) * readings.joints
     direction = None
     if readings.directions is not None:
         direction = readings.directions.compute_unit_vectors(robot, joints)
-    deflection = _compute_deflections(readings, direction)
-    at_hook = _find_force_at_hook(header.noise)
+    ground = None if header.noise is None or header.noise.grounds is None else header.noise.grounds.force
+    at_hook = FORCE_BEYOND_PULLEY if ground == "pulley" else 1.0  # force at the hook by the stated force
     unloaded_only = readings.unloaded_only
-    return Measurements(
+    without_noise = Measurements(
         joints=joints,
         force=at_hook * FORCE[header.units.force] * readings.force,
         moment=at_hook * _get_moment_factor(header.units, readings) * readings.moment,
         load_point=length * _choose_load_points(header, readings),
         position=length * _choose_positions(header, readings),
         in_flange=readings.as_deflection,
-        deflection=length * deflection,
+        deflection=length * _compute_deflections(readings, direction),
         present=readings.present,
         direction=direction,
         force_unit=header.units.force,
@@ -429,13 +298,39 @@ def _convert_readings(header: MeasurementSetHeader, readings: ReadingArrays, rob
         targets=tuple(readings.targets.tolist()),
         closed_on_links=header.encoders == "secondary",
     )
+    noise = _convert_noise(header.noise, readings.noise, robot, without_noise, length)
+    encoders = None if readings.encoders is None else _to_encoder_readings(header, readings.encoders, robot)
+    sigma, repeatability = noise["sigma"], _get_repeatability(header, encoders)
+    # Without sigma the first fit shows how the scatter of the joints compares to the noise of the readings.
+    scatter = repeatability / sigma if repeatability and sigma else 0.0
+    measured = replace(
+        without_noise,
+        **noise,
+        repeatability=repeatability,
+        scatter=Scatter(joints=scatter),
+        encoders=encoders,
+        common_uncertainty=to_common_uncertainty(header.noise, length),
+        present=readings.present & ~unloaded_only,
+    )
+    if shots is None:
+        return measured
+    # The readings of the hook give the uncertainty of the load point, in place of an assumed one.
+    hook = shots.to_hook_reading(sigma or 0.0, repeatability or 0.0)
+    common_uncertainty = replace(
+        measured.common_uncertainty,
+        load_point=hook.uncertainty,
+        assumed=measured.common_uncertainty.assumed - {"load_point"},
+        doubtful_load_point=None,
+    )
+    return replace(measured, hook=hook, common_uncertainty=common_uncertainty)
 
 
 def _compute_deflections(readings: ReadingArrays, direction: FloatArray | None) -> FloatArray:
     """Return the deflections (N, T, 3) of the targets, in the set's unit of length.
 
     A deflection is given as such, or is the loaded minus the unloaded position, or is a displacement along a
-    direction. It is zero where a target was read without load only.
+    direction. The unloaded position is the mean of those before and after the load, where both were read. The
+    deflection is zero where a target was read without load only.
 
     Args:
         readings: readings of a set in R0.
@@ -443,7 +338,11 @@ def _compute_deflections(readings: ReadingArrays, direction: FloatArray | None) 
             None if no reading is along a direction.
     """
     as_given = readings.as_deflection[..., None]
-    difference = readings.loaded - _average_unloaded_positions(readings)
+    unloaded = readings.unloaded
+    if readings.after is not None:
+        mean = 0.5 * (unloaded + readings.after.position)
+        unloaded = np.where(readings.after.present[..., None], mean, unloaded)
+    difference = readings.loaded - unloaded
     deflection = np.where(as_given, readings.loaded, difference)
     deflection = np.where(readings.unloaded_only[..., None], 0.0, deflection)
     if readings.directions is None or direction is None:
@@ -485,69 +384,29 @@ def refuse_informed_controller(noise: Noise | None) -> None:
     )
 
 
-_USUAL_JOINTS: Final = 6
-"""Joints of most arms: a model with more joints may count a tool as a joint."""
-
-
 def _refuse_other_joints(header: MeasurementSetHeader, readings: ReadingArrays, robot: Robot) -> None:
     """Refuse readings with joints that differ from the robot's joints in number or kind.
 
     Raises:
         MeasurementError: names the first such joint.
     """
-    count = readings.joints.shape[1]
-    if count != robot.n:
-        remedy = f"give the {robot.n} controller angles of {list_joint_names(robot)}"
-        if count > robot.n:
-            remedy += (
-                f"; or, if the arm has {count} joints, describe all of them: the robot's model ends at its "
-                f"flange, '{robot.flange}'"
-            )
-        elif robot.n > _USUAL_JOINTS:
-            remedy += f"; or, if the arm has {count} joints, {describe_other_count(count, robot.n)}"
+    if readings.joints.shape[1] != robot.n:
         raise MeasurementError(
-            f"there are {count} joint angles, but the robot has {robot.n} joints",
+            f"there are {readings.joints.shape[1]} joint angles, but the robot has {robot.n} joints",
             where="observations[0].joints",
-            remedy=remedy,
+            remedy=f"give the {robot.n} controller angles of {list_joint_names(robot)}",
         )
-    if header.joint_kinds is not None:
-        _refuse_other_joint_kinds(header.joint_kinds, robot)
-
-
-def _refuse_other_joint_kinds(read_kinds: Sequence[JointKind], robot: Robot) -> None:
-    """Refuse joints that were read as lengths but turn, or that were read as angles but slide.
-
-    Args:
-        read_kinds: `revolute` or `prismatic` for each joint, by the unit in which it was read.
-        robot: robot that was measured.
-
-    Raises:
-        MeasurementError: names the first such joint.
-    """
-    if tuple(read_kinds) == robot.joint_kinds:
-        return
-    is_other = [read_as != kind for read_as, kind in zip(read_kinds, robot.joint_kinds, strict=False)]
-    joint = is_other.index(True) if any(is_other) else 0
-    name, kind = robot.joint_names[joint], robot.joint_kinds[joint]
-    dimension = JOINT_UNITS[kind].dimension
-    read_as_text = "an angle" if dimension == "length" else "a length"
-    raise MeasurementError(
-        f"joint {name} is read as {read_as_text}, but in the robot this joint is {kind}",
-        where="joint_kinds",
-        remedy=f"give {dimension}s of this joint, in `units.{dimension}`, or check the "
-        "robot and the order of the joints",
-    )
-
-
-def _average_unloaded_positions(readings: ReadingArrays) -> FloatArray:
-    """Return the mean (N, T, 3) of the positions before and after the load, in the set's unit of length.
-
-    It is the position before the load where the target was not read again.
-    """
-    if readings.after is None:
-        return readings.unloaded
-    mean = 0.5 * (readings.unloaded + readings.after.position)
-    return np.where(readings.after.present[..., None], mean, readings.unloaded)
+    for name, kind, read_as in zip(
+        robot.joint_names, robot.joint_kinds, header.joint_kinds or robot.joint_kinds, strict=False
+    ):
+        if read_as != kind:
+            dimension = JOINT_UNITS[kind].dimension
+            raise MeasurementError(
+                f"joint {name} is read as {read_as}, but in the robot this joint is {kind}",
+                where="joint_kinds",
+                remedy=f"give {dimension}s of this joint, in `units.{dimension}`, or check the robot and the "
+                "order of the joints",
+            )
 
 
 def _to_return_readings(readings: ReadingArrays, length: float) -> ReturnReadings | None:
@@ -583,67 +442,47 @@ def _get_repeatability(header: MeasurementSetHeader, encoders: EncoderReadings |
 
 
 def _to_encoder_readings(
-    header: MeasurementSetHeader, encoders: EncoderArrays | None, robot: Robot
-) -> EncoderReadings | None:
-    """Return deflections of joints [rad] and their noise from secondary encoders; None if none were read.
+    header: MeasurementSetHeader, encoders: EncoderArrays, robot: Robot
+) -> EncoderReadings:
+    """Return deflections of joints [rad] and their noise from secondary encoders.
 
     Raises:
-        MeasurementError: the encoders show no deflection, their noise is missing, or a joint is prismatic.
+        MeasurementError: the encoders show no deflection, their noise is missing, or a joint is prismatic or
+            unknown.
     """
-    if encoders is None:
-        return None
-    _refuse_encoders_in_the_loop(header, encoders)
+    first = int(np.flatnonzero(encoders.present.any(axis=1))[0])
+    where = f"observations[{first}].encoder_readings"
+    if header.encoders == "secondary":  # the controller turns the motors until these show no deflection
+        raise MeasurementError(
+            "the position loop closes on the secondary encoders, so these encoders show no deflection",
+            where=where,
+            remedy="omit `encoder_readings`, or measure with the loop closed on the motors' encoders",
+        )
+    if header.noise is None or header.noise.encoder_sigma is None:
+        raise MeasurementError(
+            "there are encoder readings, but the uncertainty of these readings is not stated",
+            where="noise" if header.noise is None else "noise.encoder_sigma",
+            remedy="give both `noise.sigma` and `noise.encoder_sigma`: the two weight angles against lengths",
+        )
+    names = encoders.joints.tolist()
+    turning = [
+        name for name, kind in zip(robot.joint_names, robot.joint_kinds, strict=True) if kind == "revolute"
+    ]
+    for e, name in enumerate(names):
+        if name not in turning:
+            first = int(np.flatnonzero(encoders.present[:, e])[0])
+            raise MeasurementError(
+                f"the robot has no revolute joint '{name}'",
+                where=f"observations[{first}].encoder_readings",
+                remedy=f"use one of {', '.join(turning)}",
+            )
+    columns = [robot.joint_names.index(name) for name in names]
     angle = ANGLE[header.units.angle]
-    sigma = angle * _get_encoder_sigma(header.noise)
-    columns = encoders.find_joint_indices(robot.joint_names)
-    _refuse_encoders_of_slides(robot, columns)
     deflection = np.zeros((len(encoders.present), robot.n))
     present = np.zeros(deflection.shape, dtype=np.bool_)
     deflection[:, columns] = angle * (encoders.loaded - encoders.unloaded)
     present[:, columns] = encoders.present
-    return EncoderReadings(deflection, present, sigma)
-
-
-def _refuse_encoders_in_the_loop(header: MeasurementSetHeader, encoders: EncoderArrays) -> None:
-    """Refuse readings of secondary encoders on which the controller closes its position loop.
-
-    The controller then turns the motors until these encoders show no deflection.
-    """
-    if header.encoders != "secondary":
-        return
-    first = int(np.flatnonzero(encoders.present.any(axis=1))[0])
-    raise MeasurementError(
-        "the position loop closes on the secondary encoders, so these encoders show no deflection",
-        where=f"observations[{first}].encoder_readings",
-        remedy="omit `encoder_readings`, or measure with the loop closed on the motors' encoders",
-    )
-
-
-def _get_encoder_sigma(noise: Noise | None) -> float:
-    """Return the standard uncertainty of a reading of an encoder, in the set's unit of angles.
-
-    Raises:
-        MeasurementError: it is not stated.
-    """
-    if noise is None or noise.encoder_sigma is None:
-        raise MeasurementError(
-            "there are encoder readings, but the uncertainty of these readings is not stated",
-            where="noise" if noise is None else "noise.encoder_sigma",
-            remedy="give both `noise.sigma` and `noise.encoder_sigma`: the two weight angles against lengths",
-        )
-    return noise.encoder_sigma
-
-
-def _refuse_encoders_of_slides(robot: Robot, joints: IndexArray) -> None:
-    """Raise a `MeasurementError` if one of the joints with the indices `joints` (E,) is prismatic."""
-    is_prismatic = robot.prismatic[joints]
-    if is_prismatic.any():
-        name = robot.joint_names[joints[int(np.argmax(is_prismatic))]]
-        raise MeasurementError(
-            f"there are encoder readings of {name}, but {name} is a prismatic joint",
-            where="observations",
-            remedy="omit these readings: encoder readings are used for revolute joints only",
-        )
+    return EncoderReadings(deflection, present, angle * header.noise.encoder_sigma)
 
 
 def _get_moment_factor(units: Units, readings: ReadingArrays) -> float:

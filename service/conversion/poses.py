@@ -15,7 +15,6 @@ from jointstiff.solver.errors import RequestError
 _ROTATION_TOLERANCE: Final = 3e-4
 """Greatest difference between RᵀR and the identity: numbers rounded to four decimals have up to 1.7e-4."""
 _LAST_ROW: Final = np.array([0.0, 0.0, 0.0, 1.0])
-_WHOLE_NUMBERS: Final = "give an array, or lists of equal lengths, of numbers"
 
 
 def read_poses(value: Any, name: str, angle: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
@@ -30,7 +29,7 @@ def read_poses(value: Any, name: str, angle: str) -> FloatArray:  # noqa: ANN401
         MeasurementError: the value has elements that are not numbers.
         RequestError: the array has another shape, or a matrix is no pose.
     """
-    array = read_numbers(value, name, _WHOLE_NUMBERS)
+    array = read_numbers(value, name)
     if array.ndim == 2 and array.shape[1] == 6:
         return array
     if array.shape[1:] != (4, 4):
@@ -51,7 +50,7 @@ def read_frame(value: Any, name: str, angle: str) -> FloatArray:  # noqa: ANN401
         MeasurementError: the value has elements that are not numbers.
         RequestError: the array has another shape, or the matrix is no pose.
     """
-    array = read_numbers(value, name, _WHOLE_NUMBERS)
+    array = read_numbers(value, name)
     if array.shape not in {(6,), (4, 4)}:
         raise RequestError(
             f"`{name}` has shape {array.shape}",
@@ -68,53 +67,28 @@ def _refuse_bad_matrices(matrices: FloatArray, name: str) -> None:
         RequestError: names the first row with a fault; `name` is the argument with the matrices.
     """
     rotations = matrices[:, :3, :3]
-    _refuse_missing_numbers(rotations, name)
-    _refuse_other_last_rows(matrices, name)
-    _refuse_other_than_rotations(rotations, name)
-
-
-def _refuse_missing_numbers(rotations: FloatArray, name: str) -> None:
-    """Raise a `RequestError` if one of the rotations (N, 3, 3) has a missing or infinite number."""
     is_known = np.isfinite(rotations).all(axis=(1, 2))
     if not is_known.all():
         raise RequestError(
-            f"the rotation of row {int(np.argmin(is_known)) + 1} contains a missing or infinite number",
+            f"the matrix of row {int(np.argmin(is_known)) + 1} has a missing or infinite number",
             where=name,
             remedy="give a number in each row, or leave the row out",
         )
-
-
-def _refuse_other_last_rows(matrices: FloatArray, name: str) -> None:
-    """Raise a `RequestError` if one of the matrices (N, 4, 4) has another last row than 0, 0, 0, 1."""
     is_pose = (matrices[:, 3] == _LAST_ROW).all(axis=1)
-    if is_pose.all():
-        return
-    row = int(np.argmin(is_pose))
-    is_transposed = (matrices[row, :, 3] == _LAST_ROW).all()
-    numbers = ", ".join(f"{number:.6g}" for number in matrices[row, 3].tolist())
-    raise RequestError(
-        f"the last row of the matrix in row {row + 1} must be 0, 0, 0, 1, but is {numbers}",
-        where=name,
-        remedy="transpose the matrices" if is_transposed else "give matrices whose last row is 0, 0, 0, 1",
-    )
-
-
-def _refuse_other_than_rotations(rotations: FloatArray, name: str) -> None:
-    """Raise a `RequestError` if one of the matrices R (N, 3, 3) is no rotation: RᵀR = I and det R = 1."""
+    if not is_pose.all():
+        raise RequestError(
+            f"the matrix of row {int(np.argmin(is_pose)) + 1} has another last row than 0, 0, 0, 1",
+            where=name,
+            remedy="give matrices whose last row is 0, 0, 0, 1; others may be transposed",
+        )
     error = np.abs(rotations.transpose(0, 2, 1) @ rotations - np.eye(3)).max(axis=(1, 2))
-    is_rotation = error <= _ROTATION_TOLERANCE
+    is_rotation = (error <= _ROTATION_TOLERANCE) & (np.linalg.det(rotations) > 0.0)
     if not is_rotation.all():
         row = int(np.argmin(is_rotation))
         raise RequestError(
             f"the matrix of row {row + 1} is not a rotation: RᵀR differs from the identity by "
-            f"{error[row]:.2g}",
+            f"{error[row]:.2g}, or its determinant is -1",
             where=name,
-            remedy="give rotations to four decimals or more, without a scale",
-        )
-    is_mirrored = np.linalg.det(rotations) < 0.0
-    if is_mirrored.any():
-        raise RequestError(
-            f"the rotation of row {int(np.argmax(is_mirrored)) + 1} is mirrored: its determinant is -1",
-            where=name,
-            remedy="give the axes of a right-handed frame as columns",
+            remedy="give rotations to four decimals or more, without a scale, whose columns are the axes of "
+            "a right-handed frame",
         )

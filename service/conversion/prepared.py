@@ -13,7 +13,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from jointstiff.schemas.fields import Vector3
@@ -22,7 +21,6 @@ from jointstiff.schemas.measurement import (
     Frame,
     MeasurementSetDocument,
     MeasurementSetHeader,
-    Noise,
     Observation,
     ResolvedFrame,
     Rigid,
@@ -33,8 +31,6 @@ from jointstiff.service.conversion.catalogue import find_arm
 from jointstiff.service.conversion.measurements import to_measurements
 from jointstiff.service.conversion.readings import (
     NamedObservationError,
-    PointNoise,
-    PositionsAfter,
     ReadingArrays,
     compute_content_hash,
     hash_texts,
@@ -108,81 +104,44 @@ def transform_to_base(
     if resolved is None or header.frame is None:
         return header, readings
     length = LENGTH[header.units.length]
-    to_base = _Motion(np.array(resolved.rotation), np.array(resolved.translation) / length)
-    force_rotation = to_base.R if header.frame.forces == "tracker" else np.eye(3)
-    transformed = _turn_forces(_transform_readings(readings, to_base), force_rotation)
-    # Targets that the header states replace those of the identified geometry.
-    identified = {name: _scale_vector(place, 1.0 / length) for name, place in resolved.flange_targets.items()}
-    flange_targets = identified | header.flange_targets
-    noise = _move_station(header.noise, to_base)
-    return header.model_copy(update={"flange_targets": flange_targets, "noise": noise}), transformed
-
-
-@dataclass(frozen=True, eq=False)
-class _Motion:
-    """Rigid motion from the tracker's frame to R0, in the unit of length of a set."""
-
-    R: FloatArray  # (3, 3) rotation
-    t: FloatArray  # (3,) translation
-
-    def turn(self, vectors: FloatArray) -> FloatArray:
-        """Return vectors (..., 3), such as deflections, in R0: R v."""
-        return np.asarray(vectors @ self.R.T)
-
-    def move(self, positions: FloatArray) -> FloatArray:
-        """Return positions (..., 3) in R0: R p + t."""
-        return self.turn(positions) + self.t
-
-
-def _transform_readings(readings: ReadingArrays, to_base: _Motion) -> ReadingArrays:
-    """Return readings in R0: positions are moved; deflections, directions and covariances only turn."""
+    R, t = np.array(resolved.rotation), np.array(resolved.translation) / length
     was_read = readings.present[..., None]
     is_deflection = readings.as_deflection[..., None]
-    unloaded = np.where(was_read & ~is_deflection, to_base.move(readings.unloaded), readings.unloaded)
-    in_base = np.where(is_deflection, to_base.turn(readings.loaded), to_base.move(readings.loaded))
-    noise = None if readings.noise is None else _turn_covariances(readings.noise, to_base.R)
-    directions = None if readings.directions is None else readings.directions.rotate(to_base.R)
-    return replace(
+    unloaded, loaded = readings.unloaded, readings.loaded
+    noise, after = readings.noise, readings.after
+    if noise is not None:
+        turned = [R @ covariance @ R.T for covariance in (noise.unloaded, noise.loaded)]
+        # Rounding of the products leaves the two triangles unequal in the last digit.
+        turned = [0.5 * (covariance + np.swapaxes(covariance, -1, -2)) for covariance in turned]
+        noise = replace(noise, unloaded=turned[0], loaded=turned[1])
+    if after is not None:
+        after = replace(after, position=np.where(after.present[..., None], after.position @ R.T + t, 0.0))
+    force_rotation = R if header.frame.forces == "tracker" else np.eye(3)
+    transformed = replace(
         readings,
-        unloaded=unloaded,
-        loaded=np.where(was_read, in_base, readings.loaded),
+        unloaded=np.where(was_read & ~is_deflection, unloaded @ R.T + t, unloaded),
+        loaded=np.where(was_read, loaded @ R.T + np.where(is_deflection, 0.0, t), loaded),
         noise=noise,
-        directions=directions,
-        after=_transform_positions(readings.after, to_base),
+        directions=None if readings.directions is None else readings.directions.rotate(R),
+        after=after,
+        force=readings.force @ force_rotation.T,
+        moment=readings.moment @ force_rotation.T,
     )
+    # Targets that the header states replace those of the identified geometry.
+    identified = {
+        name: _to_vector(1.0 / length * np.array(place)) for name, place in resolved.flange_targets.items()
+    }
+    changes: dict[str, Any] = {"flange_targets": identified | header.flange_targets}
+    if header.noise is not None and header.noise.instrument is not None:
+        station = _to_vector(R @ np.array(header.noise.instrument.station) + t)
+        instrument = header.noise.instrument.model_copy(update={"station": station})
+        changes["noise"] = header.noise.model_copy(update={"instrument": instrument})
+    return header.model_copy(update=changes), transformed
 
 
-def _turn_forces(readings: ReadingArrays, R: FloatArray) -> ReadingArrays:
-    """Return readings whose forces and moments are rotated by R (3, 3)."""
-    return replace(readings, force=readings.force @ R.T, moment=readings.moment @ R.T)
-
-
-def _transform_positions(after: PositionsAfter | None, to_base: _Motion) -> PositionsAfter | None:
-    """Return positions after unloading in R0; zero where a target was not read again."""
-    if after is None:
-        return None
-    return replace(after, position=np.where(after.present[..., None], to_base.move(after.position), 0.0))
-
-
-def _turn_covariances(noise: PointNoise, R: FloatArray) -> PointNoise:
-    """Return the noise with its covariances rotated by R (3, 3), and made exactly symmetric."""
-    turned = [R @ covariance @ R.T for covariance in (noise.unloaded, noise.loaded)]
-    # Rounding of the products leaves the two triangles unequal in the last digit.
-    symmetric = [0.5 * (covariance + np.swapaxes(covariance, -1, -2)) for covariance in turned]
-    return replace(noise, unloaded=symmetric[0], loaded=symmetric[1])
-
-
-def _move_station(noise: Noise | None, to_base: _Motion) -> Noise | None:
-    """Return the noise with the place of the instrument's station in R0."""
-    if noise is None or noise.instrument is None:
-        return noise
-    station = _scale_vector(to_base.R @ np.array(noise.instrument.station) + to_base.t, 1.0)
-    return noise.model_copy(update={"instrument": noise.instrument.model_copy(update={"station": station})})
-
-
-def _scale_vector(vector: npt.ArrayLike, factor: float) -> tuple[float, float, float]:
-    """Return a vector of three coordinates times a factor, as a tuple."""
-    x, y, z = (factor * np.asarray(vector, dtype=np.float64)).tolist()
+def _to_vector(vector: FloatArray) -> Vector3:
+    """Return a vector of three coordinates as a tuple."""
+    x, y, z = vector.tolist()
     return x, y, z
 
 
@@ -208,7 +167,13 @@ def to_base_targets(
     later = request.base_targets_after if after is None else after
     if before is None or later is None:
         return None
-    common = _list_common_targets(before, later, where)
+    common = [name for name in before if name in later]
+    if len(common) < 3:  # too few to show how the tracker moved
+        raise MeasurementError(
+            f"only {len(common)} base targets were read both before and after; at least three are needed",
+            where=where,
+            remedy="read at least three base targets before and after, with the same names",
+        )
     length = LENGTH[request.units.length]
     first = length * np.array([before[name] for name in common])
     second = length * np.array([later[name] for name in common])
@@ -216,22 +181,6 @@ def to_base_targets(
     if sigma is not None and request.noise is not None and request.noise.instrument is not None:
         covariance = to_instrument(request.noise.instrument, length).covariance(first) / sigma**2
     return BaseTargets(first, second, covariance, tuple(common), where)
-
-
-def _list_common_targets(before: Collection[str], later: Collection[str], where: str) -> list[str]:
-    """Return the targets that were read both before and later; `where` is the field of the later readings.
-
-    Raises:
-        MeasurementError: these are fewer than three, too few to show how the tracker moved.
-    """
-    common = [name for name in before if name in later]
-    if len(common) < 3:
-        raise MeasurementError(
-            f"only {len(common)} base targets were read both before and after; at least three are needed",
-            where=where,
-            remedy="read at least three base targets before and after, with the same names",
-        )
-    return common
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Final, Self
 
@@ -56,27 +55,6 @@ class ArrayGroup:
 
 
 @dataclass(frozen=True, eq=False)
-class ReadingCells:
-    """All K readings of a set, with their cells in tables of N observations of T targets."""
-
-    shape: tuple[int, int]  # (N, T)
-    observations: list[int]  # (K,) index of the observation of each reading
-    targets: list[int]  # (K,) index of the target of each reading
-    readings: list[Reading]  # (K,)
-
-    def tabulate(
-        self, values: Sequence[Any], *value_shape: int, number_type: type[np.generic] = np.float64
-    ) -> npt.NDArray[Any]:
-        """Return the values of the K readings as a table (N, T, …) that is zero where there is no reading.
-
-        `value_shape` is the shape of a value: vectors have 3, and their table is (N, T, 3).
-        """
-        table = np.zeros((*self.shape, *value_shape), dtype=number_type)
-        table[self.observations, self.targets] = values
-        return table
-
-
-@dataclass(frozen=True, eq=False)
 class Directions(ArrayGroup):
     """Readings along a direction of N observations of T targets; zero where a reading is of another kind."""
 
@@ -85,21 +63,6 @@ class Directions(ArrayGroup):
     displacement: FloatArray  # (N, T) loaded minus unloaded, along the direction
     vector: FloatArray  # (N, T, 3) direction as posted, of any length
     in_flange: BoolArray  # (N, T) whether the direction was posted in the flange frame
-
-    @classmethod
-    def from_readings(cls, cells: ReadingCells) -> Directions | None:
-        """Arrange readings along a direction as arrays; None if no reading is along a direction."""
-        readings = cells.readings
-        if all(reading.displacement is None for reading in readings):
-            return None
-        displacements = [each.displacement or 0.0 for each in readings]
-        vectors = [each.direction or each.flange_direction or _NOTHING for each in readings]
-        is_in_flange = [each.flange_direction is not None for each in readings]
-        return cls(
-            displacement=cells.tabulate(displacements),
-            vector=cells.tabulate(vectors, 3),
-            in_flange=cells.tabulate(is_in_flange, number_type=np.bool_),
-        )
 
     @property
     def has_direction(self) -> BoolArray:
@@ -110,14 +73,6 @@ class Directions(ArrayGroup):
         """Return a copy with the directions rotated by R (3, 3), except directions in the flange frame."""
         vector = np.where(self.in_flange[..., None], self.vector, self.vector @ R.T)
         return replace(self, vector=vector)
-
-    def get_reading_fields(self, i: int, t: int) -> dict[str, Any]:
-        """Return field → value of a reading along a direction: its displacement and its direction.
-
-        `i` and `t` are the indices of the observation and of the target.
-        """
-        name = "flange_direction" if self.in_flange[i, t] else "direction"
-        return {"displacement": float(self.displacement[i, t]), name: tuple(self.vector[i, t].tolist())}
 
     def compute_unit_vectors(self, robot: Robot, joints: FloatArray) -> FloatArray:
         """Return unit vectors (N, T, 3) of the directions in R0; zero for readings of another kind.
@@ -157,18 +112,18 @@ class EncoderArrays(ArrayGroup):
         Raises:
             MeasurementError: an observation has a joint twice, or there are too many joints.
         """
-        joints = _list_encoder_joints(observations)
+        read = [(row, each) for row, one in enumerate(observations) for each in one.encoder_readings or ()]
+        joints = list(dict.fromkeys(reading.joint for _, reading in read))
         if not joints:
             return None
+        _refuse_many_names(joints, MAX_JOINTS, "joints with encoders")
         present = np.zeros((len(observations), len(joints)), dtype=np.bool_)
         unloaded, loaded = np.zeros(present.shape), np.zeros(present.shape)
-        for row, observation in enumerate(observations):
-            _refuse_two_readings_of_encoder(row, observation)
-            for reading in observation.encoder_readings or ():
-                column = joints.index(reading.joint)
-                present[row, column] = True
-                unloaded[row, column] = reading.unloaded
-                loaded[row, column] = reading.loaded
+        for row, reading in read:
+            column = joints.index(reading.joint)
+            present[row, column] = True
+            unloaded[row, column] = reading.unloaded
+            loaded[row, column] = reading.loaded
         return cls(np.array(joints), present, unloaded, loaded)
 
     def build_encoder_readings(self, i: int) -> list[EncoderReading] | None:
@@ -186,22 +141,6 @@ class EncoderArrays(ArrayGroup):
         ]
         return readings or None
 
-    def find_joint_indices(self, joint_names: tuple[str, ...]) -> IndexArray:
-        """Return indices (E,) of the encoders' joints among the robot's joints.
-
-        Raises:
-            MeasurementError: the robot has no joint of an encoder's name.
-        """
-        for e, name in enumerate(self.joints.tolist()):
-            if name not in joint_names:
-                first = int(np.flatnonzero(self.present[:, e])[0])
-                raise MeasurementError(
-                    f"the robot has no joint '{name}'",
-                    where=f"observations[{first}].encoder_readings",
-                    remedy=f"use one of {', '.join(joint_names)}",
-                )
-        return np.array([joint_names.index(name) for name in self.joints.tolist()])
-
 
 @dataclass(frozen=True, eq=False)
 class PositionsAfter(ArrayGroup):
@@ -211,25 +150,6 @@ class PositionsAfter(ArrayGroup):
 
     position: FloatArray  # (N, T, 3) positions, as those of the other readings; zero where not read again
     present: BoolArray  # (N, T) which targets were read again
-
-    @classmethod
-    def from_readings(cls, cells: ReadingCells) -> PositionsAfter | None:
-        """Arrange the positions that were read again without load as arrays; None without such positions."""
-        positions = [each.unloaded_after for each in cells.readings]
-        if not any(positions):
-            return None
-        was_read = [position is not None for position in positions]
-        return cls(
-            position=cells.tabulate([position or _NOTHING for position in positions], 3),
-            present=cells.tabulate(was_read, number_type=np.bool_),
-        )
-
-    def get_reading_fields(self, i: int, t: int) -> dict[str, Any]:
-        """Return field → value for the position of a target that was read again without load; {} without one.
-
-        `i` and `t` are the indices of the observation and of the target.
-        """
-        return {"unloaded_after": tuple(self.position[i, t].tolist())} if self.present[i, t] else {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,41 +161,6 @@ class PointNoise(ArrayGroup):
     sigma: FloatArray  # (N, T) standard uncertainty of each coordinate
     unloaded: FloatArray  # (N, T, 3, 3) covariance of the unloaded position
     loaded: FloatArray  # (N, T, 3, 3) covariance of the loaded position
-
-    @classmethod
-    def from_readings(cls, cells: ReadingCells) -> PointNoise | None:
-        """Arrange the noise that readings state as arrays; None if no reading states its noise.
-
-        Raises:
-            MeasurementError: some readings of the tracker state their noise, and others do not.
-        """
-        readings = cells.readings
-        if not any(_states_noise(reading) for reading in readings):
-            return None
-        _refuse_partly_stated_noise(cells)
-        # A reading states either sigma or covariances: the schema refuses readings with both.
-        sigmas = [each.sigma or 0.0 for each in readings]
-        unloaded_covariances = [each.unloaded_covariance or _NO_COVARIANCE for each in readings]
-        loaded_covariances = [each.loaded_covariance or _NO_COVARIANCE for each in readings]
-        return cls(
-            sigma=cells.tabulate(sigmas),
-            unloaded=cells.tabulate(unloaded_covariances, 3, 3),
-            loaded=cells.tabulate(loaded_covariances, 3, 3),
-        )
-
-    def get_reading_fields(self, i: int, t: int) -> dict[str, Any]:
-        """Return field → value for the noise that a reading states itself; {} if it states none.
-
-        `i` and `t` are the indices of the observation and of the target.
-        """
-        if self.sigma[i, t]:
-            return {"sigma": float(self.sigma[i, t])}
-        if not self.unloaded[i, t].any():
-            return {}
-        return {
-            "unloaded_covariance": _to_matrix_rows(self.unloaded[i, t]),
-            "loaded_covariance": _to_matrix_rows(self.loaded[i, t]),
-        }
 
     @property
     def stated(self) -> BoolArray:
@@ -297,61 +182,6 @@ def _to_matrix_rows(matrix: FloatArray) -> Matrix3:
     return x, y, z
 
 
-def _list_encoder_joints(observations: list[Observation]) -> list[str]:
-    """Return the names of the joints whose encoders were read, in order of first appearance.
-
-    Raises:
-        MeasurementError: there are more joints than a robot can have.
-    """
-    readings = (reading for observation in observations for reading in observation.encoder_readings or ())
-    names = list(dict.fromkeys(reading.joint for reading in readings))
-    if len(names) > MAX_JOINTS:
-        raise MeasurementError(
-            f"the readings name encoders of {len(names)} different joints, more than {MAX_JOINTS}",
-            where="observations",
-            remedy="use the robot's joint names, the same in every observation",
-        )
-    return names
-
-
-def _refuse_two_readings_of_encoder(row: int, observation: Observation) -> None:
-    """Raise a `MeasurementError` if the observation with the index `row` has two readings of an encoder."""
-    joints = set[str]()
-    for k, reading in enumerate(observation.encoder_readings or ()):
-        if reading.joint in joints:
-            raise NamedObservationError(
-                f"the encoder of '{reading.joint}' has two readings in observation '{observation.label}'",
-                where=f"observations[{row}].encoder_readings[{k}].joint",
-                remedy="give each joint at most once per observation",
-            )
-        joints.add(reading.joint)
-
-
-def _states_noise(reading: Reading) -> bool:
-    """Return whether a reading states its own noise: sigma, or covariances of its positions."""
-    return reading.sigma is not None or reading.unloaded_covariance is not None
-
-
-def _refuse_partly_stated_noise(cells: ReadingCells) -> None:
-    """Refuse readings if some of them state their noise, and others do not.
-
-    Readings along a direction come from another instrument: their noise is checked elsewhere.
-
-    Raises:
-        MeasurementError: a reading of the tracker states no noise, but another does.
-    """
-    by_tracker = [k for k, reading in enumerate(cells.readings) if reading.displacement is None]
-    without_noise = [k for k in by_tracker if not _states_noise(cells.readings[k])]
-    if not without_noise or len(without_noise) == len(by_tracker):
-        return
-    i = cells.observations[without_noise[0]]
-    raise MeasurementError(
-        "some readings state their own noise, but a reading of this observation states no noise",
-        where=f"observations[{i}].readings",
-        remedy="give every reading its `sigma` or its covariances, or give only `noise` for the set",
-    )
-
-
 _OPTIONAL_GROUPS: dict[str, type[ArrayGroup]] = {
     "encoders": EncoderArrays,
     "noise": PointNoise,
@@ -363,6 +193,43 @@ _NOTHING: Final = (0.0, 0.0, 0.0)
 """Vector in place of one that an observation or a reading does not state."""
 _NO_COVARIANCE: Final = (_NOTHING, _NOTHING, _NOTHING)
 """Covariance in place of one that a reading does not state."""
+_STATED_LOADS: Final[Mapping[str, Callable[[Observation], Any]]] = {
+    "joints": lambda observation: observation.joints,
+    "force": lambda observation: observation.force,
+    "moment": lambda observation: observation.moment or _NOTHING,
+    "moment_given": lambda observation: observation.moment is not None,
+    "load_point": lambda observation: observation.load_point or _NOTHING,
+    "load_point_given": lambda observation: observation.load_point is not None,
+}
+"""Array of N rows → value of an observation."""
+_STATED_READINGS: Final[Mapping[str, tuple[Callable[[Reading], Any], Any]]] = {
+    "present": (lambda _: True, False),
+    "as_deflection": (lambda reading: reading.unloaded is None, False),
+    "unloaded": (lambda reading: reading.unloaded, _NOTHING),
+    "loaded": (
+        lambda reading: reading.loaded or reading.deflection or (_UNREAD if reading.unloaded else None),
+        _NOTHING,
+    ),
+    "noise_sigma": (lambda reading: reading.sigma, 0.0),
+    "noise_unloaded": (lambda reading: reading.unloaded_covariance, _NO_COVARIANCE),
+    "noise_loaded": (lambda reading: reading.loaded_covariance, _NO_COVARIANCE),
+    "direction_displacement": (lambda reading: reading.displacement, 0.0),
+    "direction_vector": (lambda reading: reading.direction or reading.flange_direction, _NOTHING),
+    "direction_in_flange": (lambda reading: reading.flange_direction is not None, False),
+    "after_position": (lambda reading: reading.unloaded_after, _NOTHING),
+    "after_present": (lambda reading: reading.unloaded_after is not None, False),
+}
+"""Array of a cell for each observation and target → value of a reading, and value where none is stated.
+
+A reading without a position without load is a deflection, or is along a direction; one without a position
+under load is NaN there.
+"""
+_STATES_GROUP: Final[Mapping[str, Callable[[Reading], bool]]] = {
+    "noise_": lambda reading: reading.sigma is not None or reading.unloaded_covariance is not None,
+    "direction_": lambda reading: reading.displacement is not None,
+    "after_": lambda reading: reading.unloaded_after is not None,
+}
+"""Prefix of an optional group of arrays → whether a reading states its values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -397,18 +264,54 @@ class ReadingArrays:
                 there are too many targets or encoders; noise is stated for some readings only.
         """
         _refuse_unlike_observations(observations)
-        names = _list_target_names(observations)
-        cells = _list_readings(observations, names)
-        return cls(
-            labels=np.array([observation.label for observation in observations]),
-            targets=np.array(names),
-            **_arrange_loads(observations),
-            **_arrange_positions(cells),
-            encoders=EncoderArrays.from_observations(observations),
-            noise=PointNoise.from_readings(cells),
-            directions=Directions.from_readings(cells),
-            after=PositionsAfter.from_readings(cells),
-        )
+        readings = [reading for observation in observations for reading in observation.readings]
+        names = list(dict.fromkeys(reading.target for reading in readings))
+        _refuse_many_names(names, MAX_TARGETS, "targets")
+        index = {name: t for t, name in enumerate(names)}
+        rows = [i for i, observation in enumerate(observations) for _ in observation.readings]
+        columns = [index[reading.target] for reading in readings]
+        omitted = tuple(group for group, states in _STATES_GROUP.items() if not any(map(states, readings)))
+        arrays: dict[str, Any] = {
+            "labels": np.array([observation.label for observation in observations]),
+            "targets": np.array(names),
+        }
+        for name, state in _STATED_LOADS.items():
+            arrays[name] = np.array([state(observation) for observation in observations])
+        for name, (read, nothing) in _STATED_READINGS.items():
+            if name.startswith(omitted):
+                continue
+            values = [read(reading) for reading in readings]
+            table = np.zeros((len(observations), len(names), *np.shape(nothing)), np.asarray(nothing).dtype)
+            table[rows, columns] = [nothing if value is None else value for value in values]
+            arrays[name] = table
+        groups: dict[str, Any] = {
+            name: group.from_archive(arrays) for name, group in _OPTIONAL_GROUPS.items() if name != "encoders"
+        }
+        encoders = EncoderArrays.from_observations(observations)
+        made = cls(**{name: arrays[name] for name in cls._list_required_names()}, **groups, encoders=encoders)
+        made._refuse_partly_stated_noise()
+        return made
+
+    def _refuse_partly_stated_noise(self) -> None:
+        """Refuse readings if some of them state their noise, and others do not.
+
+        Readings along a direction come from another instrument: their noise is checked elsewhere.
+
+        Raises:
+            MeasurementError: a reading of the tracker states no noise, but another does.
+        """
+        if self.noise is None:
+            return
+        by_tracker = self.present
+        if self.directions is not None:
+            by_tracker = self.present & ~self.directions.has_direction
+        unstated = by_tracker & ~self.noise.stated
+        if unstated.any() and (by_tracker & self.noise.stated).any():
+            raise MeasurementError(
+                "some readings state their own noise, but a reading of this observation states no noise",
+                where=f"observations[{np.argwhere(unstated)[0, 0]}].readings",
+                remedy="give every reading its `sigma` or its covariances, or give only `noise` for the set",
+            )
 
     @property
     def unloaded_only(self) -> BoolArray:
@@ -452,24 +355,26 @@ class ReadingArrays:
 
     def _build_reading(self, i: int, t: int) -> Reading:
         """Return a reading as it was posted; `i` and `t` are the indices of observation and target."""
-        noise = {} if self.noise is None else self.noise.get_reading_fields(i, t)
-        return Reading.model_construct(target=str(self.targets[t]), **self._get_values(i, t), **noise)
-
-    def _get_values(self, i: int, t: int) -> dict[str, Any]:
-        """Return field → value of what a reading measured: a displacement, a deflection, or positions.
-
-        `i` and `t` are the indices of observation and target.
-        """
-        if self.directions is not None and self.directions.has_direction[i, t]:
-            return self.directions.get_reading_fields(i, t)
-        loaded = tuple(self.loaded[i, t].tolist())
-        if self.as_deflection[i, t]:
-            return {"deflection": loaded}
-        unloaded = tuple(self.unloaded[i, t].tolist())
-        if self.unloaded_only[i, t]:
-            return {"unloaded": unloaded}
-        read_again = {} if self.after is None else self.after.get_reading_fields(i, t)
-        return {"unloaded": unloaded, "loaded": loaded, **read_again}
+        cell = i, t
+        fields: dict[str, Any] = {}
+        if self.directions is not None and self.directions.has_direction[cell]:
+            name = "flange_direction" if self.directions.in_flange[cell] else "direction"
+            fields["displacement"] = float(self.directions.displacement[cell])
+            fields[name] = _to_tuple(self.directions.vector[cell])
+        elif self.as_deflection[cell]:
+            fields["deflection"] = _to_tuple(self.loaded[cell])
+        else:
+            fields["unloaded"] = _to_tuple(self.unloaded[cell])
+            if not self.unloaded_only[cell]:
+                fields["loaded"] = _to_tuple(self.loaded[cell])
+        if self.after is not None and self.after.present[cell]:
+            fields["unloaded_after"] = _to_tuple(self.after.position[cell])
+        if self.noise is not None and self.noise.sigma[cell]:
+            fields["sigma"] = float(self.noise.sigma[cell])
+        elif self.noise is not None and self.noise.stated[cell]:
+            fields["unloaded_covariance"] = tuple(map(_to_tuple, self.noise.unloaded[cell]))
+            fields["loaded_covariance"] = tuple(map(_to_tuple, self.noise.loaded[cell]))
+        return Reading.model_construct(target=str(self.targets[t]), **fields)
 
     def pack(self) -> bytes:
         """Return the arrays as bytes of an npz archive, without pickles."""
@@ -535,128 +440,62 @@ def _list_unhashed_fields(noise: Noise | None) -> dict[str, Any]:
     return excluded
 
 
-def _arrange_loads(observations: list[Observation]) -> dict[str, npt.NDArray[Any]]:
-    """Return name → array with a row for each of N observations: joint angles, forces, moments, load points.
-
-    Moments and load points that an observation does not state are zero, and False in `…_given`.
-    """
-    joints = [observation.joints for observation in observations]
-    forces = [observation.force for observation in observations]
-    moments = [observation.moment for observation in observations]
-    load_points = [observation.load_point for observation in observations]
-    return {
-        "joints": np.array(joints, dtype=np.float64),
-        "force": np.array(forces, dtype=np.float64),
-        "moment": np.array([moment or _NOTHING for moment in moments], dtype=np.float64),
-        "moment_given": np.array([moment is not None for moment in moments]),
-        "load_point": np.array([point or _NOTHING for point in load_points], dtype=np.float64),
-        "load_point_given": np.array([point is not None for point in load_points]),
-    }
+def _to_tuple(vector: FloatArray) -> tuple[float, ...]:
+    """Return a vector as a tuple of its numbers."""
+    return tuple(vector.tolist())
 
 
-def _arrange_positions(cells: ReadingCells) -> dict[str, npt.NDArray[Any]]:
-    """Return name → array of positions (N, T, 3) without and under load, and masks (N, T) of the readings.
-
-    A reading that has no position without load is a deflection, or lies along a direction.
-    """
-    readings = cells.readings
-    was_read = [True for _ in readings]
-    is_deflection = [reading.unloaded is None for reading in readings]
-    unloaded = [reading.unloaded or _NOTHING for reading in readings]
-    loaded = [_choose_loaded(reading) for reading in readings]
-    return {
-        "present": cells.tabulate(was_read, number_type=np.bool_),
-        "as_deflection": cells.tabulate(is_deflection, number_type=np.bool_),
-        "unloaded": cells.tabulate(unloaded, 3),
-        "loaded": cells.tabulate(loaded, 3),
-    }
-
-
-def _list_readings(observations: list[Observation], targets: list[str]) -> ReadingCells:
-    """Return the readings of all observations with their cells; `targets` are the names of the T targets.
+def _refuse_many_names(names: Sequence[str], most: int, what: str) -> None:
+    """Refuse more names than arrays may have columns: a new name for every reading would fill the memory.
 
     Raises:
-        MeasurementError: an observation has two readings of a target.
+        MeasurementError: there are more than `most`.
     """
-    column = {name: t for t, name in enumerate(targets)}
-    cells = ReadingCells((len(observations), len(targets)), [], [], [])
-    for i, observation in enumerate(observations):
-        _refuse_two_readings_of_target(i, observation)
-        for reading in observation.readings:
-            cells.observations.append(i)
-            cells.targets.append(column[reading.target])
-            cells.readings.append(reading)
-    return cells
-
-
-def _refuse_two_readings_of_target(i: int, observation: Observation) -> None:
-    """Raise a `MeasurementError` if the observation with the index `i` has two readings of a target."""
-    targets = set[str]()
-    for k, reading in enumerate(observation.readings):
-        if reading.target in targets:
-            raise NamedObservationError(
-                f"target '{reading.target}' has two readings in observation '{observation.label}'",
-                where=f"observations[{i}].readings[{k}].target",
-                remedy="give each target at most once per observation, or rename the target",
-            )
-        targets.add(reading.target)
-
-
-def _choose_loaded(reading: Reading) -> Sequence[float]:
-    """Return the position under load of a reading, or its deflection; NaN if it was read unloaded only."""
-    stated = reading.loaded or reading.deflection
-    if stated:
-        return stated
-    return _UNREAD if reading.unloaded else _NOTHING
-
-
-def _list_target_names(observations: list[Observation]) -> list[str]:
-    """Return the names of all targets, in order of first appearance.
-
-    The arrays have all targets of all observations: a new name for every reading would fill the memory.
-
-    Raises:
-        MeasurementError: there are more than `MAX_TARGETS` different targets.
-    """
-    readings = (reading for observation in observations for reading in observation.readings)
-    names = list(dict.fromkeys(reading.target for reading in readings))
-    if len(names) > MAX_TARGETS:
+    if len(names) > most:
         raise MeasurementError(
-            f"the set has {len(names)} different targets, more than {MAX_TARGETS}",
+            f"the set has {len(names)} different {what}, more than {most}",
             where="observations",
-            remedy="use the same name for the same target in every observation",
+            remedy="use the same names in every observation",
         )
-    return names
 
 
-def _refuse_unlike_observations(observations: list[Observation]) -> None:
-    """Refuse observations with different numbers of joint angles, or with the same label."""
-    _refuse_other_joint_counts(observations)
-    index_of_label = dict[str, int]()  # index of the first observation with the label
+def _refuse_unlike_observations(observations: Sequence[Observation]) -> None:
+    """Refuse different numbers of joint angles, and labels, targets or encoders that occur twice.
+
+    Raises:
+        MeasurementError: names the first such observation.
+    """
+    labels = dict[str, int]()  # label → index of the first observation with it
     for i, observation in enumerate(observations):
-        first = index_of_label.setdefault(observation.label, i)
+        label, where = observation.label, f"observations[{i}]"
+        first = labels.setdefault(label, i)
         if first != i:
             raise NamedObservationError(
-                f"label '{observation.label}' is already used by observations[{first}]",
-                where=f"observations[{i}].label",
+                f"label '{label}' is already used by observations[{first}]",
+                where=f"{where}.label",
                 remedy="give every observation a unique label",
             )
-
-
-def _refuse_other_joint_counts(observations: Sequence[Observation]) -> None:
-    """Refuse an observation that has another number of joint angles than most observations."""
-    counts = Counter(len(observation.joints) for observation in observations)
-    usual_count = counts.most_common(1)[0][0]
-    first_count = len(observations[0].joints)
-    others = "the first observation has" if usual_count == first_count else "most observations have"
-    for i, observation in enumerate(observations):
-        count = len(observation.joints)
-        if count != usual_count:
+        count, first_count = len(observation.joints), len(observations[0].joints)
+        if count != first_count:
             raise NamedObservationError(
-                f"observation '{observation.label}' has {count} joint angles, but {others} {usual_count}",
-                where=f"observations[{i}].joints",
+                f"observation '{label}' has {count} joint angles, but the first observation has "
+                f"{first_count}",
+                where=f"{where}.joints",
                 remedy="give one angle for each joint of the robot in every observation",
             )
+        targets = [reading.target for reading in observation.readings]
+        encoders = [reading.joint for reading in observation.encoder_readings or ()]
+        for noun, field, names in (
+            ("target", "readings[{}].target", targets),
+            ("encoder", "encoder_readings[{}].joint", encoders),
+        ):
+            if len(set(names)) < len(names):
+                k = next(k for k, name in enumerate(names) if name in names[:k])
+                raise NamedObservationError(
+                    f"{noun} '{names[k]}' has two readings in observation '{label}'",
+                    where=f"{where}.{field.format(k)}",
+                    remedy=f"give each {noun} at most once per observation",
+                )
 
 
 def hash_texts(*texts: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import hypot
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pinocchio as pin
@@ -20,6 +20,7 @@ from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.mechanics.chain import KinematicChain, chain_dh_rows
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Body, JointMap, Robot
+from jointstiff.solver.mechanics.urdf import write_urdf
 from jointstiff.solver.messages import build_messages, list_joint_kinds
 
 if TYPE_CHECKING:  # geometry is no part of an identification
@@ -216,3 +217,28 @@ def list_joint_names(robot: Robot) -> str:
     """Return the names of the joints in one text, prismatic joints marked with `(length)`."""
     joints = zip(robot.joint_names, robot.joint_kinds, strict=True)
     return ", ".join(f"{name} (length)" if kind == "prismatic" else name for name, kind in joints)
+
+
+def convert_pinocchio_model(model: Any, flange: str | None) -> tuple[dict[str, Any], list[dict[str, Any]]]:  # noqa: ANN401
+    """Convert a Pinocchio model; return the model of a robot document, and documents of bodies with masses.
+
+    Args:
+        model: model whose joints form one chain, with one degree of freedom each.
+        flange: name of the frame that is the flange; default: the only tip behind the last joint.
+
+    Raises:
+        RobotError: the model branches, a joint is of another kind, or the flange is not behind all joints.
+    """
+    chain = Robot(model, flange=flange).chain
+    bodies = [
+        {
+            "name": f"body of {model.names[i]}",
+            "joint": model.names[i],
+            "mass": model.inertias[i].mass,
+            "centre": model.inertias[i].lever.tolist(),
+        }
+        for i in range(1, model.njoints)
+        if model.inertias[i].mass > 0.0
+    ]
+    urdf = write_urdf(chain)
+    return {"format": "urdf", "urdf": urdf, "base": chain.base, "flange": chain.flange}, bodies

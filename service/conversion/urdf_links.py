@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.mechanics.urdf import XmlElement
+from jointstiff.solver.mechanics.urdf import XmlElement, check_root, parse_xml, refuse_unknown_link
 
 _TURNING: Final = frozenset(("revolute", "continuous"))
 _MOVING: Final = _TURNING | {"prismatic"}
@@ -30,6 +30,26 @@ class SeveralLinksError(RobotError):
             f'file and over HTTP, state "flange": "{link}"; do not remove links',
         )
         self.link = link  # the likely flange
+
+
+def convert_urdf(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
+    """Convert the text of a URDF to the model of a robot document.
+
+    Without `base`, the root link is the base; without `flange`, the only tip link is the flange.
+
+    Raises:
+        RobotError: the text is not a URDF, a link does not exist, several may be the base or the flange, or
+            the only tip belongs to a gripper.
+    """
+    document = parse_xml(text)
+    check_root(document)
+    for link, role in ((base, "base"), (flange, "flange")):
+        if link is not None:
+            names = [each.attributes.get("name", "") for each in document.find_children("link")]
+            refuse_unknown_link(names, link, role)
+    root = find_base(document) if base is None else base
+    tip = find_flange(document) if flange is None else flange
+    return {"format": "urdf", "urdf": text, "base": root, "flange": tip}
 
 
 def find_flange(document: XmlElement) -> str:

@@ -108,7 +108,7 @@ STEPS: Final[tuple[Step, ...]] = (
     Step(22, 23, tuple(kind for kind in KINDS if kind != "run")),
     # A run of version 19 may have been rewritten to version 21 or 22 with this loss.
     Step(22, 23, ("run",), _set_absolute_loss_aside, ("request.absolute_loss",)),
-    Step(23, 24, tuple(kind for kind in KINDS if kind != "run")),
+    Step(23, 24, (*(kind for kind in KINDS if kind != "run"), "correction")),
     Step(23, 24, ("run",), _state_one_solution, ("result.model.compliance",)),
 )
 """All steps; those from one version come after those to that version."""

@@ -122,7 +122,7 @@ class _Import:
                 )
                 return self._refuse(stated, reason)
             else:
-                draft = propose(self._tables, [self._robot], stated)
+                draft = propose(self._tables, self._robot, stated)
                 if draft.reason:
                     return self._refuse(stated, f"{draft.reason}: state the roles of the columns")
                 mapping, sentence = draft.mapping, draft.sentence

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as AnyMapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from typing import Final, cast, get_args
 
 import numpy as np
@@ -125,7 +126,7 @@ def gather(tables: Sequence[Table], mapping: Mapping, robot: Robot | None) -> Re
         part.add_forces(readings, names)
         part.add_displacements(readings, names)
         for role in find_roles(part.mapping, "uncertainty"):
-            for key, vector in part.list_vectors(role, names):
+            for _, key, vector in part.list_vectors(role, names):
                 sigma = vector / _COVERAGE if len(vector) > 1 else vector / (_COVERAGE * np.sqrt(3.0))
                 readings.uncertainties[key] = np.broadcast_to(sigma, 3)
         for key, vector in part.list_positions(names):
@@ -293,21 +294,21 @@ class _Part:
 
     def list_vectors(
         self, role: Role, names: Sequence[str], state: State | None = None
-    ) -> Iterator[tuple[Key, FloatArray]]:
-        """Yield the vectors of a role by their keys, without rows that are empty or to be ignored.
+    ) -> Iterator[tuple[int, Key, FloatArray]]:
+        """Yield row, key and vector of a role, without rows that are empty or to be ignored.
 
         `state` is the state of vectors that have none by their role or row.
         """
-        for posture, vector, point in zip(names, self.read(role), self._points, strict=True):
+        for row, (vector, point) in enumerate(zip(self.read(role), self._points, strict=True)):
             if point.state != "ignore" and np.isfinite(vector).all():
                 own: State | None = role.state or point.state or state
                 load = (role.load or point.load) if own == "loaded" else None
-                yield Key(posture, role.target or point.target, own, load), vector
+                yield row, Key(names[row], role.target or point.target, own, load), vector
 
     def add_displacements(self, readings: Readings, names: Sequence[str]) -> None:
         """Keep displacements under load: vectors, and those that a gauge reads along an axis."""
         for role in find_roles(self.mapping, "displacement"):
-            for key, vector in self.list_vectors(role, names, "loaded"):
+            for _, key, vector in self.list_vectors(role, names, "loaded"):
                 if role.axis:
                     readings.gauges[key, _AXES[role.axis]] = float(vector[0])
                 else:
@@ -317,7 +318,7 @@ class _Part:
         """Yield the positions; unloaded ones in rows below loaded ones were read after the load was gone."""
         loaded: set[tuple[str, str]] = set()
         for role in find_roles(self.mapping, "position"):
-            for key, vector in self.list_vectors(role, names):
+            for _, key, vector in self.list_vectors(role, names):
                 if key.state == "loaded":
                     loaded.add((key.posture, key.target))
                 is_after = self._is_state_by_force and (key.posture, key.target) in loaded
@@ -331,15 +332,13 @@ class _Part:
         Raises:
             TableError: a position lacks a coordinate.
         """
-        axes, values = find_roles(self.mapping, "axis"), find_roles(self.mapping, "value")
-        if not axes or not values:
-            return
-        words = self.table.column(list_columns(axes[0])[0]).words
         found: dict[Key, dict[int, float]] = defaultdict(dict)
-        for row, (key, (number,)) in enumerate(self.list_vectors(values[0], names)):
-            axis = _AXES.get(axes[0].words.get(words[row], words[row]).lower())
-            if axis is not None:
-                found[key][axis] = float(number)
+        for axes, values in product(find_roles(self.mapping, "axis"), find_roles(self.mapping, "value")):
+            words = self.table.column(list_columns(axes)[0]).words
+            for row, key, (number,) in self.list_vectors(values, names):
+                axis = _AXES.get(axes.words.get(words[row], words[row]).lower())
+                if axis is not None:
+                    found[key][axis] = float(number)
         for key, by_axis in found.items():
             if len(by_axis) < 3:
                 remedy = "look at the columns `axis` and `value`"

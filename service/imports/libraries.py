@@ -89,10 +89,13 @@ def _read_matlab(content: bytes) -> dict[str, Any]:
 
 
 def _list_variables(variables: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield name and array of each variable, and of each field of a struct."""
+    """Yield name and array of each variable, and of each field of a struct, or of an array of structs."""
     for name, value in variables.items():
         if isinstance(value, Mapping):
             yield from _list_variables(value, f"{path}{name}.")
+        elif len(structs := [each for each in np.ravel(value) if isinstance(each, Mapping)]) > 1:
+            fields = {field: np.stack([each[field] for each in structs]) for field in structs[0]}
+            yield from _list_variables(fields, f"{path}{name}.")
         else:
             yield f"{path}{name}", value
 

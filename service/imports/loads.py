@@ -12,6 +12,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
+from operator import attrgetter
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -37,6 +39,8 @@ _UNITS: Final[tuple[ColumnUnit, ...]] = ("mm", "µm", "m")
 """Units in which displacements are written, the usual one first."""
 _SIZES: Final = (2e-5, 2e-2)
 """Sizes [m] of displacements under load."""
+_MOST_VECTORS: Final = 24
+"""Vectors that may be forces or displacements, at most: each two are compared."""
 _NUMBER: Final = re.compile(r"(?<![^\W_])\d+(?:[.,]\d+)?")
 _WORD: Final = re.compile(r"[^\W\d_]+")
 _LEAST_STEM: Final = 3
@@ -56,6 +60,15 @@ class Columns(NamedTuple):
 
     table: str
     columns: tuple[int, ...]
+
+
+class Displaced(NamedTuple):
+    """Displacements of a target under load."""
+
+    columns: Columns
+    unit: ColumnUnit
+    target: int
+    unexplained: float  # part of the squared displacements that springs leave
 
 
 class Ordered(NamedTuple):
@@ -157,21 +170,50 @@ class ForceEvidence:
                 best, least = columns, left
         return best
 
-    def find_displacements(self, force: Columns | None) -> tuple[Columns, ColumnUnit] | None:
-        """Return columns and unit of displacements under load, if each target was read in one state only."""
-        rows = self._read_force(force) if force is not None else self.stated
-        if rows is None or any(True for _ in self._pair_states()):
-            return None
-        taken = set() if force is None else {(force.table, column) for column in force.columns}
-        for columns in self._list_vectors(only_once=False):
+    def find_displacements(self, force: Columns | None) -> tuple[Columns | None, list[Displaced]]:
+        """Return the columns of the force and of displacements, if each target was read in one state only.
+
+        Without a known force, each pair of vectors may be force and displacements.
+        """
+        if any(True for _ in self._pair_states()):
+            return force, []
+        known = self.stated if force is None else self._read_force(force)
+        forces = [(force, known)] if known is not None else []
+        if known is None:
+            forces = [(each, self._read_force(each)) for each in islice(self._list_vectors(), _MOST_VECTORS)]
+        best, least = (force, list[Displaced]()), _EXPLAINED
+        for columns, rows in forces:
+            displaced = self._match_displacements(rows, columns)
+            left = min((each.unexplained for each in displaced), default=1.0)
+            if rows is not None and left < least:
+                best, least = (columns, displaced), left
+        return best
+
+    def _match_displacements(self, rows: FloatArray, force: Columns | None) -> list[Displaced]:
+        """Return the columns of displacements that springs explain under forces, at most one a reading."""
+        taken = set() if force is None else set(force.columns)
+        options: list[Displaced] = []
+        for columns in islice(self._list_vectors(only_once=False), _MOST_VECTORS):
             numbers = self._read_force(columns)
             unit = _find_unit(numbers)
-            if unit is None or taken & {(columns.table, column) for column in columns.columns}:
+            if unit is None or taken & set(columns.columns):
                 continue
             shift = COLUMN_UNITS[unit] * numbers @ self.proposal.frame.rotation.T
-            if self._measure(rows, [(self.proposal.readings[0].positions, shift)]) < _EXPLAINED:
-                return columns, unit
-        return None
+            source = self.layout.sources[columns.table][columns.columns[0]]
+            for reading in self.proposal.readings:
+                own = self.layout.find_sources(reading.points)[0]
+                if own.pivot != source.pivot or own.combo == source.combo:
+                    left = self._measure(rows, [(reading.positions, shift)])
+                    options.append(Displaced(columns, unit, reading.target, left))
+        chosen: list[Displaced] = []
+        for each in sorted(options, key=attrgetter("unexplained")):
+            is_free = all(
+                each.target != other.target and not set(each.columns.columns) & set(other.columns.columns)
+                for other in chosen
+            )
+            if is_free and each.unexplained < _EXPLAINED:
+                chosen.append(each)
+        return chosen
 
     def hangs(self, sizes: FloatArray) -> bool:
         """Return whether sizes (N,) are weights: only a pull along −z explains the deflections by springs."""

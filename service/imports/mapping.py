@@ -59,10 +59,10 @@ def get_factor(role: Role) -> float:
     return COLUMN_UNITS[role.unit] if role.unit else 1.0
 
 
-def name_tables(parts: list[TableMapping]) -> list[TableMapping]:
-    """Return parts of a mapping; a single part reads tables of any name, as of the next day."""
-    if len(parts) > 1:
-        return parts
+def name_tables(parts: Sequence[TableMapping], table_count: int) -> list[TableMapping]:
+    """Return parts of a mapping; a single part that reads all tables reads any name, as of the next day."""
+    if len(parts) > 1 or any(len(part.table) < table_count for part in parts):
+        return list(parts)
     return [part.model_copy(update={"table": ["*"]}) for part in parts]
 
 

@@ -47,16 +47,16 @@ class Draft:
     reason: str = ""  #: why there is no proposal, if there is none
 
 
-def propose(tables: Sequence[Table], robots: Sequence[KnownRobot], stated: Mapping) -> Draft:
+def propose(tables: Sequence[Table], robot: KnownRobot, stated: Mapping) -> Draft:
     """Propose the mapping of tables.
 
     Args:
         tables: tables of files.
-        robots: robot that was measured, or robots that may have been measured.
+        robot: robot that was measured.
         stated: what a person stated: encoders, load point, force.
     """
-    budget = Budget(MOST_FITS * len(robots), MOST_SECONDS)
-    search = _Search(robots, budget)
+    budget = Budget(MOST_FITS, MOST_SECONDS)
+    search = _Search(robot, budget)
     try:
         best = search.run(tables)
         if best is not None:
@@ -79,9 +79,9 @@ def _write(found: Finding, stated: Mapping, *, is_turned: bool) -> Draft:
 
 @dataclass
 class _Search:
-    """Search of the grouping of rows by which a robot explains most positions."""
+    """Search of the grouping of rows by which the robot explains most positions."""
 
-    robots: Sequence[KnownRobot]
+    robot: KnownRobot
     budget: Budget
     reason: str = "the tables have no rows of postures"  #: why the last grouping had no meaning
 
@@ -107,11 +107,11 @@ class _Search:
         return best
 
     def _judge(self, layout: Layout) -> Finding | None:
-        """Return what the robots make of tables whose rows are grouped in one way; None without a meaning."""
+        """Return what the robot makes of tables whose rows are grouped in one way; None without a meaning."""
         if not layout.tables:
             self.reason = "the tables have no columns of numbers"
             return None
-        result = meaning.propose(layout.tables, self.robots, self.budget)
+        result = meaning.propose(layout.tables, self.robot.robot, self.budget)
         if result.best is None:
             self.reason = result.reason
             return None
@@ -119,7 +119,8 @@ class _Search:
             (each.points.table, column) for each in result.best.readings for column in each.points.columns
         )
         readings = _leave_out_coarse(result.best.readings, layout)
-        found = Finding(replace(result.best, readings=tuple(_number_states(readings))), layout, fitting)
+        proposal = replace(result.best, readings=tuple(_number_states(readings)))
+        found = Finding(self.robot, proposal, layout, fitting)
         if not _is_consistent(found):
             self.reason = "rows without names belong to the postures"
             return None

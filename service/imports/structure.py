@@ -49,11 +49,15 @@ class Structure:
 
     @property
     def is_only_numbered(self) -> bool:
-        """Return whether the label is a column of numbers that tells nothing but the rows."""
+        """Return whether the label is a column of numbers that tells nothing but the rows.
+
+        A first column 1, 2, 3 … is a label.
+        """
         if self.label is None or self.keys:
             return False
-        label = self.table.column(self.label)
-        return label.is_numeric and len(set(label.words)) == self.table.row_count
+        label, count = self.table.column(self.label), self.table.row_count
+        counts = label is self.table.columns[0] and label.words == [str(row + 1) for row in range(count)]
+        return label.is_numeric and len(set(label.words)) == count and not counts
 
     @property
     def splits(self) -> dict[str, str]:

@@ -78,7 +78,7 @@ def as_word(cell: Cell) -> str:
     if cell is None:
         return ""
     if isinstance(cell, float):
-        return f"{cell:.12g}"
+        return f"{cell + 0.0:.12g}"  # −0 is 0
     word = cell.strip()
     return str(int(word)) if word.isdecimal() else word
 

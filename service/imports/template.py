@@ -135,7 +135,7 @@ def find_template(tables: Sequence[Table], stated: Mapping) -> Mapping | None:
     if unread:
         listed = ", ".join(f"{column.id} ({column.header or 'no header'})" for column in unread)
         doubts.append(Doubt(about="columns", text=f"columns {listed} are not read: is this right?"))
-    return stated.model_copy(update={"tables": name_tables(parts), "doubts": doubts})
+    return stated.model_copy(update={"tables": name_tables(parts, len(tables)), "doubts": doubts})
 
 
 def _are_complete(headers: Sequence[_Header]) -> bool:

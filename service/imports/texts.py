@@ -40,6 +40,8 @@ _EMPTY: Final = frozenset(("", "-", "nan", "n/a", "na", "none", "null"))
 _COMMENT: Final = re.compile(r"\s*(?:#|//|%|!)+\s?")
 _SAMPLED: Final = 200
 """Lines that decide on the delimiter."""
+_MORE_BY_BLANKS: Final = 2.0
+"""Factor by which blanks make more numbers than other delimiters: names such as `Target 1` have blanks."""
 _LEAST_ROWS: Final = 3
 
 
@@ -147,7 +149,8 @@ def _choose_dialect(lines: Sequence[str]) -> Dialect:
         return numbers - 2 * broken
 
     candidates = [*_DIALECTS, *(each._replace(is_grouped=True) for each in _DIALECTS)]
-    best = max(candidates, key=count)
+    counts = {each: count(each) / (1 if each.delimiter else _MORE_BY_BLANKS) for each in candidates}
+    best = max(candidates, key=lambda each: counts[each])
     if best.is_grouped and any(_LARGE.fullmatch(cell) for line in lines for cell in _cut(line, best)):
         return best._replace(is_grouped=False)  # only some numbers above 1000 have separators
     return best
@@ -189,7 +192,13 @@ class _Run:
         return max(map(len, self.rows))
 
     def accepts(self, cells: Sequence[Cell]) -> bool:
-        """Return whether a row may continue the run: the row has about as many cells and numbers."""
+        """Return whether a row may continue the run: about as many cells and numbers, or a row with gaps."""
+        if len(cells) == self.width and _count_numbers(cells) >= len("xyz"):
+            pairs = zip(cells, self.rows[0], strict=False)
+            if all(
+                cell is None or isinstance(cell, float) == isinstance(first, float) for cell, first in pairs
+            ):
+                return True
         is_as_wide = abs(len(cells) - self.width) <= max(1, self.width // 4)
         return is_as_wide and 2 * _count_numbers(cells) >= _count_numbers(self.rows[0])
 

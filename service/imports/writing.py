@@ -24,6 +24,7 @@ from jointstiff.schemas.imports import (
 from jointstiff.service.imports.layout import Layout, Source
 from jointstiff.service.imports.loads import (
     Columns,
+    Displaced,
     ForceEvidence,
     compare_names,
     compare_zeros,
@@ -50,14 +51,10 @@ _NUMBERS: Final[tuple[RoleName, ...]] = ("joints", "position", "displacement", "
 class Finding:
     """Meaning that a robot found with one grouping of the rows."""
 
+    known: KnownRobot  #: robot that was measured
     proposal: Proposal
     layout: Layout
     fitting: frozenset[tuple[str, int]]  #: columns of all positions that fit, also of nominal ones
-
-    @property
-    def known(self) -> KnownRobot:
-        """Robot that fits."""
-        return self.proposal.robots[0]
 
     @property
     def share(self) -> float:
@@ -93,6 +90,7 @@ def write_mapping(found: Finding, stated: Mapping) -> Mapping:
         loads = [mass] if mass is not None else []
         if loads:
             writer.evidence = replace(evidence, stated=np.array([0.0, 0.0, -1.0]))
+    force, writer.displaced = writer.evidence.find_displacements(force)
     states_are_in_rows = bool(loads) and (loads[0].states_rows or not any(pair_readings(found.proposal)))
     writer.order_states(force, is_mass=bool(loads), are_in_rows=states_are_in_rows)
     parts = [writer.write_table(number, force) for number in range(len(found.layout.pivots))]
@@ -112,7 +110,13 @@ def write_mapping(found: Finding, stated: Mapping) -> Mapping:
         x, y, z = (1e3 * found.proposal.frame.origin).tolist()
         frame = Placement(rotation=found.proposal.frame.rotation.tolist(), origin=(x, y, z))
     kept = [part for part in parts if find_roles(part, *_NUMBERS)]
-    return stated.model_copy(update={"tables": name_tables(kept), "frame": frame, "doubts": writer.doubts})
+    return stated.model_copy(
+        update={
+            "tables": name_tables(kept, sum(len(part.table) for part in parts)),
+            "frame": frame,
+            "doubts": writer.doubts,
+        }
+    )
 
 
 @dataclass(frozen=True)
@@ -131,6 +135,7 @@ class _Writer:
     found: Finding
     evidence: ForceEvidence
     readings: list[TargetReading] = field(default_factory=list)
+    displaced: list[Displaced] = field(default_factory=list)
     doubts: list[Doubt] = field(default_factory=list)
 
     def order_states(self, force: Columns | None, *, is_mass: bool, are_in_rows: bool) -> None:
@@ -197,11 +202,6 @@ class _Writer:
                 return [_Load(number, role, states_rows=True)]
         return []
 
-    def _compare_zeros(self, first: TargetReading, second: TargetReading, run: Sequence[int]) -> int:
-        """Return 1 or −1 if neighbouring numbers are zero in the first or second state only."""
-        layout = self.found.layout
-        return compare_zeros(layout.read_neighbours(first, run), layout.read_neighbours(second, run))
-
     def _are_other_rows(self, first: TargetReading, second: TargetReading) -> bool:
         """Return whether two readings are the same columns of a table in other rows."""
         own, other = (self.found.layout.find_sources(each.points)[0] for each in (first, second))
@@ -238,14 +238,18 @@ class _Writer:
                 unit = _find_force_unit(pivot, columns[0])
                 roles.append(Role(columns=name_columns(columns), role="force", unit=unit))
         roles += self._write_keys(pivot, own)
-        roles += self._write_axis(pivot, own) if structure.axis else self._write_positions(own)
-        displaced = self.evidence.find_displacements(force)
-        if displaced is not None:
-            found, unit = displaced
-            sources = [self.found.layout.sources[found.table][column] for column in found.columns]
+        roles += self._write_positions(pivot, own)
+        targets_of: dict[tuple[str, ColumnUnit], list[int]] = {}
+        for each in self.displaced:
+            sources = [
+                self.found.layout.sources[each.columns.table][column] for column in each.columns.columns
+            ]
             if sources[0].pivot == number:
                 names = name_columns([source.column for source in sources])
-                roles.append(Role(columns=names, role="displacement", target="T1", unit=unit))
+                targets_of.setdefault((names, each.unit), []).append(each.target)
+        for (names, unit), targets in targets_of.items():
+            target = f"T{targets[0]}" if len(targets) == 1 else None
+            roles.append(Role(columns=names, role="displacement", target=target, unit=unit))
         groups = [each.points.groups for each in own if each.points.groups.count > 1]
         cycle = []
         if groups:
@@ -287,32 +291,31 @@ class _Writer:
                 )
                 start = end
 
-    def _write_positions(self, own: Sequence[TargetReading]) -> Iterator[Role]:
-        """Yield a role for each triple of columns, with the target and the state that all its rows have."""
+    def _write_positions(self, pivot: Pivot, own: Sequence[TargetReading]) -> Iterator[Role]:
+        """Yield a role for each position, with the target and the state that all its rows have.
+
+        In a table with a row for each coordinate, a column has the positions, and another one the axes.
+        """
+        axis = pivot.structure.axis
+        if axis and own:
+            place = pivot.structure.keys.index(axis)
+            words = [pivot.combos[source.combo][place] for source in self._sources(own[0])]
+            yield Role(columns=axis, role="axis", words=dict(zip(words, "xyz", strict=True)))
         points_of: dict[str, list[RowPoint]] = {}
         for reading in own:
-            columns = name_columns([source.column for source in self._sources(reading)])
+            names = [source.column for source in self._sources(reading)]
+            columns = names[0] if axis else name_columns(names)
             points_of.setdefault(columns, []).append(_write_point(reading))
         for columns, points in points_of.items():
             targets, states = {point.target for point in points}, {point.state for point in points}
             state = points[0].state if len(states) == 1 else None
             yield Role(
                 columns=columns,
-                role="position",
+                role="value" if axis else "position",
                 target=points[0].target if len(targets) == 1 else None,
                 state=None if state == "ignore" else state,
                 unit=self.found.proposal.unit,
             )
-
-    def _write_axis(self, pivot: Pivot, own: Sequence[TargetReading]) -> Iterator[Role]:
-        """Yield the roles of a table with a row for each coordinate."""
-        axis = pivot.structure.axis or ""
-        place = pivot.structure.keys.index(axis)
-        for reading in own[:1]:
-            sources = self._sources(reading)
-            words = [pivot.combos[source.combo][place] for source in sources]
-            yield Role(columns=axis, role="axis", words=dict(zip(words, "xyz", strict=True)))
-            yield Role(columns=sources[0].column, role="value", unit=self.found.proposal.unit)
 
     def _write_keys(self, pivot: Pivot, own: Sequence[TargetReading]) -> Iterator[Role]:
         """Yield the roles of columns whose words tell targets and states of rows apart."""
@@ -352,7 +355,7 @@ def _list_unread(table: Table, part: TableMapping) -> Iterator[str]:
     unread: list[Column] = []
     for column in table.columns:
         count = len(set(column.words))
-        may_mean = column.is_numeric or 1 < count < table.row_count
+        may_mean = bool(column.numbers.any()) if column.is_numeric else 1 < count < table.row_count
         is_unread = column.is_own and may_mean and not any(_is_part(name, column.id) for name in read)
         if is_unread:
             unread.append(column)
@@ -415,9 +418,10 @@ def _write_key(key: str, points_of: dict[str, list[RowPoint]], header: str) -> R
         return Role(columns=key, role="point", words=words)
     loads = {word: _LOAD.search(word) for word in points_of}
     sizes = {word: float(match[1]) if match else 0.0 for word, match in loads.items()}
-    if differ_in_state and len(set(sizes.values()) - {0.0}) > 1:
-        units = {match[2] for match in loads.values() if match and match[2]} or {read_unit(header)}
-        unit = units.pop() if len(units) == 1 else None
+    units = {match[2] for match in loads.values() if match and match[2]} or {read_unit(header)}
+    unit = units.pop() if len(units) == 1 else None
+    is_stated = unit in FORCE_UNITS and "" not in sizes
+    if differ_in_state and (len(set(sizes.values()) - {0.0}) > 1 or is_stated):
         name: RoleName = "mass" if unit == "kg" else "load"
         known = {word: f"{size:g}" for word, size in sizes.items()}
         return Role.model_validate({"columns": key, "role": name, "unit": unit, "words": known})

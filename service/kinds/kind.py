@@ -34,7 +34,7 @@ Source = Literal[
 ]
 """Arguments of a verb, from which the ids or contents in its request are made: a campaign; a run or a
 campaign to identify; one campaign or two; many campaigns; a robot or a campaign; a run, a campaign or a
-robot; a file of readings; files of a program."""
+robot; a file of readings; a table of poses or files of a program."""
 
 AnyJob = TypeVar("AnyJob", bound=Job)
 AnyRequest = TypeVar("AnyRequest", bound=Message)
@@ -100,7 +100,7 @@ class Kind(Generic[AnyJob, AnyRequest]):
     files: tuple[File, ...] = ()  # files that can be downloaded
     has_report: bool = True  # true if a job of this kind has a printable report, made of its tables
     is_form: bool = False  # true if a request is posted as a form with files, at a route of its own
-    writes_programs: bool = False  # true if a result has files of a program
+    writes_programs: bool = False  # true if a result may have files of a program
     to_answer: Callable[[str], str] = str  # convert a stored job's JSON to the JSON that the API returns
     # return the charts of a result, for reports and `plot`
     make_charts: Callable[[Any], Sequence[Chart]] = lambda _result: ()

@@ -282,7 +282,8 @@ def _merge_numbers(
         TypeError: the fields of the request state other units than the argument `units`.
         CampaignError: the units are not understood.
     """
-    from jointstiff.service.conversion.arguments import complete_units, convert_to_si
+    from jointstiff.service.conversion.arguments import convert_to_si
+    from jointstiff.service.conversion.units import complete_units
 
     stated = {name: value for name, value in fields.items() if name != "units"}
     with as_campaign_error(""):

@@ -34,10 +34,9 @@ _CAUSES_OF_LONG_DEFLECTIONS: Final = frozenset(
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.conversion.prepared import PreparedSet
+    from jointstiff.service.conversion.units import AnyUnits
     from jointstiff.service.resources.inputs import InMemoryInputs
-    from jointstiff.solver.arrays import FloatArray
     from jointstiff.solver.mechanics.measurements import Measurements
 
     Numbers = npt.ArrayLike | Mapping[str, Any]
@@ -113,33 +112,34 @@ class Campaign(messages.Campaign):
             CampaignError: an array has a wrong shape, or a length seems to be in another unit; its `problem`
                 states the array, the place and the remedy.
         """
-        from jointstiff.service.conversion.arguments import complete_units
-        from jointstiff.service.conversion.arrays import ArrayReadings
+        from jointstiff.service.conversion.arrays import convert_arrays
+        from jointstiff.service.conversion.units import complete_units
 
         described = robots.robot(robot)
         with as_campaign_error(""):
             noise = {} if sigma is None else {"noise": {"sigma": _read_sigma(sigma)}}
             _refuse_no_targets(targets)
             stated_units = complete_units(units)
-            arrays = ArrayReadings(
-                joints=joints,
-                forces=forces,
-                moments=moments,
-                load_point=load_point,
-                unloaded=unloaded,
-                loaded=loaded,
-                unloaded_after=unloaded_after,
-                deflections=deflections,
-                directions=directions,
-                targets=targets,
-                labels=labels,
-            )
-            readings = arrays.document(stated_units)
+            arrays = {
+                "joints": joints,
+                "forces": forces,
+                "moments": moments,
+                "load_point": load_point,
+                "unloaded": unloaded,
+                "loaded": loaded,
+                "unloaded_after": unloaded_after,
+                "deflections": deflections,
+                "directions": directions,
+                "targets": targets,
+                "labels": labels,
+            }
+            readings = convert_arrays(arrays)
         document = {
             "name": name,
             "encoders": encoders or "motor",
             **noise,
             **plain_fields(header),
+            "units": stated_units,
             **readings,
         }
         options = run if isinstance(run, Mapping) else {} if run is None else plain_fields(run)
@@ -150,7 +150,7 @@ class Campaign(messages.Campaign):
         )
         if encoders is None:
             campaign._assumed = ("motor encoders",)
-        _refuse_long_deflections(campaign, len(arrays.joints))
+        _refuse_long_deflections(campaign)
         return campaign
 
     @classmethod
@@ -250,25 +250,32 @@ def _refuse_no_targets(targets: object) -> None:
         )
 
 
-def _refuse_long_deflections(campaign: Campaign, row_count: int) -> None:
-    """Refuse loaded readings that are too far from the unloaded readings, with the cause.
+_LARGE_DEFLECTION: Final = 1.0
+"""Deflection beyond which loaded and unloaded readings are of different postures or units [m]."""
 
-    `row_count` is the number of rows of the arrays; those without readings have no observation.
+
+def _refuse_long_deflections(campaign: Campaign) -> None:
+    """Refuse loaded readings that are too far from the unloaded readings, with the cause.
 
     Raises:
         CampaignError: a deflection is too long for an arm; or robot or readings cannot be used.
     """
     import numpy as np
 
-    from jointstiff.service.conversion.arrays import LARGE_DEFLECTION
-
     measurements = _convert_campaign(campaign)
     lengths = np.linalg.norm(measurements.deflection, axis=2)  # (rows, targets) [m]
-    if lengths.max() <= LARGE_DEFLECTION:
+    if lengths.max() <= _LARGE_DEFLECTION:
         return
     error = _find_cause_of_long_deflection(campaign)
     if error is None:
-        error = _describe_longest_deflection(measurements, lengths, row_count, LARGE_DEFLECTION)
+        row, target = np.unravel_index(int(lengths.argmax()), lengths.shape)
+        error = MeasurementError(
+            f"target '{measurements.targets[target]}' moved by {lengths.max():.4g} m under load in "
+            f"'{measurements.labels[row]}'; up to {_LARGE_DEFLECTION:g} m is plausible",
+            where="loaded",
+            remedy="check that unloaded and loaded readings are of the same posture and target, in the same "
+            "frame and unit; a campaign file may have greater deflections",
+        )
     with as_campaign_error(""):
         raise error
 
@@ -295,31 +302,6 @@ def _find_cause_of_long_deflection(campaign: Campaign) -> MeasurementError | Non
         if finding.code in _CAUSES_OF_LONG_DEFLECTIONS and finding.where is None:
             return MeasurementError(finding.message, where="loaded", remedy=finding.remedy)
     return None
-
-
-def _describe_longest_deflection(
-    measurements: Measurements, lengths: FloatArray, row_count: int, plausible: float
-) -> MeasurementError:
-    """Return the error that names target and observation with the longest deflection.
-
-    The row of the arrays is named only if each row has an observation: then both have the same number.
-
-    Args:
-        measurements: readings of the campaign.
-        lengths: (rows, targets) lengths of the deflections [m].
-        row_count: number of rows of the arrays of the caller.
-        plausible: greatest plausible length [m].
-    """
-    import numpy as np
-
-    row, target = np.unravel_index(int(lengths.argmax()), lengths.shape)
-    return MeasurementError(
-        f"target '{measurements.targets[target]}' moved by {lengths.max():.4g} m under load in "
-        f"'{measurements.labels[row]}'; up to {plausible:g} m is plausible",
-        where=f"loaded[{row}]" if len(lengths) == row_count else "loaded",
-        remedy="check that unloaded and loaded readings are of the same posture and target, in the same "
-        "frame; a campaign file may have greater deflections",
-    )
 
 
 def extract_run_options(run: Run) -> RunOptions:

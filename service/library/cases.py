@@ -17,7 +17,7 @@ from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
     from jointstiff.schemas.deflection import LinkMass
-    from jointstiff.service.conversion.arguments import AnyUnits
+    from jointstiff.service.conversion.units import AnyUnits
     from jointstiff.service.kinds.verb import Vector
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.solver.arrays import FloatArray
@@ -64,7 +64,7 @@ def make_load_cases(
         MeasurementError: an array has a wrong shape.
         CampaignError: the cases or the options cannot be used.
     """
-    from jointstiff.service.conversion.arguments import complete_units
+    from jointstiff.service.conversion.units import complete_units
     from jointstiff.service.runs.deflection import read_load_cases
 
     fields = dict(options)
@@ -174,7 +174,7 @@ def _read_point(at: object) -> list[float]:
     from jointstiff.service.conversion.arrays import read_numbers
 
     remedy = "give three coordinates in the flange frame, such as at=(0, 0, 100)"
-    numbers = read_numbers(at, "at", remedy)
+    numbers = read_numbers(at, "at")
     if numbers.shape != (3,):
         raise RequestError(f"`at` has the shape {numbers.shape}", where="at", remedy=remedy)
     return [float(number) for number in numbers]

@@ -60,7 +60,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.geometry import Geometry
     from jointstiff.schemas.joints import JointKind
     from jointstiff.schemas.plan import Plan
-    from jointstiff.schemas.program import Program
     from jointstiff.service.kinds.run.verb import IdentifyFields
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import PredictFields
@@ -108,7 +107,6 @@ class Client(Verbs):
     geometries: Jobs[Geometry]
     plans: Jobs[Plan]
     maps: Jobs[Map]
-    programs: Jobs[Program]
     corrections: Jobs[CorrectionJob]
 
     def __init__(
@@ -390,8 +388,8 @@ class Client(Verbs):
         if job.result is None or not any(file.suffix == "json" for file in kind.files):
             return {}, {}
         tables = {file.name: self.sheet(job, file) for file in kind.files if file.suffix == "csv"}
-        file_names = [file.name for file in cast("Any", job.result).files] if kind.writes_programs else []
-        return tables, {name: self.file(job, "program", {"file": name}) for name in file_names}
+        files = self.corrections.files(cast("Any", job)) if job.kind == "correction" else {}
+        return tables, files
 
     def read_campaign(self, job: Run | Plan) -> Campaign | None:
         """Return the campaign of a run, or the campaign that a plan continues.
@@ -693,10 +691,11 @@ class Jobs(Collection[AnyJob, JobSummary]):
         """Cancel a job; a job that has ended does not change."""
         self._client.send("PATCH", self._address(identifier), None, {"cancelled": True})
 
-    def files(self, program: Program) -> dict[str, bytes]:
+    def files(self, job: CorrectionJob) -> dict[str, bytes]:
         """Return the content of each corrected file of a program, by the name of the file."""
-        names = [] if program.result is None else [file.name for file in program.result.files]
-        return {name: self._client.file(program, "program", {"file": name}) for name in names}
+        program = None if job.result is None else job.result.program
+        names = [] if program is None else [file.name for file in program.files]
+        return {name: self._client.file(job, "program", {"file": name}) for name in names}
 
     def list(self, **filters: str) -> Iterator[JobSummary]:
         """Yield summaries of the jobs of this kind, newest first; `filters` are parameters of the API."""

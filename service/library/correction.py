@@ -7,7 +7,6 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -17,10 +16,9 @@ from jointstiff.schemas.finding import Assessment
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.run import Run
-from jointstiff.service.conversion.arguments import complete_units
 from jointstiff.service.conversion.arrays import read_numbers
 from jointstiff.service.conversion.poses import read_frame
-from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.service.conversion.units import ANGLE, LENGTH, complete_units
 from jointstiff.service.kinds.correction.work import CorrectionWork
 from jointstiff.service.kinds.width import CancelledWorkError
 from jointstiff.service.kinds.work import Arrays, compute_steps
@@ -57,18 +55,8 @@ if TYPE_CHECKING:
     from jointstiff.service.tables.table import Sheet
     from jointstiff.solver.mechanics.robot import Robot
 
-_NUMBERS: Final = "give an array, or lists of equal lengths, of numbers"
 CANCELLED: Final = http_problem(409, "the correction was cancelled", "correct the poses again")
 """Problem of a correction that the caller has cancelled."""
-PROGRAM_LANGUAGES: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        **dict.fromkeys((".src", ".dat"), "KRL"),
-        **dict.fromkeys((".mod", ".prg", ".modx", ".sys", ".sysx"), "RAPID"),
-        ".ls": "FANUC",
-        **dict.fromkeys((".script", ".urscript"), "URScript"),
-    }
-)
-"""Ending of a file of a robot program → its language."""
 AnyPoses = Any
 """Poses of the tool in the base: an array (N, 4, 4), an array (N, 6) of X, Y, Z and rotation vector, or a CSV
 or Parquet file."""
@@ -145,7 +133,7 @@ def _read_places(stated: Mapping[str, Any], units: Units) -> dict[str, Any]:
     for name in stated.keys() & {"tool", "base"}:
         places[name] = read_frame(stated[name], name, units.angle).tolist()
     for name in stated.keys() & {"start", "load_point", "force"}:
-        places[name] = read_numbers(stated[name], name, _NUMBERS).tolist()
+        places[name] = read_numbers(stated[name], name).tolist()
     return places
 
 
@@ -162,11 +150,7 @@ def _read_columns(
     if isinstance(poses, str | PathLike):
         path = Path(poses)
         with naming_file(path):
-            try:
-                file = read_number_table(path.read_bytes())
-            except RequestError:
-                _refuse_program(path)
-                raise
+            file = read_number_table(path.read_bytes())
             return convert_headers(file.columns, units, robot), file.labels
     return name_poses(poses, "poses", units), None
 
@@ -247,7 +231,7 @@ class CorrectionCall:
         columns, labels = _read_columns(poses, units, robot)
         _refuse_second_joints(joints, columns)
         columns |= _name_joints(joints, len(next(iter(columns.values()))), robot)
-        forces = read_numbers(stated.pop("forces", ()), "forces", _NUMBERS)
+        forces = read_numbers(stated.pop("forces", ()), "forces")
         if forces.size:
             _refuse_second_load(stated, columns)
         if forces.shape == (3,):
@@ -343,7 +327,7 @@ def _name_joints(joints: AnyJoints, count: int, robot: Robot) -> dict[str, Float
     """
     if joints is None:
         return {}
-    array = read_numbers(joints, "joints", _NUMBERS)
+    array = read_numbers(joints, "joints")
     if array.shape != (count, robot.n):
         raise RequestError(
             f"the joints have shape {array.shape}",
@@ -351,21 +335,6 @@ def _name_joints(joints: AnyJoints, count: int, robot: Robot) -> dict[str, Float
             remedy=f"give the controller's joints of each pose, ({count}, {robot.n})",
         )
     return {f"j{number}": column for number, column in enumerate(array.T, 1)}
-
-
-def _refuse_program(path: Path) -> None:
-    """Refuse a robot program in place of a table of poses.
-
-    Raises:
-        RequestError: the ending of the file is that of a program.
-    """
-    language = PROGRAM_LANGUAGES.get(path.suffix.lower())
-    if language is not None:
-        raise RequestError(
-            f"{path.name} is a {language} program, not a table of poses",
-            where="poses",
-            remedy="use `jointstiff compensate`, in Python `compensate`, which correct programs",
-        )
 
 
 def _refuse_second_load(stated: Mapping[str, Any], columns: Mapping[str, FloatArray]) -> None:

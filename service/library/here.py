@@ -25,7 +25,7 @@ from jointstiff.service.library.restoring import parse_job
 from jointstiff.service.library.results import Prediction, TabledRun, make_presented_class
 from jointstiff.service.library.robots import prepare_once, read_joint_kinds
 from jointstiff.service.library.verbs import Verbs
-from jointstiff.service.problems import CampaignError, as_campaign_error, http_problem
+from jointstiff.service.problems import CampaignError, as_campaign_error
 from jointstiff.service.process import one_thread
 from jointstiff.service.reports.job import build_job_sheet
 from jointstiff.service.resources.documents import (
@@ -159,8 +159,6 @@ class Here(Verbs):
         if kind.is_form:
             from jointstiff.service.kinds.correction.files import compress_file
 
-            if sum(map(len, files.values())) > kind.max_bytes:
-                raise CampaignError(http_problem(413, "the files exceed 16 MiB", "split the program"))
             stored = [compress_file(name, content).model_dump(mode="json") for name, content in files.items()]
             request = request | {"files": stored}
         message = parse_document(request, kind.request)
@@ -199,9 +197,8 @@ class Here(Verbs):
             file_name = (query or {}).get("file")
             if self.files:
                 return self.files[file_name or next(iter(self.files))]
-            return next(
-                decompress_file(each) for each in cast("Any", job.result).files if each.name == file_name
-            )
+            written = cast("Any", job.result).program.files
+            return next(decompress_file(each) for each in written if each.name == file_name)
         file = next(file for file in kind.files if file.name == name)
         return write_sheet(self.sheet(job, file), suffix)
 

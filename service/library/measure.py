@@ -25,7 +25,7 @@ from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, 
 from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.plan import Goal, PlannedReading
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.service.conversion.arguments import AnyUnits, complete_units, convert_to_si
+from jointstiff.service.conversion.arguments import convert_to_si
 from jointstiff.service.conversion.arrays import to_number_array
 from jointstiff.service.conversion.prepared import (
     PreparedRobot,
@@ -33,7 +33,7 @@ from jointstiff.service.conversion.prepared import (
     read_stated_transform,
     resolve_stated_frame,
 )
-from jointstiff.service.conversion.units import FORCE
+from jointstiff.service.conversion.units import FORCE, AnyUnits, complete_units
 from jointstiff.service.library.answers import parse_resource
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.live.campaign import MOST_READINGS, Declaration, Entry, LiveCampaign

@@ -6,8 +6,8 @@
     run.joints["joint_2"].stiffness                          # [N·m/rad]
     runs = jointstiff.identify_many(files, executor=pool)    # by processes or a cluster
     jointstiff.identify(jointstiff.datasets.load("pull"))    # a campaign to try; datasets.names()
-    jointstiff.predict(run, "postures.csv")                  # plan, map, compensate, process, compare
-    run.correct(poses, tool=tool, forces=(0, 0, -500))       # arrays of poses and joints
+    jointstiff.predict(run, "postures.csv")                  # plan, map, correct, compare
+    run.correct(poses, tool=tool, forces=(0, 0, -500))       # arrays of poses, or a robot program
     run.save("run.json")                                     # with its campaign; every verb reads the file
     run = jointstiff.load("run.json")
 
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.measurement import Noise, Units
     from jointstiff.schemas.options import RunOptions
     from jointstiff.schemas.plan import PlanOptions
-    from jointstiff.schemas.program import ProgramOptions
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.library import datasets
     from jointstiff.service.library.campaigns import Campaign
@@ -58,7 +57,6 @@ if TYPE_CHECKING:
     gearbox = _here.gearbox
     plan = _here.plan
     map = _here.map  # noqa: A001 - the command's name
-    compensate = _here.compensate
 
 _HOMES = {
     "Campaign": "service.library.campaigns",
@@ -75,7 +73,6 @@ _HOMES = {
     "Noise": "schemas.measurement",
     "PlanOptions": "schemas.plan",
     "Prediction": "service.library.results",
-    "ProgramOptions": "schemas.program",
     "RefusedError": "service.problems",
     "RobotDocument": "schemas.robot",
     "RunOptions": "schemas.options",
@@ -111,7 +108,6 @@ __all__ = [
     "Noise",
     "PlanOptions",
     "Prediction",
-    "ProgramOptions",
     "RefusedError",
     "Rehearsal",
     "RobotDocument",
@@ -120,7 +116,6 @@ __all__ = [
     "TabledRun",
     "Units",
     "compare",
-    "compensate",
     "correct",
     "datasets",
     "gearbox",

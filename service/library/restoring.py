@@ -2,7 +2,7 @@
 
 A document has the fields of the API's message, and after them what the message only names by an id: a run its
 `campaign`, a plan the campaign that the plan `continues`, a map of this process the saved run (`made_from`)
-by which its places are computed again, a map or program of a service its `tables` and `files`.
+by which its places are computed again, a map or correction of a service its `tables` and `files`.
 """
 
 from __future__ import annotations

@@ -41,15 +41,15 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas import run as messages
     from jointstiff.schemas.comparison import Comparison
+    from jointstiff.schemas.correction import CorrectionJob
     from jointstiff.schemas.deflection import Map
     from jointstiff.schemas.gearbox import Gearbox
     from jointstiff.schemas.geometry import Geometry
     from jointstiff.schemas.plan import Plan
-    from jointstiff.schemas.program import Program
     from jointstiff.service.kinds.correction.verb import CorrectFields
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import AnyPostures, PredictFields
-    from jointstiff.service.library.correction import AnyPoses, Correction
+    from jointstiff.service.library.correction import AnyPoses
     from jointstiff.service.reports.plots import AnyAxes, PlotStyle
     from jointstiff.solver.arrays import FloatArray
     from jointstiff.solver.mechanics.robot import Robot
@@ -107,7 +107,7 @@ class Backend(verb.Backend, Protocol):
         /,
         joints: Any = None,  # noqa: ANN401 - an array
         **options: Unpack[CorrectFields],
-    ) -> Correction:
+    ) -> Any:  # noqa: ANN401 - a `Correction`, or the job of a program
         """Correct poses; arguments as of `jointstiff.correct`."""
 
     def apply(self, run: TabledRun, action: str, payload: float | None = None) -> TabledRun:
@@ -472,7 +472,7 @@ class PresentedJob(Presented):
 
         Args:
             suffix: ending of the main table: `csv`, and for maps also `npz` and `json`; or the name of a
-                table, such as `points.csv` of a program.
+                table, such as `rows.csv` of a correction.
 
         Raises:
             ValueError: the kind of job has no such file, or the origin of the job is not known.
@@ -510,10 +510,11 @@ class PresentedJob(Presented):
             self.report(path)
         elif suffix == "npz":
             path.write_bytes(self.table(suffix))
-        elif import_kind(job.kind).writes_programs and job.result is not None:
-            from jointstiff.service.kinds.program.kind import choose_program_paths
+        elif job.kind == "correction" and job.result is not None and job.result.program is not None:
+            from jointstiff.service.kinds.correction.files import choose_program_paths
 
-            for name, target in choose_program_paths(path, [file.name for file in job.result.files]).items():
+            names = [file.name for file in job.result.program.files]
+            for name, target in choose_program_paths(path, names).items():
                 target.write_bytes(self._require_origin().file(job, "program", {"file": name}))
         else:
             super()._save_other(path, suffix)
@@ -549,8 +550,8 @@ if TYPE_CHECKING:  # `make_presented_class` makes them when they are needed
     class TabledPlan(PresentedJob, Plan):
         """A plan, with its tables, plots and files."""
 
-    class TabledProgram(PresentedJob, Program):
-        """A compensated program, with its tables, plots and files."""
+    class TabledCorrectionJob(PresentedJob, CorrectionJob):
+        """A corrected program, with its tables, plots and files."""
 
 
 class _Joints(dict[str, JointResult]):
@@ -780,7 +781,7 @@ class TabledRun(PresentedJob, Run):
         /,
         joints: Any = None,  # noqa: ANN401 - an array
         **options: Unpack[CorrectFields],
-    ) -> Correction:
+    ) -> Any:  # noqa: ANN401 - a `Correction`, or the job of a program
         """Correct poses with the model of this run; arguments as of `jointstiff.correct`."""
         return self._require_origin().correct(self, poses, joints, **options)
 

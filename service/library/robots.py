@@ -20,8 +20,8 @@ from jointstiff.solver.errors import RobotError
 
 if TYPE_CHECKING:
     from jointstiff.schemas.joints import JointKind
-    from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.conversion.prepared import PreparedRobot
+    from jointstiff.service.conversion.units import AnyUnits
     from jointstiff.service.kinds.correction.verb import CorrectFields
     from jointstiff.service.library.correction import AnyJoints, AnyPoses, Correction
 
@@ -134,11 +134,11 @@ def robot(
         name: name of the robot.
         base: link of a URDF whose frame is R0; default: its root.
         flange: link of a URDF, or frame of a model, that is the flange; default: the only tip.
-        convention: convention of the rows, `standard` or `modified` (Craig, Khalil).
+        convention: convention of the rows, `standard` or `modified` (Craig).
         columns: names of the columns of rows without names, in their order, such as "theta d a alpha";
-            further names are r, lower, upper and kind.
-        units: units of the lengths and angles of rows, such as "m, rad" or "mm, deg"; default: mm and deg.
-            Columns with names need units, here or in their names.
+            further names are lower, upper, speed and kind.
+        units: units of the lengths and angles of rows, such as "m, rad" or "mm, deg"; needed, unless the
+            names of all columns have units.
         joint_map: map from the controller's joints to the model's, with an offset in rad or m; default:
             identity, or the map of the arm.
         payload: largest payload by the maker [kg]; default: that of the document, or of the arm.
@@ -251,8 +251,7 @@ def _read_urdf_fields(text: str, base: str | None, flange: str | None) -> dict[s
     Raises:
         CampaignError: this is no URDF, or several links may be the base or the flange.
     """
-    from jointstiff.service.conversion.arrays import convert_urdf
-    from jointstiff.service.conversion.urdf_links import SeveralLinksError
+    from jointstiff.service.conversion.urdf_links import SeveralLinksError, convert_urdf
 
     try:
         if not text.lstrip().startswith("<"):
@@ -272,7 +271,7 @@ def _convert_model(model: Any, flange: str | None) -> dict[str, Any]:  # noqa: A
     Raises:
         CampaignError: the model cannot be used, or several frames may be the flange.
     """
-    from jointstiff.service.conversion.arrays import convert_pinocchio_model
+    from jointstiff.service.conversion.robots import convert_pinocchio_model
 
     with as_campaign_error("robot"):
         converted, bodies = convert_pinocchio_model(model, flange)
@@ -291,8 +290,8 @@ def _convert_rows(
     Raises:
         CampaignError: the rows are not understood.
     """
-    from jointstiff.service.conversion.arguments import complete_units
     from jointstiff.service.conversion.dh_tables import convert_dh_rows
+    from jointstiff.service.conversion.units import complete_units
 
     if isinstance(units, str) and units.count(",") == 1:  # a robot has no forces
         units = f"{units}, N"

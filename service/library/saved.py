@@ -20,10 +20,10 @@ from jointstiff.service.problems import CampaignError, http_problem, naming_miss
 if TYPE_CHECKING:
     from jointstiff.service.library.results import (
         TabledComparison,
+        TabledCorrectionJob,
         TabledGeometry,
         TabledMap,
         TabledPlan,
-        TabledProgram,
         TabledRun,
     )
 
@@ -33,7 +33,7 @@ LoadedKind = Literal[
     "geometry",
     "map",
     "plan",
-    "program",
+    "correction",
     "prediction",
     "rehearsal",
     "trend",
@@ -63,7 +63,7 @@ def load(path: str | PathLike[str], kind: Literal["map"]) -> TabledMap: ...
 @overload
 def load(path: str | PathLike[str], kind: Literal["plan"]) -> TabledPlan: ...
 @overload
-def load(path: str | PathLike[str], kind: Literal["program"]) -> TabledProgram: ...
+def load(path: str | PathLike[str], kind: Literal["correction"]) -> TabledCorrectionJob: ...
 @overload
 def load(path: str | PathLike[str], kind: Literal["prediction"]) -> Prediction: ...
 @overload

@@ -16,17 +16,14 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.geometry import verb as of_geometry
     from jointstiff.service.kinds.map import verb as of_map
     from jointstiff.service.kinds.plan import verb as of_plan
-    from jointstiff.service.kinds.program import verb as of_program
     from jointstiff.service.kinds.run import verb as of_run
     from jointstiff.service.kinds.verb import Backend
-    from jointstiff.service.library.correction import Correction
     from jointstiff.service.library.results import (
         TabledComparison,
         TabledGearbox,
         TabledGeometry,
         TabledMap,
         TabledPlan,
-        TabledProgram,
         TabledRun,
     )
 
@@ -49,8 +46,7 @@ class Verbs:
         gearbox = _presenting(of_gearbox.gearbox, TabledGearbox)
         plan = _presenting(of_plan.plan, TabledPlan)
         map = _presenting(of_map.map, TabledMap)
-        correct = _presenting(of_correction.correct, Correction)
-        compensate = _presenting(of_program.compensate, TabledProgram)
+        correct = _presenting(of_correction.correct, Any)
     else:
 
         def __getattr__(self, name: str) -> Callable[..., Any]:

@@ -23,7 +23,6 @@ from jointstiff.service.conversion.parsing import (
     NOT_JSON,
     USE_ARRAYS,
     MalformedError,
-    explain_broken_text,
     parse,
 )
 from jointstiff.service.problems import (
@@ -270,8 +269,6 @@ def _explain_text(content: bytes, error: MalformedError, name: str) -> Problem:
     if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
         return http_problem(422, f"{name} is a text in UTF-16, not a JSON document", "save the file as UTF-8")
     message = str(error.faults[0]["msg"])
-    if broken := explain_broken_text(content, message):
-        return http_problem(422, f"{name} {broken.cause}", broken.remedy)
     first = content.lstrip()[:1]
     if first in (b"{", b"["):
         remedy = f"correct the JSON at this place; {_IMPORT_HINT}"
@@ -285,7 +282,7 @@ def _explain_text(content: bytes, error: MalformedError, name: str) -> Problem:
         return http_problem(422, f"{name} is a URDF, not a campaign", remedy)
     if any(sign.encode() in content for sign in _SIGNS_OF_TABLES):
         return http_problem(422, f"{name} is a table that jointstiff printed, not a document", _GIVE_CAMPAIGN)
-    correction = f"to correct a robot program use `jointstiff compensate CAMPAIGN {shlex.quote(name)}`"
+    correction = f"to correct a robot program use `jointstiff correct CAMPAIGN {shlex.quote(name)}`"
     remedy = f"{_IMPORT_HINT}; {correction}"
     return http_problem(422, f"{name} is a text, not a JSON document", remedy)
 
@@ -339,7 +336,7 @@ def read_urdf_file(path: Path, base: str | None = None, flange: str | None = Non
         CampaignError: the file is not a URDF, or several links may be the base or the flange.
         OSError: the file cannot be read.
     """
-    from jointstiff.service.conversion.arrays import convert_urdf
+    from jointstiff.service.conversion.urdf_links import convert_urdf
 
     with as_campaign_error("robot"):
         try:

@@ -149,9 +149,6 @@ MAX_BYTES: Final[Mapping[str, int]] = MappingProxyType(
     | {f"/v1/{kind.collection}": kind.max_bytes for kind in KINDS}
 )
 """Path → largest body [bytes], for paths that accept more than `SMALL_BYTES`."""
-MAX_ARCHIVE_BYTES: Final = 256 * 1024 * 1024
-SPOOLED: Final[Mapping[str, int]] = MappingProxyType({"/v1/restores": MAX_ARCHIVE_BYTES})
-"""Path → largest body [bytes], for paths that write the body to a file while it arrives."""
 LARGE_BODIES: Final = 2
 """Maximum number of imports, predictions and maps worked on at the same time."""
 PARSERS: Final = 1
@@ -245,8 +242,7 @@ class BodyLimits:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        is_spooled = scope["path"] in SPOOLED
-        limit = (SPOOLED if is_spooled else MAX_BYTES).get(scope["path"], SMALL_BYTES)
+        limit = MAX_BYTES.get(scope["path"], SMALL_BYTES)
         content_length = Headers(scope=scope).get("content-length", "0")
         declared_bytes = int(content_length) if content_length.isdecimal() else 0
         received_bytes = 0
@@ -258,8 +254,6 @@ class BodyLimits:
             size = max(declared_bytes, received_bytes)
             if size > limit:
                 raise _make_size_error(limit, scope["path"])
-            if is_spooled:  # the body takes no memory
-                return
             self._budget.change(counted_bytes, size)
             counted_bytes = size
 

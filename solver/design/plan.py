@@ -837,7 +837,6 @@ class ReadablePostures:
             joints=joints,
             position=np.broadcast_to(targets, repeated.position.shape),
             in_flange=np.ones_like(repeated.present),
-            unloaded_reading=None,
             load_point=measurements.load_point[np.where(observation < 0, strongest, observation)],
         )
         block = unloaded_block(robot, Postures(robot, robot.joint_map.model_angles(joints)), readable)

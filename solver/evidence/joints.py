@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 from jointstiff.schemas.finding import Finding
 from jointstiff.solver.errors import NotObservableError
-from jointstiff.solver.evidence.alternatives import BetterAlternative, find_better_alternative
 from jointstiff.solver.evidence.causes import Screening, screen_estimate
 from jointstiff.solver.evidence.refuted import leave_out, list_refuted
 from jointstiff.solver.evidence.scatter import FoundScatter, Posterior, find_scatter
@@ -192,26 +191,10 @@ class JointsAlone:
         """
         return screen_estimate(self.given, self.estimate, self.shows_scatter)
 
-    @cached_property
-    def _alternative(self) -> BetterAlternative | None:
-        """Mistake in the data whose correction explains the readings far better; None if no mistake does."""
-        return find_better_alternative(self.robot, self.given.measurements)
-
-    def find_gross_mistake(self, estimate: Estimate) -> BetterAlternative | None:
-        """Return the mistake whose correction explains the readings far better; None if no mistake does.
-
-        If the estimate's residuals are within the stated noise, no mistake is sought.
-        """
-        if residuals_within_noise(estimate) and not self.shows_scatter:
-            return None
-        return self._alternative
-
     @property
     def has_sound_data(self) -> bool:
         """True if no gross mistake was found in the data: only then are tests of smaller effects valid."""
-        if any(finding.weight == "do_not_use" for finding in self.noticed):
-            return False
-        return self.find_gross_mistake(self.estimate) is None
+        return not any(finding.weight == "do_not_use" for finding in self.noticed)
 
 
 def _exceed_stated_noise(estimate: Estimate) -> bool:

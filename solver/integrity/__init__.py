@@ -14,34 +14,26 @@ import numpy as np
 from jointstiff.schemas.finding import Finding, FindingCode
 from jointstiff.solver.arrays import BoolArray
 from jointstiff.solver.integrity.against_model import (
-    exchange_proved_targets,
     inspect_drift,
     inspect_encoders,
     inspect_places,
     inspect_response,
     inspect_rigidity,
-    inspect_whole_set,
 )
+from jointstiff.solver.integrity.by_places import find_mistakes
+from jointstiff.solver.integrity.exchanged import exchange_proved_targets
 from jointstiff.solver.integrity.misplaced_loads import (
     find_load_points_in_base,
-    find_moments_of_forces,
     find_other_columns,
 )
-from jointstiff.solver.integrity.mistaken_target import inspect_equal_targets
-from jointstiff.solver.integrity.mixed_columns import find_mixed_axes, leave_out_copied_columns
-from jointstiff.solver.integrity.one_state import (
-    find_mistaken_state,
-    leave_out_copied_states,
-    leave_out_zeros,
-)
-from jointstiff.solver.integrity.order import inspect_loaded
+from jointstiff.solver.integrity.one_state import leave_out_copied_states, leave_out_zeros
 from jointstiff.solver.integrity.rounded_angles import inspect_rounded_angles
-from jointstiff.solver.integrity.shifted_target import find_shifted_targets
 from jointstiff.solver.integrity.values import (
     InstrumentFrame,
     View,
     inspect_angles,
     inspect_duplicates,
+    inspect_equal_targets,
     inspect_rare_targets,
     inspect_repeats,
     inspect_stated_noise,
@@ -112,21 +104,18 @@ def inspect_measurements(
     missed, read = leave_out_zeros(given)
     if not read.measurements.present.any():
         return missed
-    copied, uncopied = leave_out_copied_states(read)
-    copied_columns, posted = leave_out_copied_columns(uncopied)
-    findings = [*missed, *copied, *copied_columns, *inspect_values(posted), *inspect_equal_targets(posted)]
-    mistaken_state = find_mixed_axes(posted) or find_mistaken_state(posted)
-    mistakes_in_loaded = [mistaken_state] if mistaken_state else inspect_loaded(posted)
-    mistakes_in_loaded = mistakes_in_loaded or find_shifted_targets(posted)
-    if mistakes_in_loaded:
-        # These loaded readings are no positions of these postures: nothing can be compared with them.
-        findings = [finding for finding in findings if finding.code != "deflection_implausibly_large"]
-        return _limit_kinds([*findings, *mistakes_in_loaded])
+    copied, posted = leave_out_copied_states(read)
+    findings = [*missed, *copied, *inspect_values(posted), *inspect_equal_targets(posted)]
+    mistakes = find_mistakes(posted, others)
+    if mistakes:
+        findings = _leave_out_effects(findings, mistakes)
+        return _limit_kinds(
+            [*findings, *mistakes, *inspect_encoders(posted), *inspect_rounded_angles(posted)]
+        )
     # The other checks use the readings as they are after the exchange, or these checks would name all rows.
     exchange, view = exchange_proved_targets(posted)
     findings += exchange
-    suspects, good_rows = _inspect_positions(view, others)
-    findings = _leave_out_effects(findings, suspects)
+    suspects, good_rows = _inspect_rows(view)
     exchanged = {finding.where for finding in suspects if finding.code == "targets_swapped"}
     # Exchanged names of targets explain a large deflection: only the exchange is reported.
     findings = [f for f in findings if f.code != "deflection_implausibly_large" or f.where not in exchanged]
@@ -135,7 +124,7 @@ def inspect_measurements(
     findings += [*suspects, *inspect_repeats(view)]
     if good_rows.any():
         findings += [*inspect_rigidity(view, good_rows), *inspect_drift(view, good_rows)]
-        misplaced = find_other_columns(view) or find_moments_of_forces(view) or find_load_points_in_base(view)
+        misplaced = find_other_columns(view) or find_load_points_in_base(view)
         if misplaced:
             findings.append(misplaced)
         elif can_compare_deflections:
@@ -184,26 +173,18 @@ def inspect_unloaded(
         inspect_equal_targets,
     ):
         findings += check(view)
-    suspects, good_rows = _inspect_positions(view, others)
+    mistakes = find_mistakes(view, others)
+    suspects, good_rows = (mistakes, np.zeros(0, dtype=np.bool_)) if mistakes else _inspect_rows(view)
     findings = [*_leave_out_effects(findings, suspects), *suspects]
     if good_rows.any():
         findings += inspect_rigidity(view, good_rows)
     return _limit_kinds(findings)
 
 
-def _inspect_positions(view: View, others: Iterable[KnownRobot]) -> tuple[list[Finding], BoolArray]:
-    """Return findings on the places of the targets, and a mask (N,) of rows that may be checked further.
-
-    If one mistake explains all positions, it is the only finding, and no row may be checked further.
-    """
+def _inspect_rows(view: View) -> tuple[list[Finding], BoolArray]:
+    """Return findings on the places of targets in single rows, and a mask (N,) of rows to be checked."""
     suspects, good_rows = inspect_places(view)
-    if any(finding.code == "target_off_model" and finding.weight == "do_not_use" for finding in suspects):
-        mistakes = inspect_whole_set(view, others)
-        if mistakes:
-            return mistakes, np.zeros_like(good_rows)
-        if not good_rows.any():
-            suspects = _suspect_robot(suspects)
-    return suspects, good_rows
+    return (suspects if good_rows.any() else _suspect_robot(suspects)), good_rows
 
 
 def _leave_out_exchanged_rows(findings: list[Finding]) -> list[Finding]:
@@ -240,10 +221,12 @@ def _suspect_robot(findings: list[Finding]) -> list[Finding]:
     return [changed, *[finding for finding in findings if finding is not first]]
 
 
-def _leave_out_effects(findings: Iterable[Finding], suspects: Iterable[Finding]) -> list[Finding]:
+def _leave_out_effects(findings: Iterable[Finding], mistakes: Iterable[Finding]) -> list[Finding]:
     """Return findings about numbers alone without those that a mistake of the whole set causes."""
-    causes = {finding.code for finding in suspects if finding.where is None}
-    return [finding for finding in findings if not _FOLLOWS.get(finding.code, frozenset()) & causes]
+    causes = {finding.code for finding in mistakes if finding.where is None}
+    large: frozenset[FindingCode] = frozenset({"deflection_implausibly_large"} if causes else ())
+    kept = [finding for finding in findings if not _FOLLOWS.get(finding.code, frozenset()) & causes]
+    return [finding for finding in kept if finding.code not in large]
 
 
 def _limit_kinds(findings: Iterable[Finding]) -> list[Finding]:

@@ -12,8 +12,8 @@ other parts than the joints bend.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Final
 
@@ -23,41 +23,17 @@ from scipy import special
 from jointstiff.schemas.finding import AdvisedAction, Finding
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.fit.triangle import Triangle
-from jointstiff.solver.integrity.exchanged import (
-    describe_distances,
-    exchange_targets,
-    find_exchanged_targets,
-    report_exchanged_targets,
-)
-from jointstiff.solver.integrity.misplaced_loads import move_moments, turn_forces_with_flange
-from jointstiff.solver.integrity.mistaken_target import find_mistaken_target
-from jointstiff.solver.integrity.mistakes import (
-    EXPLAINED,
+from jointstiff.solver.integrity.by_places import find_small_mistake
+from jointstiff.solver.integrity.by_springs import find_correction
+from jointstiff.solver.integrity.explain import BETTER
+from jointstiff.solver.integrity.places import (
     LARGEST_MODEL_ERROR,
-    are_unusual,
     compute_median_places,
-    find_best_trial,
     find_consensus_places,
-    find_frame_mistake,
-    find_missing_signs,
-    find_scale_mistake,
-    find_zero_mistake,
     greatest_distances,
-    inspect_other_robots,
-    propose_angle_mistakes,
-    report_trial,
-    sample_rows,
+    see_from_flange,
 )
-from jointstiff.solver.integrity.mixed_units import find_mixed_units
-from jointstiff.solver.integrity.order import inspect_order
-from jointstiff.solver.integrity.orders_of_loads import list_orders_of_loads
-from jointstiff.solver.integrity.permuted_loads import find_order_of_loads, report_order_of_loads
-from jointstiff.solver.integrity.turned_forces import (
-    describe_axes,
-    find_axes_of_forces,
-    measure_turn,
-    turn_forces,
-)
+from jointstiff.solver.integrity.response import UNEXPLAINED, Springs, compute_observation_norms
 from jointstiff.solver.integrity.values import (
     FALSE_ALARM,
     MEDIAN_SIZE,
@@ -69,11 +45,10 @@ from jointstiff.solver.integrity.values import (
     median,
     transform_to_flange,
 )
-from jointstiff.solver.integrity.wrong_length import find_wrong_length
+from jointstiff.solver.meaning.decision import USUAL_RESIDUAL
 from jointstiff.solver.mechanics.block import RegressorBlock, get_whole_block, regressor_blocks
-from jointstiff.solver.mechanics.measurements import FORCE_UNITS, Measurements
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
-from jointstiff.solver.mechanics.robot import KnownRobot
 from jointstiff.solver.text import PAST_CARE, PAST_DO_NOT_USE, figure, length_text
 
 OUTLIER: Final = 10.0
@@ -114,130 +89,32 @@ _EXACT: Final = 1e-18
 
 
 def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
-    """Check that the targets are at the same places on the flange in every observation.
+    """Check row by row that the targets are at their places on the flange.
 
     Returns:
         The findings; and a mask (N,) of rows that may be checked further: their targets are at their usual
-        places, or no position was measured. The mask is all False if the whole set is mistaken.
+        places, or no position was measured.
     """
-    # A target that was read only once has no usual place.
-    comparable = view.measured & (view.measured.sum(axis=0) > 1)
-    rows = np.flatnonzero(comparable.any(axis=1))
-    may_be_checked = np.ones(len(comparable), dtype=np.bool_)
+    seen, _ = see_from_flange(view.postures, view.measurements)
+    seen = seen[:, 0]  # without load
+    rows = np.flatnonzero(np.isfinite(seen).any(axis=(1, 2)))
+    may_be_checked = np.ones(len(seen), dtype=np.bool_)
     if len(rows) < 2:
         return [], may_be_checked
-    seen_from_flange = np.where(comparable[..., None], view.places, np.nan)[rows]
-    usual_places = compute_median_places(seen_from_flange)
-    distances = greatest_distances(seen_from_flange, usual_places)
+    places = compute_median_places(seen[rows])
+    distances = greatest_distances(seen[rows], places)
     if distances.max() <= LARGEST_MODEL_ERROR:
-        exchanged, findings = _find_exchanges_under_load(view, rows, usual_places)
-        may_be_checked[exchanged] = False
-        mistyped = _report_mistyped_rows(view, rows, seen_from_flange, usual_places)
-        return [*_list_small_mistakes(view, rows, distances), *mistyped, *findings], may_be_checked
-    # Some targets are far from their usual places: find the mistake that explains this.
-    usual_places = find_consensus_places(seen_from_flange)
-    agrees = greatest_distances(seen_from_flange, usual_places) <= LARGEST_MODEL_ERROR
-    mixed_units = None if agrees.all() else find_mixed_units(view, rows, seen_from_flange)
-    if mixed_units is not None:
-        return [mixed_units], ~may_be_checked
-    sample = sample_rows(rows)
-    best = find_best_trial(view, sample)
-    explained_count, posted_share = int(best.explained.sum()), float(agrees.mean())
-    # The whole set is mistaken if the correction explains most rows, and clearly more than the posted values.
-    if explained_count >= EXPLAINED * len(sample) and explained_count / len(sample) > posted_share + 0.1:
-        mistake = _name_shifted_side(view, best.hypothesis.shift, report_trial(view, best, agrees, rows))
-        return [mistake], ~may_be_checked  # no row may be checked further
-    if 2 * agrees.sum() < len(rows) and 2 * explained_count < len(sample):
-        mistaken_target = find_mistaken_target(view, rows)
-        mixed_up = [mistaken_target] if mistaken_target else inspect_order(view, rows)
-        if mixed_up:
-            return mixed_up, ~may_be_checked
-    # If many rows are shifted, the places of the corrected rows are right, not those of the posted rows.
-    is_shifted = best.hypothesis.code == "observations_out_of_order"
-    if is_shifted and explained_count / len(sample) > posted_share:
-        usual_places = best.places
-        agrees = greatest_distances(seen_from_flange, usual_places) <= LARGEST_MODEL_ERROR
-    exchanged, findings_under_load = _find_exchanges_under_load(view, rows[agrees], usual_places)
-    may_be_checked[[*rows[~agrees], *exchanged]] = False
-    findings = [
-        *_inspect_disagreeing_rows(view, rows[~agrees], seen_from_flange[~agrees], usual_places),
-        *findings_under_load,
-    ]
-    # If less than half of the rows agree, no row may be checked further.
-    return findings, may_be_checked & (agrees.sum() >= max(2, len(rows) // 2))
-
-
-def _name_shifted_side(view: View, shift: int, mistake: Finding) -> Finding:
-    """Return the finding about angles of other rows with a remedy for the side that is shifted.
-
-    Each reading belongs to the angles `shift` rows after. The forces belong to either side: on the right one,
-    springs explain the deflections better. Without a shift, or a clear side, the finding stays as it is.
-    """
-    measurements = view.measurements
-    if not shift:
-        return mistake
-    own = np.arange(len(measurements))
-    own = own[(own + shift >= 0) & (own + shift < len(own))]
-    with_readings = replace(measurements[own], joints=measurements.joints[own + shift])
-    with_angles = replace(
-        with_readings, force=measurements.force[own + shift], moment=measurements.moment[own + shift]
-    )
-    is_too_short = int(with_readings.coordinates.sum()) < _ROWS_PER_JOINT * view.robot.n
-    if is_too_short or not (with_readings.force.any() or with_readings.moment.any()):
-        return mistake
-    by_readings, by_angles = (
-        Springs.fit(get_whole_block(view.robot, each)).unexplained for each in (with_readings, with_angles)
-    )
-    up, down = ("up", "last"), ("down", "first")
-    if by_readings < BETTER * by_angles:
-        way, end = up if shift > 0 else down
-        side = "the forces belong to the readings, so that the angles are shifted"
-        remedy = f"move the joint angles alone {way} by one row, and leave out the {end} observation"
-    elif by_angles < BETTER * by_readings:
-        way, end = down if shift > 0 else up
-        side = "the forces belong to the angles, so that the readings are shifted"
-        remedy = f"move all readings {way} by one row, and leave out the {end} observation"
+        small = find_small_mistake(view) if median(distances) > USUAL_RESIDUAL else None
+        findings = [*([small] if small else []), *_report_mistyped_rows(view, rows, seen[rows], places)]
     else:
-        return mistake
-    return mistake.model_copy(update={"message": f"{mistake.message}; {side}", "remedy": remedy})
-
-
-def _list_small_mistakes(view: View, rows: IndexArray, distances: FloatArray) -> list[Finding]:
-    """Return the finding about a scale, or the zero of a joint, that moves all targets by millimetres.
-
-    Args:
-        view: measurement set.
-        rows: (M,) indices of the rows with positions.
-        distances: (M,) greatest distance of a target from its usual place in each row [m].
-    """
-    if not are_unusual(distances):
-        return []
-    mistake = find_scale_mistake(view, rows) or find_zero_mistake(view, rows)
-    return [mistake] if mistake else []
-
-
-def inspect_whole_set(view: View, others: Iterable[KnownRobot]) -> list[Finding]:
-    """Find why the targets of a whole set have no places on the flange, if no correction of the joints does.
-
-    Another robot may have been measured, the positions may be in another frame, signs may be missing, or a
-    length of the model may be wrong.
-    Mistakes in single rows give no finding.
-
-    Args:
-        view: measurement set.
-        others: robots that may have been measured.
-    """
-    comparable = view.measured & (view.measured.sum(axis=0) > 1)
-    rows = np.flatnonzero(comparable.any(axis=1))
-    if robots := list(inspect_other_robots(view, others)):
-        return robots
-    finding = (
-        find_frame_mistake(view, rows)
-        or find_scale_mistake(view, rows)
-        or find_missing_signs(view, rows)
-        or find_wrong_length(view, rows)
-    )
-    return [finding] if finding else []
+        findings, places = [], find_consensus_places(seen[rows])
+    agrees = greatest_distances(seen[rows], places) <= LARGEST_MODEL_ERROR
+    if not agrees.all():
+        findings = list(_inspect_disagreeing_rows(view, rows[~agrees], seen[rows[~agrees]], places))
+    exchanged, under_load = _find_exchanges_under_load(view, rows[agrees], places)
+    may_be_checked[[*rows[~agrees], *exchanged]] = False
+    # If less than half of the rows agree, no row may be checked further.
+    return [*findings, *under_load], may_be_checked & (agrees.sum() >= max(2, len(rows) // 2))
 
 
 def _inspect_disagreeing_rows(
@@ -894,13 +771,6 @@ def _compress_drift_rows(view: View, rows: IndexArray, targets: BoolArray) -> Tr
     return triangle
 
 
-UNEXPLAINED: Final = 0.5
-"""Greatest unexplained share of the median deflection: joints explain 80 % of the deflection of a real robot,
-and half by the worst published method."""
-WORTH_A_SEARCH: Final = 0.05
-"""Unexplained share above which a mistake of the whole set is searched, if no position was read."""
-BETTER: Final = 0.5
-"""Ratio of the unexplained share after a correction to that before, below which a mistake is reported."""
 FLIPPED: Final = 0.5
 """Ratio of the residual with the load reversed to that with the load as posted, below which the load is
 reported as reversed. The ratio is near 0 for a wrong sign."""
@@ -911,10 +781,6 @@ _MORE_THAN_OTHERS: Final = 3.0
 """Residual with the load reversed, relative to the median residual of the observations, that is usual."""
 _SEEN_IN_NOISE: Final = 2.0
 """Predicted motion, relative to the median residual, above which noise does not turn a deflection."""
-LEAST_OBSERVATIONS_OF_TURN: Final = 6
-"""Least number of observations that show the axes of the forces: fewer fit well in some axes by chance."""
-LEAST_TURN: Final = 0.05
-"""Least turn of all forces [rad] that is reported: a rope is known to some degrees."""
 BEYOND_NOISE: Final = 5.0
 """Deflection, in standard deviations of its noise, above which it is not noise."""
 AGAINST_SIGMAS: Final = 5.0
@@ -928,118 +794,7 @@ SMALLEST_RESIDUAL: Final = 5e-6
 _LEAST_SHIFTED: Final = 3
 """Least number of successive rows that a shift must explain: one row may match its neighbour by chance, and
 two rows may be exchanged."""
-_SAME_STEP: Final = 0.01
-"""Largest deviation of the steps of a series from their median, relative to the median: rounded numbers."""
-_TWO_VARIANCES: Final = 2.0
-"""Ratio of sums of squares of residuals above which forces of one size explain deflections better than
-a series of sizes: for a series of weights that hung, the ratio is below 1."""
 _ROWS_PER_JOINT: Final = 3
-_ROUNDS: Final = 8
-_NULL: Final = 1e-9
-"""Norm of a column, relative to the largest, below which no load twists its joint."""
-_RIDGE: Final = 1e-9
-"""Regularisation, relative to unit columns, that keeps undetermined combinations of compliances near zero."""
-_SAMPLE: Final = 2000
-"""Greatest number of observations in a fit, enough to determine a few compliances and check all
-observations."""
-_ALL: Final = slice(None)
-
-
-@dataclass(frozen=True, eq=False)
-class Springs:
-    """Fit of joint compliances to the deflections of N observations of T targets."""
-
-    predicted: FloatArray  #: (N, T, 3) deflections [m]; zero where not read
-    residual: FloatArray  #: (N, T, 3) measured less predicted [m]
-    work: float  #: predicted work of the load, summed over the observations [J]; positive for springs
-    parameter_count: int  #: number of joints that were fitted
-    unexplained: float  #: median residual of an observation over its median deflection
-
-    @classmethod
-    def fit(cls, block: RegressorBlock, rows: slice = _ALL, shift: int = 0) -> Springs:
-        """Fit compliances of either sign to deflections, so that the sum of the residuals' lengths is least.
-
-        The sum of lengths, not of squares, keeps a few mistaken rows from changing the fit.
-
-        Args:
-            block: regressor and deflections of the whole set.
-            rows: rows whose deflections are fitted; the deflections of all rows are predicted.
-            shift: number of rows by which readings are shifted: the deflections of row i are fitted with load
-                and posture of row i + shift.
-        """
-        deflection, count = block.measurements.deflection, len(block.A)
-        fitted_rows = np.arange(count)[rows]
-        fitted_rows = fitted_rows[(fitted_rows + shift >= 0) & (fitted_rows + shift < count)]
-        fitted_rows = fitted_rows[:: max(1, -(-len(fitted_rows) // _SAMPLE))]
-        regressor_rows = block.A[fitted_rows + shift].reshape(len(fitted_rows), -1, block.A.shape[-1])
-        compliance = _minimise_distances(
-            regressor_rows, deflection[fitted_rows].reshape(len(fitted_rows), -1)
-        )
-        predicted = block.A @ compliance
-        typical_deflection = median(compute_observation_norms(deflection))
-        return cls(
-            predicted=predicted,
-            residual=deflection - predicted,
-            work=float((block.torque**2).sum(axis=0) @ compliance),
-            parameter_count=int(np.count_nonzero(compliance)),
-            unexplained=float(median(compute_observation_norms(deflection - predicted)) / typical_deflection)
-            if typical_deflection
-            else 0.0,
-        )
-
-
-def _minimise_distances(A: FloatArray, d: FloatArray) -> FloatArray:
-    """Return the compliances c (n,) that minimise Σ ‖d_i − A_i c‖ (iteratively reweighted least squares).
-
-    Args:
-        A: (K, m, n) regressors A_i.
-        d: (K, m) deflections d_i [m].
-    """
-    norms = np.sqrt((A**2).sum(axis=(0, 1)))
-    visible = np.flatnonzero(norms > _NULL * norms.max())
-    compliance = np.zeros(A.shape[-1])
-    if not len(visible):
-        return compliance
-    scaled = A[..., visible] / norms[visible]
-    gram, moment = scaled.transpose(0, 2, 1) @ scaled, np.einsum("kij,ki->kj", scaled, d)
-    weight, ridge = np.ones(len(d)), _RIDGE / len(d) * np.eye(len(visible))
-    for _ in range(_ROUNDS):
-        weighted_gram = np.einsum("k,kij->ij", weight, gram) / weight.sum()
-        scaled_compliance = np.linalg.solve(weighted_gram + ridge, weight @ moment / weight.sum())
-        distance = np.linalg.norm(d - scaled @ scaled_compliance, axis=1)
-        weight = 1.0 / np.maximum(distance, max(1e-3 * median(distance), 1e-12))
-    compliance[visible] = scaled_compliance / norms[visible]
-    return compliance
-
-
-def compute_observation_norms(rows: FloatArray) -> FloatArray:
-    """Return the Euclidean norm (N,) of all components of each observation."""
-    return np.asarray(np.linalg.norm(rows.reshape(len(rows), -1), axis=1))
-
-
-def exchange_proved_targets(view: View) -> tuple[list[Finding], View]:
-    """Report targets whose unloaded and loaded readings are exchanged, as distances between targets prove.
-
-    Distances show which targets differ from the others, not which of the two groups is exchanged: springs
-    yield to the load in one of the two cases only.
-
-    Returns:
-        The finding, if any; and the set without the exchange.
-    """
-    exchanged = find_exchanged_targets(view)
-    if exchanged is None:
-        return [], view
-    evidence = describe_distances(exchanged)
-    rows, targets = np.flatnonzero(view.loaded), exchanged.targets
-    corrected = exchange_targets(view.measurements, targets)
-    if int(corrected.coordinates[rows].sum()) < _ROWS_PER_JOINT * view.robot.n:
-        undecided = [report_exchanged_targets(view, targets, evidence, ~targets)]
-        return undecided, replace(view, measurements=corrected)
-    if Springs.fit(get_whole_block(view.robot, corrected[rows])).work < 0.0:
-        targets = ~targets
-        corrected = exchange_targets(view.measurements, targets)
-    found = [report_exchanged_targets(view, targets, evidence)]
-    return found, replace(view, measurements=corrected)
 
 
 def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
@@ -1112,8 +867,8 @@ def _find_mistake_of_the_set(
 ) -> Finding | None:
     """Return the finding about a mistake in all or many rows; None if no such mistake is found.
 
-    Mistaken angles and shifted rows are searched only if no positions were measured: with positions, other
-    checks have searched them.
+    Shifted rows are searched only if no positions were measured: with positions, other checks have searched
+    them.
 
     Args:
         view: measurement set.
@@ -1121,18 +876,11 @@ def _find_mistake_of_the_set(
         block: regressor and deflections of these rows.
         springs: fit of these rows.
     """
-    if not view.measured.any():
-        if springs.unexplained > WORTH_A_SEARCH and (mistake := _find_mistaken_angles(view, block, springs)):
-            return mistake
-        if shifted := _find_shifted_rows(view, rows, block, springs):
-            return shifted
     measurements = block.measurements
-    if springs.unexplained > (UNEXPLAINED if view.measured.any() else WORTH_A_SEARCH) and (
-        exchanged := _find_exchanged_by_springs(view, block, springs)
-    ):
-        return exchanged
-    if mistaken := _find_mistaken_loads(view, block, springs):
-        return mistaken
+    if mistake := find_correction(view, measurements, springs):
+        return mistake
+    if not view.measured.any() and (shifted := _find_shifted_rows(view, rows, block, springs)):
+        return shifted
     if springs.unexplained > UNEXPLAINED:
         return _build_unexplained_finding(view, measurements, springs)
     if springs.work >= 0.0:
@@ -1146,205 +894,6 @@ def _find_mistake_of_the_set(
         "unloaded and the loaded readings",
         "do_not_use",
         AdvisedAction.of("exchange_readings"),
-    )
-
-
-def _find_mistaken_loads(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
-    """Return the finding about loads of other rows, in other axes or about another point; else None."""
-    if springs.unexplained > WORTH_A_SEARCH:
-        mistaken = (
-            _find_forces_of_other_rows(view, block, springs)
-            or _find_other_loads(view, block, springs)
-            or _find_turned_forces(view, block, springs)
-        )
-        if mistaken is not None:
-            return mistaken
-    if found := find_order_of_loads(view, block.measurements):
-        return report_order_of_loads(view, block.measurements, found)
-    return _find_series_of_forces(view, block, springs)
-
-
-def _find_series_of_forces(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
-    """Return the finding that a spreadsheet filled a column of forces with a series; else None.
-
-    The sizes of the forces rise or fall by exactly the same step from row to row, but springs explain the
-    deflections much better under forces of one size.
-    """
-    sizes = np.linalg.norm(view.measurements.force, axis=1)
-    steps = np.diff(sizes)
-    if len(sizes) < LEAST_OBSERVATIONS_OF_TURN or not sizes.all():
-        return None
-    step = float(median(steps))
-    if np.abs(steps - step).max() > _SAME_STEP * abs(step):  # also if all sizes are equal
-        return None
-    force = block.measurements.force
-    of_one_size = sizes[0] * force / np.linalg.norm(force, axis=1, keepdims=True)
-    fit = Springs.fit(get_whole_block(view.robot, replace(block.measurements, force=of_one_size)))
-    if (springs.residual**2).sum() < _TWO_VARIANCES * (fit.residual**2).sum():
-        return None
-    first = f"{figure(float(sizes[0]))} N ({figure(float(sizes[0]) / FORCE_UNITS['kgf'])} kg)"
-    return view.build_finding(
-        "observations_out_of_order",
-        f"the force changes by exactly {figure(step)} N ({figure(step / FORCE_UNITS['kgf'])} kg) from row to "
-        f"row, from {first} on, as a spreadsheet fills a column by dragging its first cell: joint "
-        f"compliances leave {100.0 * springs.unexplained:.3g} % of the deflections unexplained, and with one "
-        f"size in all rows {100.0 * fit.unexplained:.3g} %",
-        f"if one weight hung in all rows, write its mass or force in each row, such as {first}; else write "
-        "the loads that were on",
-        "do_not_use",
-    )
-
-
-def _find_exchanged_by_springs(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
-    """Return the finding about targets whose deflections are reversed in all rows; None without a proof.
-
-    One target after the other is reversed while the unexplained share decreases. The share must become less
-    than half, and springs must then yield to the load.
-    """
-    measurements = block.measurements
-    targets, best = np.zeros(len(measurements.targets), dtype=np.bool_), springs
-    while True:
-        trials = [targets ^ one for one in np.eye(len(targets), dtype=np.bool_)]
-        fits = [
-            Springs.fit(get_whole_block(view.robot, exchange_targets(measurements, trial)))
-            for trial in trials
-        ]
-        least = min(range(len(fits)), key=lambda trial: fits[trial].unexplained)
-        if not fits[least].unexplained < best.unexplained:
-            break
-        targets, best = trials[least], fits[least]
-    if best.unexplained >= BETTER * springs.unexplained or best.unexplained > UNEXPLAINED:
-        return None
-    if best.work < 0.0:
-        targets = ~targets
-    if targets.all():  # the sign of the load, which other checks name
-        return None
-    return report_exchanged_targets(
-        view,
-        targets,
-        f"joint compliances leave {100.0 * springs.unexplained:.3g} % of the deflections unexplained, and "
-        f"after the exchange {100.0 * best.unexplained:.3g} %",
-    )
-
-
-def _find_forces_of_other_rows(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
-    """Return the finding about loads in another order than the readings, which a mistake of bookkeeping made.
-
-    The loads are in the order of sorted labels, shifted alike as if a row was missing at the beginning or at
-    the end, or in reverse order. None is returned if no order of the loads leaves a small share unexplained.
-    A shift that explains much less than the best of all orders is not reported, but this order.
-    """
-    measurements = block.measurements
-    loads = np.hstack([measurements.force, measurements.moment])
-    if len(loads) < LEAST_OBSERVATIONS_OF_TURN or np.allclose(loads, loads[0]):
-        return None
-    orders = list_orders_of_loads(measurements.labels)
-    fits = [
-        Springs.fit(get_whole_block(view.robot, _reorder_loads(measurements, order.rows))) for order in orders
-    ]
-    best = min(range(len(fits)), key=lambda trial: fits[trial].unexplained)
-    fit, order = fits[best], orders[best]
-    others = [other.unexplained for other in fits if other is not fit]
-    is_better = fit.unexplained < BETTER * min([springs.unexplained, *others]) and fit.work > 0.0
-    if not is_better or fit.unexplained > UNEXPLAINED:
-        return None
-    if fit.unexplained > WORTH_A_SEARCH and (found := find_order_of_loads(view, measurements)):
-        is_of_some_rows = (found.order == order.rows).sum() < len(loads) - order.shift
-        if is_of_some_rows and found.after < BETTER * fit.unexplained:
-            return report_order_of_loads(view, measurements, found)
-    return view.build_finding(
-        "observations_out_of_order",
-        f"{order.cause}: joint compliances leave {100.0 * springs.unexplained:.3g} % of the deflections "
-        f"unexplained, and with the forces in that order {100.0 * fit.unexplained:.3g} %",
-        f"{order.remedy}; {PAST_DO_NOT_USE}",
-        "do_not_use",
-    )
-
-
-def _reorder_loads(measurements: Measurements, order: IndexArray) -> Measurements:
-    """Return the measurements whose row i has the force and the moment of row `order[i]`."""
-    return replace(measurements, force=measurements.force[order], moment=measurements.moment[order])
-
-
-def _find_turned_forces(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
-    """Return the finding about forces in other axes than R0, which halve what springs leave unexplained.
-
-    None is returned if no axes do, or if the axes are turned by less than `LEAST_TURN`.
-    """
-    measurements = block.measurements
-    if len(measurements) < LEAST_OBSERVATIONS_OF_TURN:
-        return None
-    axes = find_axes_of_forces(view.robot, measurements)
-    turned = Springs.fit(get_whole_block(view.robot, turn_forces(measurements, axes)))
-    is_better = turned.unexplained < BETTER * springs.unexplained and turned.work > 0.0
-    if not is_better or measure_turn(axes) < LEAST_TURN:
-        return None
-    return view.build_finding(
-        "frame_mistaken",
-        f"the forces are not in the axes of R0: joint compliances leave {100.0 * springs.unexplained:.3g} % "
-        f"of the deflections unexplained, and {describe_axes(axes)} {100.0 * turned.unexplained:.3g} %",
-        "give the forces in the axes of R0; forces in the axes of a tracker's frame that is stated need "
-        f"`forces` `tracker` in the `frame`; {PAST_DO_NOT_USE}",
-        "do_not_use",
-    )
-
-
-def _find_other_loads(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
-    """Return the finding about loads that were stated in another way, which halves the unexplained share.
-
-    The loads must explain the deflections better than forces in any fixed axes.
-    """
-    measurements = block.measurements
-    if len(measurements) < LEAST_OBSERVATIONS_OF_TURN:
-        return None
-    limit = min(BETTER * springs.unexplained, UNEXPLAINED)
-    fits = []
-    for other in (
-        *turn_forces_with_flange(view.robot, measurements),
-        *move_moments(view.robot, measurements),
-    ):
-        fit = Springs.fit(get_whole_block(view.robot, other.measurements))
-        if fit.unexplained < limit:
-            fits.append((fit, other))
-    if not fits:
-        return None
-    best, loads = min(fits, key=lambda pair: pair[0].unexplained)
-    axes = find_axes_of_forces(view.robot, measurements)
-    in_fixed_axes = Springs.fit(get_whole_block(view.robot, turn_forces(measurements, axes)))
-    if in_fixed_axes.unexplained <= best.unexplained:
-        return None
-    reversed_too = best.work < 0.0
-    change = f"{loads.change} and reversed" if reversed_too else loads.change
-    remedy = f"{loads.remedy}, and change their sign" if reversed_too else loads.remedy
-    return view.build_finding(
-        "frame_mistaken",
-        f"{loads.cause}: joint compliances leave {100.0 * springs.unexplained:.3g} % of the deflections "
-        f"unexplained, and {change}, {100.0 * best.unexplained:.3g} %",
-        f"{remedy}; {PAST_DO_NOT_USE}",
-        "do_not_use",
-    )
-
-
-def _find_mistaken_angles(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
-    """Return the finding about mistaken angles whose correction halves the unexplained share of deflections.
-
-    None is returned if no correction halves the share.
-    """
-    measurements, trials = block.measurements, []
-    for hypothesis in propose_angle_mistakes(
-        measurements.joints, np.arange(len(measurements)), view.robot.joint_names
-    ):
-        corrected = replace(measurements[hypothesis.rows], joints=hypothesis.joints)
-        trials.append((Springs.fit(get_whole_block(view.robot, corrected)).unexplained, hypothesis))
-    unexplained, best = min(trials, key=lambda pair: pair[0])
-    if unexplained >= BETTER * springs.unexplained or unexplained > UNEXPLAINED:
-        return None
-    return view.build_finding(
-        best.code,
-        f"joint compliances leave {100.0 * springs.unexplained:.3g} % of the deflections "
-        f"unexplained; with {best.change}, {100.0 * unexplained:.3g} %",
-        best.remedy,
-        "do_not_use",
     )
 
 

@@ -7,24 +7,16 @@ two states is wrong. Coordinates are compared as they were read, in the axes of 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations
 from typing import Final
 
 import numpy as np
 
 from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.integrity.mistakes import (
-    EXPLAINED,
-    LARGEST_MODEL_ERROR,
-    find_consensus_places,
-    greatest_distances,
-)
-from jointstiff.solver.integrity.values import LARGEST_DEFLECTION, LENGTH_UNITS, View, transform_to_flange
+from jointstiff.solver.integrity.values import LARGEST_DEFLECTION, View
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.text import figure, length_text, list_labels
+from jointstiff.solver.text import length_text, list_labels
 
 _LEAST_ROWS: Final = 4
 """Least number of observations that show a mistake in all readings of one state."""
@@ -60,153 +52,6 @@ class _States:
         unloaded = np.where(measured, measurements.position, np.nan)
         loaded = unloaded + measurements.deflection
         return cls(view.as_read(unloaded), view.as_read(loaded))
-
-
-def find_mistaken_state(view: View) -> Finding | None:
-    """Return the finding that the readings of one state have another unit or exchanged axes; None without it.
-
-    Args:
-        view: measurement set.
-    """
-    if view.measurements.direction is not None:  # readings along one direction are no positions
-        return None
-    states = _States.of(view)
-    distances = np.linalg.norm(states.loaded - states.unloaded, axis=2)
-    counts = np.maximum(view.measured.sum(axis=0), 1)
-    far_share = (distances > LARGEST_DEFLECTION).sum(axis=0) / counts
-    is_far = (far_share > _FAR) & (counts >= _LEAST_ROWS)
-    if not is_far.any():
-        return None
-    if is_far[counts >= _LEAST_ROWS].all():
-        other_unit = _find_other_unit(view, states)
-        if other_unit is not None:
-            return other_unit
-    return _find_exchanged_axes(view, states, is_far)
-
-
-def _find_other_unit(view: View, states: _States) -> Finding | None:
-    """Return the finding that all lengths of one state have another unit; None without it."""
-    for greater, smaller, ratio in LENGTH_UNITS:
-        for greater_is_unloaded in (True, False):
-            large, small = states.unloaded, states.loaded
-            if not greater_is_unloaded:
-                large, small = small, large
-            difference = np.linalg.norm(large - ratio * small, axis=2)
-            is_same = difference <= _SAME_NUMBERS * np.linalg.norm(large, axis=2)
-            if is_same[view.measured].mean() < EXPLAINED:
-                continue
-            names = ("unloaded", "loaded") if greater_is_unloaded else ("loaded", "unloaded")
-            fits = [keep_places(view, positions) for positions in (large, small)]
-            return _report_unit(view, names, (greater, smaller), ratio, fits)
-    return None
-
-
-def _report_unit(
-    view: View, names: tuple[str, str], units: tuple[str, str], ratio: float, fits: Sequence[bool]
-) -> Finding:
-    """Build the finding that one state has another unit than the other state.
-
-    Args:
-        view: measurement set.
-        names: state with the greater numbers, and the other one.
-        units: units of these states.
-        ratio: ratio of the numbers.
-        fits: whether the robot reaches the positions of these states as declared.
-    """
-    factor = figure(ratio)
-    message = (
-        f"all {names[0]} positions are {factor} times the {names[1]} positions, as if the {names[0]} "
-        f"readings were in {units[0]} and the {names[1]} readings in {units[1]}"
-    )
-    multiply, divide = f"multiply the {names[1]} readings by {factor}", f"divide the {names[0]} by {factor}"
-    remedy = f"give both states in one unit: {multiply}, or {divide}"
-    if fits[0] and not fits[1]:
-        remedy = f"{multiply}, so that both states are in one unit"
-    elif fits[1] and not fits[0]:
-        remedy = f"divide the {names[0]} readings by {factor}, so that both states are in one unit"
-    return view.build_finding("length_unit_suspect", message, f"{remedy}", "do_not_use")
-
-
-def _find_exchanged_axes(view: View, states: _States, is_far: BoolArray) -> Finding | None:
-    """Return the finding that axes of one state of some targets are exchanged or reversed; None without it.
-
-    Args:
-        view: measurement set.
-        states: positions as they were read.
-        is_far: (T,) mask of the targets whose two states are far apart.
-    """
-    unloaded, loaded = states.unloaded[:, is_far], states.loaded[:, is_far]
-    best, least, axes = 0.0, np.inf, np.eye(3)
-    for tried in _list_axes():
-        distances = np.linalg.norm(loaded @ tried.T - unloaded, axis=2)[view.measured[:, is_far]]
-        share, typical = float(np.mean(distances <= LARGEST_DEFLECTION)), float(np.median(distances))
-        if share >= EXPLAINED and typical < least:
-            best, least, axes = share, typical, tried
-    if not best:
-        return None
-    unloaded_fits, loaded_fits = keep_places(view, unloaded), keep_places(view, loaded)
-    if unloaded_fits == loaded_fits:
-        return None
-    state = "loaded" if unloaded_fits else "unloaded"
-    # Axes that bring the readings of the mistaken state to R0.
-    change = axes if unloaded_fits else axes.T
-    names = [f"'{view.measurements.targets[target]}'" for target in np.flatnonzero(is_far).tolist()]
-    whose = f"the {state} readings of {', '.join(names)}"
-    if is_far.all():
-        whose = f"all {state} readings"
-    cause, remedy, words = _describe_change(change, whose)
-    far = np.linalg.norm(loaded - unloaded, axis=2)
-    message = (
-        f"{cause}: as given, the targets move by up to {length_text(float(np.nanmax(far)))} under load; "
-        f"with {words}, by {length_text(least)} in the median"
-    )
-    remedy = f"{remedy}, and leave all other readings as they are"
-    return view.build_finding("target_off_model", message, remedy, "do_not_use")
-
-
-def _describe_change(axes: FloatArray, whose: str) -> tuple[str, str, str]:
-    """Return cause, remedy and change in words, for axes (3, 3) in which the readings are right."""
-    columns = np.abs(axes).argmax(axis=1)
-    signs = axes[np.arange(3), columns]
-    moved = [int(axis) for axis in np.flatnonzero(columns != np.arange(3))]
-    if len(moved) == 2 and (signs > 0.0).all():
-        pair = " and ".join("xyz"[axis] for axis in moved)
-        return f"{pair} of {whose} are exchanged", f"exchange {pair} of {whose}", f"{pair} exchanged"
-    reversed_axes = " and ".join("xyz"[axis] for axis in np.flatnonzero(signs < 0.0))
-    if not moved:
-        noun = "the signs" if (signs < 0.0).sum() > 1 else "the sign"
-        return (
-            f"{noun} of {reversed_axes} of {whose} {'are' if noun.endswith('s') else 'is'} reversed",
-            f"reverse {noun} of {reversed_axes} of {whose}",
-            f"{reversed_axes} reversed",
-        )
-    names = ", ".join(
-        ("−" if sign < 0.0 else "") + "xyz"[column] for sign, column in zip(signs, columns, strict=True)
-    )
-    return f"the axes of {whose} are exchanged", f"give {names} of {whose} as x, y, z", f"{names} as x, y, z"
-
-
-def _list_axes() -> Iterator[FloatArray]:
-    """Yield all exchanged and reversed axes (3, 3) but the given ones, those with fewest reversals first."""
-    for signs in sorted(np.ndindex(2, 2, 2), key=sum):
-        for order in permutations(range(3)):
-            axes = (1.0 - 2.0 * np.array(signs))[:, None] * np.eye(3)[list(order)]
-            if not np.array_equal(axes, np.eye(3)):
-                yield axes
-
-
-def keep_places(view: View, positions: FloatArray) -> bool:
-    """Return whether targets (N, K, 3), as they were read, are at the same places on the flange in most rows.
-
-    Targets that hardly move keep their places with an arm that hardly moves: they show nothing.
-    """
-    measured = np.isfinite(positions[..., 0])
-    rows = np.flatnonzero(measured.any(axis=1))
-    in_base = view.to_base(positions)
-    moves = float(in_base[measured].std(axis=0).max()) > LARGEST_MODEL_ERROR
-    seen = transform_to_flange(view.postures, np.nan_to_num(in_base), measured)[rows]
-    distances = greatest_distances(seen, find_consensus_places(seen))
-    return moves and bool(np.mean(distances <= LARGEST_MODEL_ERROR) >= EXPLAINED)
 
 
 def leave_out_zeros(view: View) -> tuple[list[Finding], View]:

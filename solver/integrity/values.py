@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -51,6 +52,8 @@ LENGTH_UNITS: Final = (
 """Unit of the greater numbers, unit of the smaller numbers, and their ratio."""
 IN_ORDER: Final = 0.8
 """If a joint's angle correlates more strongly with the row number, the set counts as measured in order."""
+_LEAST_EQUAL: Final = 4
+"""Least number of observations of two targets that show equal readings."""
 FALSE_ALARM: Final = 1e-6
 """Significance level of a check: a dozen checks of one set a day give no false finding in centuries."""
 MODEL_ALLOWANCE: Final = 1.5
@@ -603,3 +606,22 @@ def _pool_scatter(values: FloatArray, coordinates: IndexArray, keys: FloatArray)
         degrees_of_freedom += (len(rows) - 1) * int(coordinates[first_row].sum())
         repeated_count += len(rows) - 1
     return squares / max(degrees_of_freedom, 1), degrees_of_freedom, repeated_count
+
+
+def inspect_equal_targets(view: View) -> Iterator[Finding]:
+    """Report pairs of targets whose readings are equal in every digit in all observations of both."""
+    measurements = view.measurements
+    readings = np.concatenate([measurements.position, measurements.deflection], axis=2)
+    for first, second in combinations(range(len(measurements.targets)), 2):
+        both = measurements.present[:, first] & measurements.present[:, second]
+        are_few = int(both.sum()) < _LEAST_EQUAL
+        if are_few or not np.array_equal(readings[both, first], readings[both, second]):
+            continue
+        names = [measurements.targets[target] for target in (first, second)]
+        yield view.build_finding(
+            "repeated_readings",
+            f"the targets '{names[0]}' and '{names[1]}' have the same readings to the last digit in "
+            f"{both.sum()} observations: they count as two targets, and were read once",
+            f"give '{names[1]}' its own readings, or leave out this target; {PAST_DO_NOT_USE}",
+            "do_not_use",
+        )

@@ -58,7 +58,6 @@ class Decision:
     reason: str  #: why there is no interpretation; empty with one
     #: fitting interpretations with the same joints, whose x, y and z belong to two states of a target
     shifted: tuple[Interpretation, ...] = ()
-    other_arm: Interpretation | None = None  #: best one of another arm, if no margin excludes the arm
 
 
 def decide(interpretations: Sequence[Interpretation]) -> Decision:
@@ -85,18 +84,12 @@ def decide(interpretations: Sequence[Interpretation]) -> Decision:
     equals = tuple(each for each in compared if each is not best and _have_same_effect(each, best))
     shifted = tuple(each for each in measured if _is_shifted(each, (best, *equals)))
     others = [each for each in compared if each not in equals and each not in shifted]
-    by_other_arms = [each for each in others if _has_joints_of_another_arm(each, best)]
-    by_this_arm = [each for each in others if each not in by_other_arms]
-    rival, votes = _find_rival(best, by_this_arm, fitting, equals)
+    rival, votes = _find_rival(best, others, fitting, equals)
     reason = _find_obstacle(best, votes)
     if reason:
         return Decision(None, rival or best, equals, reason)
     shifted = tuple(each for each in shifted if each in of_this_hand)
-    arm, votes_of_arm = _find_rival(best, by_other_arms, fitting, equals)
-    if votes_of_arm.margin < _LEAST_VOTES:
-        return Decision(best, arm, equals, "", shifted, arm)
-    nearest = arm if votes_of_arm.margin < votes.margin else rival
-    return Decision(best, nearest, equals, "", shifted)
+    return Decision(best, rival, equals, "", shifted)
 
 
 def _leave_out_mixtures(measured: Sequence[Interpretation]) -> list[Interpretation]:
@@ -252,11 +245,10 @@ def _choose_simplest(measured: Sequence[Interpretation]) -> Interpretation:
 
 
 def _read_same_joints(first: Interpretation, second: Interpretation) -> bool:
-    """Return whether two interpretations have the same robot, columns of joints, unit and counting."""
+    """Return whether two interpretations have the same columns of joints, unit and counting."""
     joints, other_joints = first.joints, second.joints
     return (
-        first.known is second.known
-        and joints.table == other_joints.table
+        joints.table == other_joints.table
         and joints.columns == other_joints.columns
         and joints.unit == other_joints.unit
         and joints.counting.name == other_joints.counting.name
@@ -268,27 +260,10 @@ def _have_same_columns(first: Interpretation, second: Interpretation) -> bool:
     return _are_same_positions(first.points, second.points) and _read_same_joints(first, second)
 
 
-def _has_joints_of_another_arm(other: Interpretation, best: Interpretation) -> bool:
-    """Return whether two interpretations take the same columns for joints, of another arm.
-
-    A person who states the arm decides between them, whatever columns are the positions.
-    """
-    joints, best_joints = other.joints, best.joints
-    return (
-        other.known is not best.known
-        and joints.table == best_joints.table
-        and joints.columns == best_joints.columns
-        and joints.unit == best_joints.unit
-        and joints.groups == best_joints.groups
-        and other.fit.unit == best.fit.unit
-    )
-
-
 def _have_same_effect(first: Interpretation, second: Interpretation) -> bool:
     """Return whether two interpretations of the same columns have the same residual but for rounding.
 
-    For example two robots that differ in nothing that moves the targets, or two ways to count joints that
-    the frame of the positions makes equal.
+    For example two ways to count joints that the frame of the positions makes equal.
     """
     joints, other_joints = first.joints, second.joints
     are_same_columns = (
@@ -365,7 +340,7 @@ def _is_shifted(other: Interpretation, tied: Sequence[Interpretation]) -> bool:
 
 def _read_mirrored_joints(first: Interpretation, second: Interpretation) -> bool:
     """Return whether two interpretations differ in the signs of J1, J4 and J6, which mirror an arm."""
-    if first.known is not second.known or first.known.robot.n != len(MIRRORED_SIGNS):
+    if first.robot.n != len(MIRRORED_SIGNS):
         return False
     joints, other_joints = first.joints, second.joints
     are_same_columns = joints.columns == other_joints.columns and joints.unit == other_joints.unit
@@ -438,21 +413,15 @@ def compute_plausible_scale_error(movement: float) -> float:
     return max(LARGEST_SCALE_ERROR, LARGEST_LENGTH_ERROR / movement)
 
 
-def find_doubt(
-    best: Interpretation, other_arm: Interpretation | None, interpretations: Sequence[Interpretation]
-) -> str:
+def find_doubt(best: Interpretation, interpretations: Sequence[Interpretation]) -> str:
     """Return the question that only a person can decide; empty without one.
 
-    Another arm may fit, too: arms of one size differ by some millimetres. Positions in a left-handed frame
-    have exchanged axes, or one axis with the wrong sign: a person looks. The best interpretation may count
-    joints as another maker does. The readings then often fit as well with the robot's own counting, if two of
-    the axes x, y and z are exchanged, so that the frame is mirrored.
+    Positions in a left-handed frame have exchanged axes, or one axis with the wrong sign: a person looks. The
+    best interpretation may count joints as another maker does. The readings then often fit as well with the
+    robot's own counting, if two of the axes x, y and z are exchanged, so that the frame is mirrored.
     """
     if best.fit.frame.is_mirrored:
         return "two of x, y and z seem to be exchanged, or the sign of one of them is wrong"
-    if other_arm is not None:
-        distance = f"{other_arm.fit.typical * 1e3:.2g} mm"
-        return f"the {other_arm.known.name} fits to {distance}, so that the robot must be stated"
     if best.joints.counting.is_own:
         return ""
     for other in interpretations:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -33,7 +33,7 @@ from jointstiff.solver.meaning.search import (
     find_interpretations,
 )
 from jointstiff.solver.meaning.table import JointColumns, LengthUnit, PointColumns, Table
-from jointstiff.solver.mechanics.robot import KnownRobot, Robot
+from jointstiff.solver.mechanics.robot import Robot
 
 _SAME_PLACE: Final = 0.02
 """Distance [m] of places on the flange up to which two readings are states of one target."""
@@ -58,7 +58,6 @@ class TargetReading:
 class Proposal:
     """Meaning of tables by the robot that fits."""
 
-    robots: tuple[KnownRobot, ...]  #: robots that fit alike; the first is proposed
     joints: JointColumns
     readings: tuple[TargetReading, ...]
     unit: LengthUnit  #: of the positions
@@ -106,12 +105,12 @@ class Proposals:
     readings: tuple[Interpretation, ...]  #: all readings that were compared, the smallest residual first
 
 
-def propose(tables: Sequence[Table], robots: Iterable[KnownRobot], budget: Budget | None = None) -> Proposals:
-    """Find the meaning of tables: the robot whose joints move targets as the columns say (method.md §17).
+def propose(tables: Sequence[Table], robot: Robot, budget: Budget | None = None) -> Proposals:
+    """Find the meaning of tables: columns that say where the robot's joints move targets (method.md §17).
 
     Args:
         tables: numbers of files, the joints in one of them.
-        robots: robots that may have been measured.
+        robot: robot that was measured.
         budget: fits and time of this search and others; None for a budget of its own.
 
     Raises:
@@ -120,7 +119,7 @@ def propose(tables: Sequence[Table], robots: Iterable[KnownRobot], budget: Budge
     # Cells without a number are NaN, and a target without any position has neither median nor deviation.
     with np.errstate(invalid="ignore", divide="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        interpretations = find_interpretations(tables, robots, budget or Budget())
+        interpretations = find_interpretations(tables, robot, budget or Budget())
         decision = decide(interpretations)
         if decision.best is None:
             return Proposals(None, decision.reason, tuple(interpretations))
@@ -203,7 +202,6 @@ def _build_proposal(
     residual = float(np.nanmedian(distances))
     rival = decision.next
     return Proposal(
-        robots=(interpretation.known, *_list_equal_robots(interpretation, decision.equals)),
         joints=interpretation.joints,
         readings=tuple(_number_targets(readings)),
         unit=interpretation.fit.unit,
@@ -212,7 +210,7 @@ def _build_proposal(
         next_residual=np.inf if rival is None else rival.fit.typical,
         fitting=int(find_near(distances).sum()),
         count=int(np.isfinite(distances).sum()),
-        doubt=find_doubt(interpretation, decision.other_arm, interpretations),
+        doubt=find_doubt(interpretation, interpretations),
     )
 
 
@@ -229,7 +227,7 @@ class FlangePlacement(NamedTuple):
 
 def place_flange(table: Table, interpretation: Interpretation) -> FlangePlacement:
     """Return the flange in all postures of a table of joints."""
-    robot = interpretation.known.robot
+    robot = interpretation.robot
     q = read_positions(table, interpretation.joints, robot)
     return FlangePlacement(*FlangeModel.of(robot).place_flange(q))
 
@@ -240,18 +238,6 @@ def read_positions(table: Table, joints: JointColumns, robot: Robot) -> FloatArr
     all_postures = np.arange(row_count // joints.groups.count)
     by_unit = build_joints(table, joints.columns, joints.groups, all_postures, robot, [joints.counting])
     return next(hypothesis.q for hypothesis in by_unit if hypothesis.columns.unit == joints.unit)
-
-
-def _list_equal_robots(interpretation: Interpretation, equals: Sequence[Interpretation]) -> list[KnownRobot]:
-    """Return other robots that give the same places, each once.
-
-    `equals` are the interpretations with the same effect as this one.
-    """
-    robots: list[KnownRobot] = []
-    for equal in equals:
-        if equal.known is not interpretation.known and equal.known not in robots:
-            robots.append(equal.known)
-    return robots
 
 
 def _find_readings(

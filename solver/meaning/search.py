@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -27,7 +27,7 @@ from jointstiff.solver.meaning.kinematics import FlangeModel
 from jointstiff.solver.meaning.refinement import RigidFit, fit_frame
 from jointstiff.solver.meaning.screening import FlangePlaces, LinearFit, choose_subsets, fit_all
 from jointstiff.solver.meaning.table import JointColumns, PointColumns, RowGroups, Table, find_rounding
-from jointstiff.solver.mechanics.robot import KnownRobot
+from jointstiff.solver.mechanics.robot import Robot
 
 _SCREENED_ROWS: Final = 48
 REFINED_ROWS: Final = 150
@@ -36,7 +36,7 @@ _SCREENED_TARGETS: Final = 3
 _REFINED: Final = 20
 """Interpretations of a table that are fitted with a rotation of the frame."""
 _REFINED_OF_ALL: Final = 48
-"""Interpretations of all tables and robots that are fitted with a rotation of the frame."""
+"""Interpretations of all tables that are fitted with a rotation of the frame."""
 _REFINED_OF_WORDS: Final = 6
 """Of these, the interpretations with the same columns of joints, unit and way of counting."""
 _GOOD: Final = 8e-3
@@ -58,7 +58,7 @@ _MARGIN: Final = 1.1
 class Interpretation:
     """Meaning of the columns of joints and of one triple of positions, with the fit of a robot."""
 
-    known: KnownRobot  #: robot that fits
+    robot: Robot
     joints: JointColumns
     points: PointColumns
     fit: RigidFit
@@ -83,9 +83,7 @@ class _Candidate:
         return self.linear.rank
 
 
-def find_interpretations(
-    tables: Sequence[Table], robots: Iterable[KnownRobot], budget: Budget
-) -> list[Interpretation]:
+def find_interpretations(tables: Sequence[Table], robot: Robot, budget: Budget) -> list[Interpretation]:
     """Return the interpretations of tables that are worth a comparison, the smallest residual first.
 
     All interpretations are screened by linear fits; the best of these are refined.
@@ -93,7 +91,7 @@ def find_interpretations(
     Raises:
         BudgetExceeded: too many columns may be joints or positions.
     """
-    searches = [search for known in robots for search in _list_searches(tables, known)]
+    searches = list(_list_searches(tables, robot))
     kept = []
     for search, candidates in zip(searches, _screen(searches, budget), strict=True):
         kept += [(candidate.rank, search, candidate) for candidate in _keep_best(candidates)]
@@ -109,7 +107,7 @@ def find_interpretations(
 def _screen(searches: Sequence[_Search], budget: Budget) -> list[list[_Candidate]]:
     """Return for each search the interpretations that fit by a linear fit.
 
-    If no robot has a good interpretation in all rows, subsets of the rows are tried: one damaged position
+    If the robot has no good interpretation in all rows, subsets of the rows are tried: one damaged position
     moves a fit by least squares, and a subset without damaged positions fits.
     """
     hypothesis_count = sum(len(search.joints) * len(search.points) for search in searches)
@@ -125,25 +123,25 @@ def _screen(searches: Sequence[_Search], budget: Budget) -> list[list[_Candidate
     return candidates_of_searches
 
 
-def _list_searches(tables: Sequence[Table], known: KnownRobot) -> Iterator[_Search]:
+def _list_searches(tables: Sequence[Table], robot: Robot) -> Iterator[_Search]:
     """Yield the searches of a robot: one for each table of joints, and for each grouping of its rows.
 
     A grouping tells which rows belong to one posture, such as three rows in turn.
     """
-    model, countings = FlangeModel.of(known.robot), list_countings(known.robot)
+    model, countings = FlangeModel.of(robot), list_countings(robot)
     table_of_name = {table.name: table for table in tables}
     joints_of_earlier_tables: list[FloatArray] = []
     for table in tables:
-        windows = find_windows(table, known.robot.prismatic)
+        windows = find_windows(table, robot.prismatic)
         new_windows = _leave_out_repeated(table, windows, joints_of_earlier_tables)
         for groups, windows_of_groups in _group_windows(table, new_windows).items():
             rows = choose_rows(table.size[0] // groups.count, REFINED_ROWS)
             joints: list[JointHypothesis] = []
             for window in windows_of_groups:
-                joints += build_joints(table, window, groups, rows, known.robot, countings)
+                joints += build_joints(table, window, groups, rows, robot, countings)
             points = list(build_points(tables, table, groups, rows))
             if joints and points and len(rows) >= _LEAST_POSTURES:
-                yield _Search(table_of_name, known, model, joints, points)
+                yield _Search(table_of_name, robot, model, joints, points)
         joints_of_earlier_tables += [table.numbers[:, list(window)] for window in windows]
 
 
@@ -190,7 +188,7 @@ class _Search:
     """Hypotheses of the joints of one robot in one table, with the positions of all tables."""
 
     tables: Mapping[str, Table]  #: by name
-    known: KnownRobot
+    robot: Robot
     model: FlangeModel
     joints: Sequence[JointHypothesis]
     points: Sequence[PointHypothesis]
@@ -247,7 +245,7 @@ class _Search:
         reach = float(np.median(np.linalg.norm(place, axis=1)))
         rounding = self._find_rounding(candidate, fit.frame.scale)
         return Interpretation(
-            known=self.known,
+            robot=self.robot,
             joints=candidate.joints.columns,
             points=candidate.points.columns,
             fit=fit,

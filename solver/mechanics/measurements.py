@@ -494,9 +494,6 @@ class Measurements:
     force_unit: ForceUnit = "N"  #: unit of forces that was declared with the readings; `force` is in N
     #: (N,) number of each observation in the order of reading, by which a drift grows; 0, 1, … if empty
     order: FloatArray = field(default_factory=lambda: np.zeros(0))
-    #: (N,) number of the unloaded reading that each load is compared with; None: equal positions are one
-    #: reading
-    unloaded_reading: FloatArray | None = None
     labels: tuple[str, ...] = ()  #: (N,) labels of the observations; "1", "2", … where none are given
     targets: tuple[str, ...] = ()  #: (T,) names of the targets; "1", "2", … where none are given
 
@@ -549,9 +546,6 @@ class Measurements:
         Where positions were not measured, or encoders were read, each observation has a reading of its own.
         """
         count = len(self.joints)
-        if self.unloaded_reading is not None:
-            _, numbers = np.unique(self.unloaded_reading, return_inverse=True)
-            return numbers.reshape(count)
         if self.in_flange.any() or self.direction is not None or self.encoders is not None:
             return np.arange(count)
         keys = np.hstack([self.joints, self.position.reshape(count, -1), self.present])
@@ -579,7 +573,6 @@ class Measurements:
             "weight": (T,),
             "unloaded_only": (T,),
             "order": (),
-            "unloaded_reading": (),
         }
         all_readings_share_covariance = self.covariance.ndim == 2
         if all_readings_share_covariance:

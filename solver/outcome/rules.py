@@ -22,19 +22,12 @@ from jointstiff.schemas.finding import (
     ActionKind,
     AdvisedAction,
     Finding,
-    FindingCode,
     NamedCause,
     Verdict,
 )
 from jointstiff.schemas.joints import GOAL, JOINT_UNITS, JointKind
 from jointstiff.schemas.options import MAX_CAUSES
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.evidence.alternatives import (
-    LARGEST_RATIO,
-    Alternative,
-    AlternativeKind,
-    BetterAlternative,
-)
 from jointstiff.solver.evidence.causes import Screening
 from jointstiff.solver.evidence.doubt import PointDoubt
 from jointstiff.solver.evidence.joints import JointsAlone, residuals_within_noise
@@ -106,8 +99,6 @@ WORTH_A_WARNING: Final = 0.1
 it."""
 _NOISY: Final = 1.5
 """Noise of an encoder, relative to the stated noise, from which a note names it."""
-LEAST_OF_OFF_MODEL: Final = 0.8
-"""Compensation below which no mistake in the data is named if places of targets contradict the robot."""
 CARE_SHARE, UNUSABLE_SHARE = 0.7, 0.5
 """Compensation below which more than the joints deflects: with a warning, and with an unusable result; the
 joints of real robots explain 80 %."""
@@ -131,10 +122,6 @@ _LEAST_FREEDOM: Final = 0.5
 _LEAST_POSTURES: Final = 3
 _DISTINCT: Final = float(np.radians(5.0))
 """Difference of a joint's angle [rad] from which on two postures count as distinct."""
-_SAME_MISTAKES: Final[frozenset[FindingCode]] = frozenset(
-    {"joint_sign_suspect", "joints_swapped", "joints_counted_otherwise"}
-)
-"""Findings of mistakes that `BetterAlternative` reports too, with an action that corrects them."""
 _CODES_OF_LENGTH_UNITS: Final = ("deflection_implausibly_large", "deflection_implausibly_small")
 _ORDER: Final[dict[Verdict, int]] = {"use": 0, "use_with_care": 1, "do_not_use": 2}
 _BY_STATUS: Final[dict[str, Verdict]] = {
@@ -233,7 +220,7 @@ def assess(
     if root_mistakes:  # after such a mistake no other check means anything
         reasons = [*root_mistakes, *report_solver(estimate.certificates)]
         return replace(derive_assessment(estimate.joints, reasons), notes=tuple(notes))
-    explanation = _choose_explanation(joints, estimate, screening)
+    explanation = _choose_explanation(joints, screening)
     reasons = list(_list_reasons(joints, estimate, prediction, explanation, unloading))
     reasons += _report_negative(estimate.joints)
     if all(reason.weight != "do_not_use" for reason in reasons):  # else no interval means anything
@@ -269,7 +256,6 @@ class _Explanation:
 
     noticed: Sequence[Finding]  # findings of the integrity checks
     has_gross_error: bool  # whether one of these findings forbids the use of the data
-    mistake: BetterAlternative | None  # mistake in the data, such as exchanged columns
     screening: Screening | None  # tests of smaller effects; None after a gross error or a mistake
     causes: Sequence[Cause]  # causes that move the targets in addition to the joints
     wrong: tuple[str, ...]  # labels of single postures whose readings are wrong
@@ -279,38 +265,16 @@ class _Explanation:
         """True if the readings were tested, and neither a mistake in the data nor a cause was found."""
         return self.screening is not None and not self.causes
 
-    @property
-    def spoils_stiffnesses(self) -> bool:
-        """True if the data have a mistake that changes the stiffnesses, and enlarges the residuals."""
-        return self.has_gross_error or self.mistake is not None
 
-
-def _choose_explanation(joints: JointsAlone, estimate: Estimate, screening: Screening | None) -> _Explanation:
-    """Choose either a mistake in the data or causes: whichever explains the readings better.
-
-    For example exchanged columns are a mistake in the data, and a load point 5 mm away is a cause.
-    """
-    mistake = _find_gross_mistake(joints, estimate)
+def _choose_explanation(joints: JointsAlone, screening: Screening | None) -> _Explanation:
+    """Return the mistakes in the data that the checks found, or else the causes of the residuals."""
     noticed: Sequence[Finding] = joints.noticed
-    if mistake is not None:  # the finding about this mistake replaces those of the integrity checks
-        noticed = [finding for finding in noticed if finding.code not in _SAME_MISTAKES]
     has_gross_error = any(finding.weight == "do_not_use" for finding in noticed)
     # With a gross error in the data, tests of smaller effects mean nothing.
-    if screening is None or has_gross_error or not _causes_explain_more(screening, mistake):
-        return _Explanation(noticed, has_gross_error, mistake, None, (), ())
+    if screening is None or has_gross_error:
+        return _Explanation(noticed, has_gross_error, None, (), ())
     wrong = _list_unreported_postures(screening, noticed)
-    return _Explanation(noticed, has_gross_error, None, screening, screening.causes, wrong)
-
-
-def _causes_explain_more(screening: Screening, mistake: BetterAlternative | None) -> bool:
-    """Return whether causes explain the readings better than a mistake in the data, if one was found.
-
-    Causes must leave nothing for links to explain, and their sum of squared residuals must be clearly below
-    that of the mistake: by the factor that a mistake must improve on the data as given.
-    """
-    if mistake is None:
-        return True
-    return screening.makes_links_unnecessary and screening.causes[0].ratio < LARGEST_RATIO * mistake.ratio
+    return _Explanation(noticed, has_gross_error, screening, screening.causes, wrong)
 
 
 def _list_unreported_postures(screening: Screening, noticed: Sequence[Finding]) -> tuple[str, ...]:
@@ -357,7 +321,7 @@ def _list_reasons(
     yield from find_fit_problems(
         _AssessedFit.of(joints, estimate, prediction),
         explanation.screening,
-        explained=explanation.spoils_stiffnesses,
+        explained=explanation.has_gross_error,
         cause_found=bool(explanation.causes),
     )
 
@@ -368,12 +332,6 @@ def _report_explanation(joints: JointsAlone, explanation: _Explanation) -> Itera
     The unit of forces is checked by the stiffnesses, unless a mistake in the data changes the stiffnesses.
     """
     measurements = joints.measurements
-    if explanation.mistake is not None:
-        off_model = any(finding.code == "target_off_model" for finding in joints.noticed)
-        if off_model and explanation.mistake.compensation < LEAST_OF_OFF_MODEL:
-            yield _report_other_robot(explanation.mistake)
-        else:
-            yield report_alternative(joints.robot, measurements, explanation.mistake)
     if explanation.causes:
         fitted_count = sum(bool(term.words) for term in fitted_errors(measurements).terms)
         most = MAX_CAUSES - fitted_count
@@ -383,7 +341,7 @@ def _report_explanation(joints: JointsAlone, explanation: _Explanation) -> Itera
             explanation.causes, tested, explanation.wrong, most=most, loads=(joints.robot, measurements)
         )
     yield from report_fitted_causes(measurements)
-    if not explanation.spoils_stiffnesses:
+    if not explanation.has_gross_error:
         # The arms with which the stiffnesses are compared were fitted by joints alone.
         yield from inspect_force_unit(joints.robot, measurements, joints.estimate.joints)
 
@@ -560,148 +518,6 @@ def _judge_joint(joint: JointCompliance, joint_names: Set[str], findings: Sequen
     weights = [finding.weight for finding in findings if finding.where not in other_joints]
     verdict_by_status = _BY_STATUS[joint.status]
     return max([verdict_by_status, *weights], key=lambda verdict: _ORDER[verdict])
-
-
-_ALTERNATIVE_TEXTS: Final[dict[AlternativeKind, tuple[str, str]]] = {
-    "columns_exchanged": (
-        "the columns of {first} and {last} exchanged",
-        (
-            "check the columns of {first} and {last}; if the two columns are exchanged, exchange the columns "
-            "back"
-        ),
-    ),
-    "load_and_target_exchanged": (
-        "the load applied at target {target}",
-        (
-            "check the load point and the target's position in the flange frame; if the two are exchanged, "
-            "exchange the two back"
-        ),
-    ),
-    "zero_offset": (
-        "the zero of {first} offset by {turn:+.0f}°",
-        "check where the controller's zero of {first} is; correct the joint map's offset",
-    ),
-    "joint_map": (
-        "another joint map for {names}",
-        "check signs and coupling of the joint map against the controller's manual",
-    ),
-    "sign_reversed": ("the sign of {first} reversed", "check the joint map's signs"),
-    "joints_coupled": (
-        "the controller's angle of {first} {coupled} that of {last}",
-        "check in the manual whether the controller couples these joints, and correct the joint map",
-    ),
-}
-"""Words for each kind of alternative: the change that undoes the mistake, and the remedy."""
-
-
-def _find_gross_mistake(joints: JointsAlone, estimate: Estimate) -> BetterAlternative | None:
-    """Return the mistake that explains the deflections far better; None if places prove another correction.
-
-    The integrity checks find a correction by the places of the targets, which fit a model to millimetres.
-    Deflections fit only to a part of themselves, so that their correction counts only if it is the same.
-    """
-    better = joints.find_gross_mistake(estimate)
-    proved_by_places = [
-        finding.action for finding in joints.noticed if finding.code in _SAME_MISTAKES and finding.action
-    ]
-    if better is None or not proved_by_places:
-        return better
-    action = _advise_correction(joints.robot, joints.measurements, better.alternative)
-    for proved in proved_by_places:
-        if (proved.kind, proved.joints) == (action.kind, action.joints):
-            return better
-    return None
-
-
-def report_alternative(robot: Robot, measurements: Measurements, better: BetterAlternative) -> Finding:
-    """Return the finding that the readings are explained far better after undoing a mistake in the data."""
-    change, remedy = _describe_correction(robot, better.alternative)
-    return Finding(
-        code="alternative_explains_better",
-        weight="do_not_use",
-        message=f"with {change}, the joints explain {100 * better.compensation:.3g} % of the mean deflection "
-        f"instead of {100 * better.compensation_as_given:.3g} %; the sum of squared residuals falls to "
-        f"{100 * better.ratio:.2g} %",
-        remedy=remedy,
-        action=_advise_correction(robot, measurements, better.alternative),
-    )
-
-
-def _report_other_robot(best: BetterAlternative) -> Finding:
-    """Return the finding that neither places nor deflections fit the robot, not even after a correction.
-
-    It has no action: `best`, the mistake whose correction explains most, is not the cause.
-    """
-    return Finding(
-        code="alternative_explains_better",
-        weight="do_not_use",
-        message="the readings do not fit this robot: the targets do not keep their positions on its flange, "
-        f"and its joints explain {100 * best.compensation_as_given:.3g} % of the mean deflection; after each "
-        f"correction that was tried at most {100 * best.compensation:.3g} %",
-        remedy="choose the robot that was measured; if this is the robot, check the joint map and the order "
-        "and signs of its angles",
-    )
-
-
-def _describe_correction(robot: Robot, alternative: Alternative) -> tuple[str, str]:
-    """Return the change that undoes a mistake in words, such as `the sign of joint_3 reversed`, and a remedy.
-
-    Each text has places for the words that it needs: for the first and last joint concerned, and so on.
-    """
-    names = [robot.joint_names[j] for j in alternative.joints]
-    first, last = 0, 0  # a mistake of the load concerns no joint
-    if names:
-        first, last = alternative.joints[0], alternative.joints[-1]
-    words = {
-        "names": ", ".join(names),
-        "first": robot.joint_names[first],
-        "last": robot.joint_names[last],
-        "target": (alternative.target or 0) + 1,
-        "turn": float(np.degrees(alternative.offset[first])),
-        "coupled": "added to" if alternative.matrix[last, first] > 0.0 else "taken from",
-    }
-    change, remedy = _ALTERNATIVE_TEXTS[alternative.kind]
-    return change.format(**words), remedy.format(**words)
-
-
-def _advise_correction(robot: Robot, measurements: Measurements, alternative: Alternative) -> AdvisedAction:
-    """Return the action that undoes a mistake: an exchange of places or of columns, or another joint map."""
-    if alternative.target is not None:
-        target = measurements.targets[alternative.target]
-        return AdvisedAction.of("exchange_load_and_target", target=target)
-    if alternative.kind == "columns_exchanged":
-        names = [robot.joint_names[j] for j in alternative.joints]
-        return AdvisedAction.of("exchange_columns", joints=names)
-    return _advise_joint_map(robot, measurements, alternative)
-
-
-def _advise_joint_map(robot: Robot, measurements: Measurements, alternative: Alternative) -> AdvisedAction:
-    """Return the action to replace the joint map by one that undoes a mistake in it.
-
-    A joint map makes model angles ``q = M q_c + o`` of the controller's angles q_c. With the correct
-    controller's angles ``E q_c + e`` it becomes ``q = (M E) q_c + (M e + o)``. An offset found by a fit is
-    changed by whole turns, so that the angles are within the joints' limits.
-    """
-    stated = robot.joint_map
-    matrix = stated.matrix @ alternative.matrix
-    offset = stated.matrix @ alternative.offset + stated.offset
-    if alternative.kind == "zero_offset":
-        offset = offset + _find_whole_turns(robot, matrix @ np.median(measurements.joints, axis=0) + offset)
-    names = [robot.joint_names[j] for j in alternative.joints]
-    return AdvisedAction.of(
-        "apply_joint_map", joints=names, joint_map=matrix.tolist(), offset=offset.tolist()
-    )
-
-
-def _find_whole_turns(robot: Robot, angles: FloatArray) -> FloatArray:
-    """Return the whole turns (n,) that bring angles (n,) nearest to the middle of the joints' limits [rad].
-
-    A zero that is off by 90° may as well be off by −270°; only the limits show which one is meant. A joint
-    without limits gets no turn.
-    """
-    to_middle = robot.limits.mean(axis=1) - angles
-    to_middle[~np.isfinite(to_middle)] = 0.0
-    return np.asarray(2.0 * np.pi * np.round(to_middle / (2.0 * np.pi)))
 
 
 def report_causes(

@@ -152,7 +152,7 @@ def stored(api: httpx2.Client) -> Stored:
     work = {"run_id": run, "area": [[1.2, -0.6, 0.6], [1.8, 0.6, 1.0]], "grid": [7, 9, 2]}
     tool = {"place": [0.0, 0.0, 0.25], "turns": 4, "force": [0.0, 0.0, -900.0]}
     work_map = add_job("maps", work | tool)
-    program, live = compensated(api, run), opened(api, robot)
+    program, live = corrected(api, run), opened(api, robot)
     return Stored(robot, first, second, run, comparison, pair, plan, work_map, program, live)
 
 
@@ -166,9 +166,9 @@ def opened(api: httpx2.Client, robot: str) -> str:
     return str(post(api, "/v1/measurement-sets", body)["id"])
 
 
-def compensated(api: httpx2.Client, run: str) -> str:
+def corrected(api: httpx2.Client, run: str) -> str:
     """Return a small program, corrected by a run."""
     options = {"run_id": run} | small_program_options()
     file = ("corner.src", program_text("krl", tool_poses(path(6)), 4).encode())
     data = {"options": json.dumps(options)}
-    return made(api, partial(api.post, "/v1/programs?wait=60", data=data, files={"files": file}))
+    return made(api, partial(api.post, "/v1/corrections?wait=60", data=data, files={"files": file}))

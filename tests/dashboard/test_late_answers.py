@@ -13,7 +13,7 @@ BY_NIGHT = (
     "#/plans?robot={robot}",
     "#/runs/{run}/predict",
     "#/runs/{run}/map",
-    "#/runs/{run}/program",
+    "#/runs/{run}/correct",
 )
 FORMS = [*BY_DAY, *(pytest.param(form, marks=pytest.mark.slow) for form in BY_NIGHT)]
 WIDTH, HEIGHT = 650, 1000  # px: names of robots wrap

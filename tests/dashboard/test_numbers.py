@@ -68,7 +68,7 @@ def test_no_stiffness_is_without_its_interval_or_limit(visit, stored, refuted, v
 
 
 def test_a_programs_after_has_its_band_and_says_what_the_band_includes(visit, stored):
-    page = visit("desktop", view=f"#/programs/{stored.program}").page
+    page = visit("desktop", view=f"#/corrections/{stored.program}").page
     chart = page.locator("figure", has=page.get_by_role("heading", name="Distance from the target along"))
     expect(chart.locator("path.band.as-corrected")).to_have_attribute("d", re.compile("M.+Z"))
     expect(chart.locator(".legend")).to_contain_text(

@@ -18,7 +18,7 @@ def two_files():
     cells = [row.split(";") for row in (head, *rows)]
     joints = "\n".join(";".join(row[:7]) for row in cells)
     points = "\n".join(";".join([row[0], *row[7:]]) for row in cells)
-    return [file_of("joints.csv", joints), file_of("points.csv", points)]
+    return [file_of("joints.csv", joints), file_of("rows.csv", points)]
 
 
 def test_a_saved_mapping_reads_the_next_files(visit, stored):
@@ -59,12 +59,12 @@ def test_an_outage_in_an_import_loses_nothing(visit, stored):
 
 
 def test_from_a_run_to_the_corrected_file(visit, stored, api):
-    visited = visit("tablet", view=f"#/runs/{stored.run}/program")
+    visited = visit("tablet", view=f"#/runs/{stored.run}/correct")
     page = visited.page
     content = program_text("krl", tool_poses(path(6)), 4)
     page.locator("input[type=file]").set_input_files(file_of("pocket.src", content))
     page.get_by_label("Accuracy option of the controller").select_option("off")
-    make = page.get_by_role("button", name="Compensate")
+    make = page.get_by_role("button", name="Correct", exact=True)
     expect(make).to_be_disabled()  # nobody has said which force acts
     page.get_by_label("Process force on the tool").fill("0, 0, -500")
     make.click()
@@ -74,7 +74,7 @@ def test_from_a_run_to_the_corrected_file(visit, stored, api):
     degrees = " ".join(f"{angle * 57.29577951:.3f}" for angle in START)
     page.get_by_label("Controller's joints near the first target").fill(degrees)
     make.click()
-    expect(page).to_have_url(re.compile("#/programs/"))
+    expect(page).to_have_url(re.compile("#/corrections/"))
     expect(page.get_by_text("6 of 6")).to_be_visible()
     page.locator("canvas[data-ready=true]").wait_for()
     page.get_by_role("radio", name="After").check()
@@ -91,8 +91,8 @@ def test_from_a_run_to_the_corrected_file(visit, stored, api):
     assert len(read_program([("pocket.src", unmarked)]).targets) == 6
     made = page.url.rsplit("/", 1)[1]
     assert api.get(file_at(made, "program")).content == corrected
-    visited.go(f"#/runs/{stored.run}/program")
-    listed = page.locator("section", has_text="Compensated programs of this robot")
+    visited.go(f"#/runs/{stored.run}/correct")
+    listed = page.locator("section", has_text="Corrections of this robot")
     expect(listed.get_by_role("link", name="pocket.src").first).to_have_attribute("href", re.compile(made))
 
 

@@ -56,7 +56,7 @@ STRANGE = (
     *("#/robots/{bare}", "#/sets/{cobot_set}", "#/sets/{unidentified}", "#/?set={unidentified}"),
     *("#/compare/trend/{cobot}", "#/compare/trend/{bare}", "#/compare/methods/{pair}"),
     *("#/compare/runs?ids={arm_run},{unusable},{many}", "#/maps/{map}", "#/gearboxes/{gearbox}"),
-    *("#/plans?robot={cobot}", "#/measure?robot={cobot}", "#/runs/{arm_run}/program"),
+    *("#/plans?robot={cobot}", "#/measure?robot={cobot}", "#/runs/{arm_run}/correct"),
 )
 """Views of that stock."""
 

@@ -38,7 +38,7 @@ def unseen(shown, printed):
 
 
 @pytest.mark.timeout(300)
-def test_a_reader_gets_from_the_arm_to_a_compensated_program(tmp_path, installed):
+def test_a_reader_gets_from_the_arm_to_a_corrected_program(tmp_path, installed):
     environment = {**os.environ, "PATH": f"{installed}:{os.environ['PATH']}", "COLUMNS": "80"}
     for language, text, shown in steps():
         command = ["python", "-c", text] if language == "python" else ["sh", "-e", "-c", text]

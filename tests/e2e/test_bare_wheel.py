@@ -54,7 +54,7 @@ EXTRAS = {
     "post campaign.json": "client",
     "measure campaign.json --server http://127.0.0.1:9 --source simulated:1 --goal 15%": "client",
     "export campaign.json -o model.xlsx": "excel",
-    "compensate campaign.json examples/pocket.src -o new.src --accuracy-option off --force 0,0,9": "programs",
+    "correct campaign.json examples/pocket.src -o new.src --accuracy-option off --force 0,0,9": "programs",
 }
 """Commands that need an extra, and the extra."""
 
@@ -139,7 +139,7 @@ NAMES = {
     "run.plot()": ("plot", "plot"),
     "run.to_frame()": ("to_frame", "frames"),
     "run.save('model.xlsx')": ("an Excel workbook", "excel"),
-    "js.compensate(run, 'examples/pocket.src', accuracy_option='off', force=(0, 0, -500))": (
+    "js.correct(run, 'examples/pocket.src', accuracy_option='off', force=(0, 0, -500))": (
         "a program file",
         "programs",
     ),

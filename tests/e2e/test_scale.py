@@ -112,18 +112,20 @@ def test_a_long_program_is_corrected_in_steps_by_workers(services):
         run = client.identify(campaign)
         stored = client.measurement_sets.get(run.request.measurement_set_id)
         stated = options("csv") | {"run_id": run.id}
-        found = client.programs.wait(client.programs.create(stated, files={"path.csv": text}), seen.append)
+        found = client.corrections.wait(
+            client.corrections.create(stated | {"format": "csv"}, files={"path.csv": text}), seen.append
+        )
         assert found.state == "succeeded", found.error
         assert (found.progress.done, found.progress.total) == (POINTS, POINTS)
-        assert found.result.corrected == POINTS
+        assert found.result.program.corrected == POINTS
         assert all(step.unit == "points" for step in seen)
-        (corrected,) = client.programs.files(found).values()
+        (corrected,) = client.corrections.files(found).values()
         program = read_program([("path.csv", corrected)])
         old = read_program([("path.csv", text)])
         moved = program.targets.values[:, :3] - old.targets.values[:, :3]
         assert 0.1 < np.linalg.norm(moved, axis=1).max() < 5.0  # mm
-        assert client.file(found, "points.csv").count(b"\n") == POINTS + 1
-        assert found.id in {listed.id for listed in client.programs.list(robot_id=stored.robot_id)}
+        assert client.file(found, "rows.csv").count(b"\n") == POINTS + 1
+        assert found.id in {listed.id for listed in client.corrections.list(robot_id=stored.robot_id)}
 
 
 @pytest.fixture
@@ -141,7 +143,7 @@ def test_sigterm_ends_a_service_that_reads_a_hostile_program(service):
 
         def post(text):
             return client.post(
-                "/v1/programs",
+                "/v1/corrections",
                 files=[("files", ("path.src", text.encode()))],
                 data={"options": json.dumps(options("krl") | {"run_id": run})},
             )

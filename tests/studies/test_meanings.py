@@ -29,7 +29,7 @@ def test_x_y_and_z_are_never_taken_from_two_states_of_a_target(arm, seed, make):
     known = next(each for each in catalogue_robots() if each.name == arm)
     layout = make(simulate(arm, seed))
     tables = [Table(name, numbers) for name, numbers in layout.tables.items()]
-    assert judge(layout, propose(tables, [known]), known) in ("right", "asks")
+    assert judge(layout, propose(tables, known.robot), known) in ("right", "asks")
 
 
 @pytest.mark.parametrize(("arm", "seed"), [("ABB IRB 6640-185/2.8", 91_001), ("Yaskawa GP180", 171_000)])
@@ -38,6 +38,6 @@ def test_positions_in_a_smaller_unit_are_no_rival(arm, seed):
     known = next(each for each in catalogue_robots() if each.name == arm)
     layout = wide_rad_m(simulate(arm, seed))
     (table,) = layout.tables.values()
-    best = propose([Table("a", table)], [known]).best
+    best = propose([Table("a", table)], known.robot).best
     assert best is not None
     assert (best.unit, best.joints.columns) == ("m", layout.columns)

@@ -376,16 +376,17 @@ def findings(document: dict[str, Any]) -> dict[str, Any]:
     return {"findings": [_finding(each) for each in inspect_measurements(robot, measurements, degrees=False)]}
 
 
-def compensate(document: dict[str, Any], program: Mapping[str, str], **options: Any) -> dict[str, Any]:
-    """Compensate a program that is given as its files' texts."""
+def correct(document: dict[str, Any], program: Mapping[str, str], **options: Any) -> dict[str, Any]:
+    """Correct a program that is given as its files' texts."""
     run = js.identify(document, units=SI, **options.pop("run", {}))
     with tempfile.TemporaryDirectory() as folder:
         files = [Path(folder, name) for name in program]
         for file in files:
             file.write_text(program[file.name])
-        found = js.compensate(run, *files, **{"units": "m, deg, N"} | options).result
+        result = js.correct(run, files, **{"units": "m, deg, N"} | options).result
+    found = result.program
     names = ("deflection", "correction", "residual")
-    return _assessed(found.assessment) | {
+    return _assessed(result.assessment) | {
         "moves": [found.moves, found.moves_left, found.points, found.corrected, found.capped],
         "sizes": {name: _values(getattr(found, name)) for name in names},
         "worst": {str(each.number): [each.interval, each.share, each.capped] for each in found.worst},
@@ -554,7 +555,7 @@ WORK: dict[str, Callable[..., dict[str, Any]]] = {
     "predict": predict,
     "mended": mended,
     "findings": findings,
-    "compensate": compensate,
+    "correct": correct,
     "measure": measure,
     "trend": trend,
     "compare": compare,

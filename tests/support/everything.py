@@ -75,7 +75,7 @@ class Filling:
         options = {"run_id": run} | small_program_options()
         files = {"files": (name, program_text("krl", tool_poses(path(points)), 4).encode())}
         data = {"options": json.dumps(options)}
-        return made(self.client, partial(self.client.post, "/v1/programs?wait=60", data=data, files=files))
+        return made(self.client, partial(self.client.post, "/v1/corrections?wait=60", data=data, files=files))
 
     def live(self, name: str, readings: int, change: Callable[[dict[str, Any]], Any] = dict) -> str:
         """Open a campaign, and send some readings, the last one of them changed; return its id."""

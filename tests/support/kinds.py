@@ -24,7 +24,6 @@ CHANGES: dict[str, dict[str, Any]] = {
     "geometry": {"fit": "one_by_one"},
     "plan": {"seed": 1},
     "map": {"turns": 3},
-    "program": {"confidence": 0.9},
     "correction": {"confidence": 0.9},
 }
 """For each kind a change of its request; of others the second of its examples."""
@@ -54,17 +53,10 @@ def posted_job(
 ) -> Any:
     """Post a job that is made of a run or its measurement set; a comparison is with the run `other`."""
     of_set = {"measurement_set_id": run["request"]["measurement_set_id"]}
-    if kind == "program":
+    if kind == "correction":
         stated = json.dumps(options("krl") | {"run_id": run["id"]} | changes)
         files = [("files", ("cell.src", TEXT.encode("latin-1")))]
         form = {"files": files, "data": {"options": stated}}
-        return client.request("POST", f"/v1/{import_kind(kind).collection}", headers=headers, **form)
-    if kind == "correction":
-        (example,) = _examples(import_kind(kind), run, other)
-        form = {
-            "files": [("files", ("poses.csv", example["files"][0].encode()))],
-            "data": {"options": json.dumps(example["options"] | changes)},
-        }
         return client.request("POST", "/v1/corrections", headers=headers, **form)
     known = {
         "run": ("runs", of_set),

@@ -2,12 +2,13 @@
 
 import json
 from functools import lru_cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 import jointstiff
-from jointstiff.schemas.program import ProgramRequest, ProgramResult
+from jointstiff.schemas.correction import CorrectionRequest, CorrectionResult
 from jointstiff.schemas.run import Campaign, Run
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.correction.files import compress_file
@@ -71,7 +72,7 @@ def options(kind: str, **changes: Any) -> dict[str, Any]:
         "units": {"length": "mm", "angle": "deg", "force": "N"},
         "accuracy_option": "off",
         "mark": False,
-        "load": {"force": FORCE},
+        "force": FORCE,
         "tools": [{"values": tool}],
         "bases": [{"values": base}] if base else [],
         "start": np.degrees(START).tolist(),
@@ -80,15 +81,14 @@ def options(kind: str, **changes: Any) -> dict[str, Any]:
 
 def small_program_options() -> dict[str, Any]:
     """Options of a KRL program in R0 under 500 N, which is marked."""
-    load = {"force": [0.0, 0.0, -500.0]}
-    return options("krl", load=load, mark=True)
+    return options("krl", force=[0.0, 0.0, -500.0], mark=True)
 
 
-def request(kind: str, text: str | bytes, name: str | None = None, **changes: Any) -> ProgramRequest:
+def request(kind: str, text: str | bytes, name: str | None = None, **changes: Any) -> CorrectionRequest:
     """The request of a program."""
     content = text.encode("latin-1") if isinstance(text, str) else text
     file = compress_file(name or PROGRAM_FILES[kind], content)
-    return ProgramRequest.model_validate({"run_id": "r", "files": [file], **options(kind, **changes)})
+    return CorrectionRequest.model_validate({"run_id": "r", "files": [file], **options(kind, **changes)})
 
 
 def work_of(kind: str, text: str | bytes, name: str | None = None, **changes: Any) -> ProgramWork:
@@ -97,15 +97,20 @@ def work_of(kind: str, text: str | bytes, name: str | None = None, **changes: An
     return ProgramWork(robot, "robot", run, request(kind, text, name, **changes))
 
 
-def compensated(kind: str, text: str | bytes, name: str | None = None, **changes: Any) -> ProgramResult:
+def corrected(kind: str, text: str | bytes, name: str | None = None, **changes: Any) -> Any:
     """The result of a program, carried out at once."""
-    return work_of(kind, text, name, **changes).conclude(())
+    return flat(work_of(kind, text, name, **changes).conclude(()))
 
 
-def compensated_with_table(text: str, table: str) -> ProgramResult:
+def flat(result: CorrectionResult) -> Any:
+    """The fields of a result and those of its program, in one object."""
+    return SimpleNamespace(**dict(result) | dict(result.program or ()))
+
+
+def corrected_with_table(text: str, table: str) -> Any:
     """The result of a program of KUKA under the loads of a table."""
     asked = request("krl", text)
     files = [*asked.files, compress_file("loads.csv", table.encode())]
-    changed = asked.model_copy(update={"load": None, "loads": "loads.csv", "files": files})
+    changed = asked.model_copy(update={"force": None, "loads": "loads.csv", "files": files})
     robot, run = exact_run()
-    return ProgramWork(robot, "robot", run, changed).conclude(())
+    return flat(ProgramWork(robot, "robot", run, changed).conclude(()))

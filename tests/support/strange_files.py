@@ -822,6 +822,49 @@ def messages_of_ros_in_yaml(c: Campaign) -> Files:
     return {"states.yaml": text, "points.csv": table(["pose", "state", *"xyz"], points_in_turn)}
 
 
+@form(states_force=False)
+def displacements_beside_forces(c: Campaign) -> Files:
+    forces = np.tile([0.0, 0.0, -981.0], (len(c.joints), 1))
+    header = ["label", *JOINTS, *(f"F{axis} [N]" for axis in "abc"), *"XYZ", "dX", "dY", "dZ"]
+    return {"dx.csv": table(header, wide(c, forces, places(c), deflection(c)))}
+
+
+@form()
+def coordinates_with_a_column_for_each_state(c: Campaign) -> Files:
+    before, after = (by_axis(c, state, str) for state in (0, 1))
+    rows = [[*first[:2], first[3], second[3]] for first, second in zip(before, after, strict=True)]
+    return {"joints.csv": joints(c), "sphere.csv": table(["label", "axis", "before", "after"], rows)}
+
+
+@form()
+def names_and_joints_in_the_first_row_of_a_posture(c: Campaign) -> Files:
+    rows = in_turn(c, ("off", "on"), both(c))
+    for row in rows[1::2]:
+        row[:7] = [""] * 7
+    return {"once.csv": table(["posture", *JOINTS, "load", *"xyz"], rows)}
+
+
+@form()
+def names_with_blanks_between_tabs(c: Campaign) -> Files:
+    header = ["Pose", *(f"Axis {number} (deg)" for number in range(1, 7))]
+    words = ("at rest", "under load")
+    rows = [[row[0], f"Target {k + 1}", *row[7:]] for k in (0, 1) for row in in_turn(c, words, both(c, k))]
+    points_of_targets = table(["Pose", "Target", "State", "X (mm)", "Y (mm)", "Z (mm)"], rows, "\t")
+    return {"axes.txt": table(header, joint_rows(c), "\t"), "points.txt": points_of_targets}
+
+
+@form(states_force=False)
+def a_mass_or_zero(c: Campaign) -> Files:
+    rows = in_turn(c, ("0", "100"), both(c))
+    return {"masses.csv": table(["posture", *JOINTS, "peso [kg]", *"XYZ"], rows)}
+
+
+@form()
+def arrays_of_json_with_names_of_columns(c: Campaign) -> Files:
+    rows = [[float(number) for number in row[1:]] for row in wide(c, *both(c))]
+    return {"a.json": json.dumps({"columns": [*JOINTS, *"uvwxyz"], "data": rows})}
+
+
 # ---- the judgement
 
 

@@ -73,7 +73,7 @@ export type SetQuery = QueryOf<"/v1/measurement-sets">;
 const described = <Path extends keyof paths>(query: QueryOf<Path>) => query as Described<Path>;
 
 /** Kinds of work, as the API names them. */
-export type Collection = "runs" | "comparisons" | "geometries" | "gearboxes" | "plans" | "maps" | "programs";
+export type Collection = "runs" | "comparisons" | "geometries" | "gearboxes" | "plans" | "maps" | "corrections";
 
 interface Messages {
   runs: of.Run;
@@ -82,11 +82,11 @@ interface Messages {
   gearboxes: of.Gearbox;
   plans: of.Plan;
   maps: of.Map;
-  programs: of.Program;
+  corrections: of.CorrectionJob;
 }
 
 /** Tables of jobs that the page draws. */
-export type JobTable = "map" | "points";
+export type JobTable = "map" | "rows";
 
 /** A listed job: of runs with what a run always has. */
 export type Summary<Of extends Collection> = Of extends "runs" ? of.RunSummary : of.JobSummary;
@@ -98,7 +98,7 @@ const KINDS = {
   gearboxes: "gearbox",
   plans: "plan",
   maps: "map",
-  programs: "program",
+  corrections: "correction",
 } as const satisfies Record<Collection, of.JobSummary["kind"]>;
 
 const jobs = {
@@ -135,16 +135,16 @@ const posted = (key: string) => ({ params: { query: { wait: 1 }, ...once(key) } 
 
 /** Add a job of a kind that is posted as JSON; fields that were filled in are checked by the service. */
 const add =
-  <Of extends Exclude<Collection, "programs">>(collection: Of) =>
+  <Of extends Exclude<Collection, "corrections">>(collection: Of) =>
   (body: unknown, key: string) =>
     read<Messages[Of]>(client.POST(`/v1/${collection}` as "/v1/runs", { ...posted(key), body: body as never }));
 
 /** Add a job of a kind that is posted as files with what is stated of them. */
 const addForm =
-  <Of extends "programs">(collection: Of) =>
+  <Of extends "corrections">(collection: Of) =>
   (files: File[], stated: unknown, key: string) =>
     read<Messages[Of]>(
-      client.POST(`/v1/${collection}` as "/v1/programs", { ...posted(key), body: form(files, stated) as never }),
+      client.POST(`/v1/${collection}` as "/v1/corrections", { ...posted(key), body: form(files, stated) as never }),
     );
 
 const changeRobot = (robot_id: string, body: of.RobotChange) =>
@@ -243,14 +243,14 @@ export const api = {
   gearboxes: { ...kind("gearboxes"), add: add("gearboxes") },
   plans: { ...kind("plans"), add: add("plans") },
   maps: { ...kind("maps"), add: add("maps") },
-  programs: { ...kind("programs"), add: addForm("programs") },
+  corrections: { ...kind("corrections"), add: addForm("corrections") },
   predict: (body: unknown) => read<of.DeflectionResult>(client.POST("/v1/deflections", { body: body as never })),
   apply: (run_id: string, body: of.AdvisedAction) =>
     read<of.Run>(client.POST("/v1/runs/{run_id}/apply", { params: { path: { run_id }, query: { wait: 1 } }, body })),
   tables: (job: string, view: Query, signal?: AbortSignal) => file<of.ShownTables>(job, "tables.json", view, signal),
   /** A table of a job, column by column. */
   table: (job: string, name: JobTable, signal?: AbortSignal) => file<Columns>(job, `${name}.json`, {}, signal),
-  programFile: (program: string, file: string) => withQuery(jobs.file(program, "program"), { file }),
+  correctedFile: (correction: string, file: string) => withQuery(jobs.file(correction, "program"), { file }),
 };
 
 /** The content of a file of a job that is JSON. */

@@ -300,10 +300,10 @@ function ActionButtons({ action, context }: { action: AdvisedAction; context: Ru
 export const variantBy = (run: Run, action: AdvisedAction): Promise<Run> => api.apply(run.id, action);
 
 /** Kinds with a report for information; that of a run has a tab of its own, where it is signed. */
-const REPORTED: readonly Collection[] = ["comparisons", "plans", "maps", "programs"];
+const REPORTED: readonly Collection[] = ["comparisons", "plans", "maps", "corrections"];
 
 /** Made from a run, whose verdict they carry. */
-const CARRIED: readonly Collection[] = ["plans", "maps", "programs"];
+const CARRIED: readonly Collection[] = ["plans", "maps", "corrections"];
 
 export interface PageJob extends Standing {
   request: object;

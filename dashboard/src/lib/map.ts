@@ -1,4 +1,4 @@
-/** Places of a map and points of a compensated program as their tables have them, and what of them is drawn. */
+/** Places of a map and points of a corrected program as their tables have them, and what of them is drawn. */
 import type { MapRequest } from "../api/types";
 import { extent, roundStep } from "./format";
 import { type Columns, numeric, readerOf } from "./json";

@@ -1,4 +1,4 @@
-/** What the parts of a run's page share, and what the pages of maps and programs need of their run. */
+/** What the parts of a run's page share, and what the pages of maps and corrections need of their run. */
 import { queries } from "../api/queries";
 import type { Elasticity, MeasurementSet, Posture, Robot, Run, RunResult } from "../api/types";
 import { standOf } from "../lib/observation";

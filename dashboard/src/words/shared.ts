@@ -190,7 +190,7 @@ export const en = {
       robot: "3D view",
       predict: "Predict",
       map: "Map",
-      program: "Program",
+      correct: "Correct",
       report: "Report",
     },
     first: { mend: "Correct the campaign", measure: "Measure next", use: "Correct a program" },
@@ -443,7 +443,7 @@ export const en = {
     gearboxes: "Earlier weight steps",
     plans: "Earlier plans",
     maps: "Maps of this robot",
-    programs: "Compensated programs of this robot",
+    corrections: "Corrections of this robot",
   },
   list: {
     search: "Search",

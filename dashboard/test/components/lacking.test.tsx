@@ -1,7 +1,7 @@
 // @vitest-environment happy-dom
 import { expect, it, vi } from "vitest";
 import type { RunContext } from "../../src/state/run_context";
-import { ProgramForm } from "../../src/features/use/forms";
+import { CorrectForm } from "../../src/features/use/forms";
 import { lackOf } from "../../src/features/readings/import";
 import { drawn, settled } from "./drawn";
 
@@ -9,10 +9,10 @@ vi.stubGlobal("fetch", async () => new Response(JSON.stringify({ components: { s
 
 it("a form says beside its button what it needs", async () => {
   const root = await drawn(
-    <ProgramForm context={{ run: { id: "r" }, robot: { id: "a", joints: [] } } as unknown as RunContext} />,
+    <CorrectForm context={{ run: { id: "r" }, robot: { id: "a", joints: [] } } as unknown as RunContext} />,
   );
   await settled(() => {});
-  const button = [...root.querySelectorAll("button")].find(({ textContent }) => textContent === "Compensate");
+  const button = [...root.querySelectorAll("button")].find(({ textContent }) => textContent === "Correct");
   expect(button?.disabled).toBe(true);
   expect(button?.nextElementSibling?.textContent).toBe("Choose the program");
 });

@@ -1,6 +1,6 @@
 """Random programs are corrected and left as often as their statements have it: neither bold nor overcautious.
 
-That what is corrected is certain is tested in `test_compensated.py`, against another interpreter.
+That what is corrected is certain is tested in `test_corrected.py`, against another interpreter.
 """
 
 from collections import Counter

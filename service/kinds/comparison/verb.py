@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.comparison import ComparedMethod, Comparison
     from jointstiff.schemas.options import Resampling
-    from jointstiff.service.conversion.arguments import AnyUnits
+    from jointstiff.service.conversion.units import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
 
 

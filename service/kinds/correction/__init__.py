@@ -1,5 +1,5 @@
-"""Corrections: tables of poses, corrected for the deflection under load."""
+"""Corrections: tables of poses and robot programs, corrected for the deflection under load."""
 
 from jointstiff.service.kinds.room import Room
 
-ROOM = Room(75, "correct", "Correct a table of poses for the deflection under load.")
+ROOM = Room(70, "correct", "Correct poses or a robot program for the deflection under load.")

@@ -6,9 +6,11 @@ import base64
 import hashlib
 import re
 import zlib
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Final
 
-from jointstiff.schemas.program import ProgramFile
+from jointstiff.schemas.correction import ProgramFile
 from jointstiff.solver.errors import RequestError
 
 CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
@@ -36,3 +38,23 @@ def decompress_file(file: ProgramFile) -> bytes:
         raise RequestError("the file has no content", where="files", remedy="send the file itself")
     compressed = base64.b64decode(file.content)
     return zlib.decompressobj().decompress(compressed, _MAX_UNPACKED)
+
+
+def choose_program_paths(path: Path, names: Iterable[str]) -> dict[str, Path]:
+    """Choose the path to write for each file of a program; the result has the paths by the files' names.
+
+    If `path` is a folder, the files keep their names there. Else a single file gets this path; each of
+    several files gets the path with its own ending, and with its name, too, if an earlier file has the same
+    ending.
+    """
+    file_names = {name: Path(name).name for name in names}  # without folders
+    if path.is_dir():
+        return {name: path / file_name for name, file_name in file_names.items()}
+    if len(file_names) == 1:
+        return dict.fromkeys(file_names, path)
+    paths = dict[str, Path]()
+    for name, file_name in file_names.items():
+        with_own_ending = path.with_suffix(Path(file_name).suffix)
+        is_taken = with_own_ending in paths.values()
+        paths[name] = path.with_name(f"{path.stem}_{file_name}") if is_taken else with_own_ending
+    return paths

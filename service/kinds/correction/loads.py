@@ -11,8 +11,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from jointstiff.schemas import program as schemas
-from jointstiff.schemas.program import MAX_LINE, ProcessLoad, ProgramOptions
+from jointstiff.schemas import correction as schemas
+from jointstiff.schemas.correction import MAX_LINE, CorrectionOptions, ProcessLoad
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.problems import FilesError
 from jointstiff.service.runs.deflection import parse_vector_header
@@ -88,7 +88,7 @@ class Loads:
 
 
 def collect_loads(
-    options: ProgramOptions,
+    options: CorrectionOptions,
     table: bytes | None,
     lines: IndexArray,
     points: IndexArray,
@@ -125,7 +125,7 @@ def collect_loads(
     return _convert_stated_loads(options, lines)
 
 
-def _convert_stated_loads(options: ProgramOptions, lines: IndexArray) -> Loads:
+def _convert_stated_loads(options: CorrectionOptions, lines: IndexArray) -> Loads:
     """Convert the loads that the options state to N and N·m: one for all moves, or one for each segment.
 
     Row 0 of the loads is the zero load, for visits without a load; `lines` (v,) are those of the visits.
@@ -133,7 +133,9 @@ def _convert_stated_loads(options: ProgramOptions, lines: IndexArray) -> Loads:
     Raises:
         RequestError: segments overlap, or the unit of a moment is missing.
     """
-    stated: Sequence[ProcessLoad] = options.segments if options.load is None else [options.load]
+    stated = options.segments
+    if options.force is not None:
+        stated = [ProcessLoad(force=options.force)]
     forces = np.array([load.force for load in stated]).reshape(-1, 3)
     moments = np.array([load.moment for load in stated]).reshape(-1, 3)
     values = np.zeros((1 + len(stated), 6))

@@ -9,7 +9,7 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from jointstiff.schemas.program import ProgramFrame, ProgramOptions
+from jointstiff.schemas.correction import CorrectionOptions, ProgramFrame
 from jointstiff.service.conversion.robots import refuse_far_point
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.correction.loads import Loads, collect_loads
@@ -87,7 +87,7 @@ class ProgramFrames:
     x_axis: FloatArray | None
 
     @classmethod
-    def from_program(cls, program: Program, options: ProgramOptions) -> ProgramFrames:
+    def from_program(cls, program: Program, options: CorrectionOptions) -> ProgramFrames:
         """Find the poses of all tool and base frames that a program uses, in the program or in the options.
 
         Bases are relative to `world` of the options, tools to `flange`: both are the identity if the options
@@ -303,7 +303,7 @@ def _convert_poses_to_axis(notation: Notation, poses: FloatArray, programmed: Fl
     return numbers
 
 
-def _find_needed_bases(program: Program, options: ProgramOptions) -> IndexArray:
+def _find_needed_bases(program: Program, options: CorrectionOptions) -> IndexArray:
     """Return the index (t,) of each target's base in the frames of a program; `_NO_FRAME` if it needs none.
 
     A target in joint angles does not need its base, unless loads are stated along the axes of the base: its
@@ -730,7 +730,7 @@ class Visits:
     def collect(
         cls,
         program: Program,
-        options: ProgramOptions,
+        options: CorrectionOptions,
         table: bytes | None,
         measure_lengths: Callable[[], FloatArray],
     ) -> Visits:
@@ -790,7 +790,7 @@ def _number_points(visits: IndexArray) -> _Points:
 
 def _collect_loads_of_points(
     program: Program,
-    options: ProgramOptions,
+    options: CorrectionOptions,
     table: bytes | None,
     points: _Points,
     measure_lengths: Callable[[], FloatArray],
@@ -846,23 +846,29 @@ def _refuse_second_loads(program: Program, points: _Points, loads: Loads) -> Non
     _refuse_targets(program, program.moves.visits[has_other_load], reason, remedy)
 
 
-def _refuse_program_without_load(loads: Loads, options: ProgramOptions) -> None:
+def _refuse_program_without_load(loads: Loads, options: CorrectionOptions) -> None:
     """Refuse a program without a load at any move; with `absolute`, the arm's own weight is a load.
 
     Raises:
-        RequestError: no move is under load.
+        RequestError: no load is stated, or no move is under load.
     """
     if loads.of_visit.any() or options.absolute:
         return
+    if not (options.force or options.segments or options.loads or options.cut):
+        raise RequestError(
+            "the load is missing",
+            where="force",
+            remedy="state the load of the process: one of `force`, `segments`, `loads` and `cut`",
+        )
     raise RequestError(
         "no move is under load",
-        where="segments" if options.load is None else "load",
+        where="segments" if options.force is None else "force",
         remedy="give loads for lines that contain moves, or for points that moves visit",
     )
 
 
 def measure_lengths(
-    program: Program, options: ProgramOptions, robot: Robot, inverse: InverseKinematics
+    program: Program, options: CorrectionOptions, robot: Robot, inverse: InverseKinematics
 ) -> FloatArray:
     """Return the length (v,) of lines and arcs up to each visit of a target [m]; joint moves add nothing.
 
@@ -898,7 +904,7 @@ def _read_arm_angles(program: Program, targets: IndexArray) -> FloatArray:
 
 
 def find_path(
-    program: Program, options: ProgramOptions, robot: Robot, inverse: InverseKinematics, visits: Visits
+    program: Program, options: CorrectionOptions, robot: Robot, inverse: InverseKinematics, visits: Visits
 ) -> ProgramPath:
     """Find the programmed posture and the load of each visited target, and return the path.
 
@@ -960,7 +966,7 @@ def _make_fault(program: Program, target: int, reason: str, remedy: str) -> Faul
 
 def find_wanted_postures(
     program: Program,
-    options: ProgramOptions,
+    options: CorrectionOptions,
     frames: ProgramFrames,
     configurations: StatedConfigurations,
     robot: Robot,
@@ -1088,7 +1094,7 @@ def _find_changed_letters(letters: Sequence[str], is_joint_target: Sequence[bool
 
 
 def find_load_points(
-    options: ProgramOptions, frames: ProgramFrames, targets: IndexArray
+    options: CorrectionOptions, frames: ProgramFrames, targets: IndexArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return load points (m, 3) and tool centres (m, 3) of m targets in the flange frame [m].
 
@@ -1104,7 +1110,7 @@ def find_load_points(
     return np.tile(load_point, (len(targets), 1)), tool_centres
 
 
-def find_spindles(options: ProgramOptions, frames: ProgramFrames, targets: IndexArray) -> FloatArray:
+def find_spindles(options: CorrectionOptions, frames: ProgramFrames, targets: IndexArray) -> FloatArray:
     """Return unit vectors (m, 3) from spindle to tip of m targets, given by index, flange frame.
 
     Raises:
@@ -1122,7 +1128,7 @@ def find_spindles(options: ProgramOptions, frames: ProgramFrames, targets: Index
 
 
 def find_load_axes(
-    options: ProgramOptions, frames: ProgramFrames, visits: Visits, poses: FloatArray
+    options: CorrectionOptions, frames: ProgramFrames, visits: Visits, poses: FloatArray
 ) -> FloatArray:
     """Return the axes along which the options state the loads at m targets: columns (m, 3, 3), axes of R0.
 
@@ -1153,7 +1159,7 @@ def find_load_axes(
 
 
 def _find_axes_along_feed(
-    options: ProgramOptions, frames: ProgramFrames, visits: Visits, poses: FloatArray
+    options: CorrectionOptions, frames: ProgramFrames, visits: Visits, poses: FloatArray
 ) -> FloatArray:
     """Return feed, normal and spindle axis at m targets as columns (m, 3, 3), axes of R0.
 
@@ -1172,13 +1178,13 @@ def _find_axes_along_feed(
     return feed_frames[visits.first]
 
 
-def is_along_feed(options: ProgramOptions) -> bool:
+def is_along_feed(options: CorrectionOptions) -> bool:
     """Return whether loads are stated along feed, normal and spindle axis: those of a cut always are."""
     return options.cut is not None or options.axes == "feed"
 
 
 def turn_loads_to_base(
-    options: ProgramOptions, axes: FloatArray, loads: FloatArray
+    options: CorrectionOptions, axes: FloatArray, loads: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return forces (m, 3) [N] and moments (m, 3) [N·m] of m targets along the axes of R0.
 
@@ -1194,7 +1200,7 @@ def turn_loads_to_base(
     """
     forces, moments = loads[:, :3], loads[:, 3:]
     if is_along_feed(options):
-        field = "load" if options.cut is None else "cut"
+        field = "force" if options.cut is None else "cut"
         return apply_feed_frames(axes, forces, field), apply_feed_frames(axes, moments, field)
     multiply = "tij,tj->ti"  # t: target, i: axis of R0, j: axis of the load
     return np.einsum(multiply, axes, forces), np.einsum(multiply, axes, moments)
@@ -1206,7 +1212,7 @@ def read_feeds(program: Program) -> FloatArray:
 
 
 def find_feeds(
-    program: Program, options: ProgramOptions, visits: Visits, wanted: float | None = None
+    program: Program, options: CorrectionOptions, visits: Visits, wanted: float | None = None
 ) -> FloatArray:
     """Return the feed (v,) with which the tool comes to each visit of a target [m/s]; NaN if unknown.
 

@@ -1,4 +1,4 @@
-"""The work of a compensated program: correct the targets by the model of a run, and write the program."""
+"""The work of a corrected program: correct the targets by the model of a run, and write the program."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from jointstiff.schemas.finding import Assessment, Finding, Verdict
-from jointstiff.schemas.program import (
+from jointstiff.schemas.correction import (
     MAX_WORST,
+    CorrectedProgram,
+    CorrectionJob,
+    CorrectionOptions,
+    CorrectionRequest,
+    CorrectionResult,
     LeftAlone,
-    Program,
     ProgramFile,
     ProgramFormat,
-    ProgramOptions,
     ProgramPoint,
-    ProgramRequest,
-    ProgramResult,
     Spread,
     SpreadEnds,
 )
-from jointstiff.schemas.retired import RetiredProcess
+from jointstiff.schemas.finding import Assessment, Finding, Verdict
+from jointstiff.schemas.retired import RetiredProcess, RetiredProgram
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.conversion.robots import joint_kinds_by_name
@@ -60,7 +61,6 @@ from jointstiff.service.runs.correction.answer import (
 from jointstiff.service.runs.verdicts import (
     RunModel,
     assess_with_run,
-    find_accepted_run,
     find_beyond_campaign,
     find_far_points,
     find_implausible_deflection,
@@ -117,11 +117,8 @@ _LOADED_COLUMNS: Final = (
     "residual rotation [mrad]",
     "rounding [mm]",
     "share [1]",
+    *(f"residual {end}, {by} [mm]" for by in ("readings", "with model error") for end in ("low", "high")),
 )
-_REMAINING_COLUMNS: Final = tuple(
-    f"residual {end}, {by} [mm]" for by in ("readings", "with model error") for end in ("low", "high")
-)
-"""Columns that stored tables of older versions lack."""
 _UNCERTAIN: Final = "uncertain: not corrected"
 _REMARKS: Final = ("", "no load", "capped", _UNCERTAIN)
 """Remarks on a point in the table of points, stored there by index."""
@@ -325,12 +322,13 @@ class WrittenPoints:
         }
 
     def _loaded_columns(self, block: slice) -> FloatArray:
-        """Return the numbers (b, 22) of b points under load, in the order of the names `_LOADED_COLUMNS`.
+        """Return the numbers (b, 26) of b points under load, in the order of the names `_LOADED_COLUMNS`.
 
         Lengths are in mm, rotations in mrad. `block` is the range of the points among the corrections.
         """
         corrections = self.corrections
         interval, interval_with_model_error = 1e3 * self._intervals[:, block]  # (b, 2) [mm]
+        of_residual, of_residual_with_model_error = 1e3 * self._remaining_intervals[:, block]
         return np.column_stack(
             [
                 corrections.deflection_motions.select(block).in_mm(),
@@ -341,6 +339,8 @@ class WrittenPoints:
                 self.residual_motions.select(block).in_mm(),
                 1e3 * self.rounding[block],
                 corrections.share[block],
+                of_residual,
+                of_residual_with_model_error,
             ]
         )
 
@@ -358,7 +358,6 @@ class WrittenPoints:
             line=program.targets.line[targets].astype(np.int32),
             file_names=np.array([source.name for source in program.sources]),
             names=np.frombuffer(names.encode("latin-1"), dtype=np.uint8),
-            remaining=self._pack_remaining(),
         )
         return stored.to_bytes()
 
@@ -387,16 +386,6 @@ class WrittenPoints:
         remarks[corrections.points[corrections.uncertain]] = _REMARKS.index(_UNCERTAIN)
         return remarks
 
-    def _pack_remaining(self) -> NDArray[np.float32]:
-        """Return the columns `_REMAINING_COLUMNS` (4, m) [mm] of the points of the path; NaN without load.
-
-        They are the lower and upper ends of two intervals of the residual: by readings, and with model error.
-        """
-        columns = np.full((len(_REMAINING_COLUMNS), len(self.path.targets)), np.nan, dtype=np.float32)
-        by_readings, with_model_error = 1e3 * self._remaining_intervals  # (k, 2) low and high ends [mm]
-        columns[:, self.corrections.points] = np.concatenate([by_readings.T, with_model_error.T])
-        return columns
-
 
 class _StoredTable(NamedTuple):
     """Table of the m points of a path, as arrays that are stored one after the other."""
@@ -407,31 +396,24 @@ class _StoredTable(NamedTuple):
     line: NDArray[np.int32]  # (m,) line of each point in its file
     file_names: NDArray[np.str_]  # names of the files
     names: NDArray[np.uint8]  # names of the points as bytes of Latin-1, one name a line
-    remaining: NDArray[np.float32] | None  # (4, m) columns `_REMAINING_COLUMNS`; None in older tables
 
     def to_bytes(self) -> bytes:
         """Return the arrays in the order of the fields, each in NumPy's format `npy`."""
         stored = io.BytesIO()
         arrays: list[NDArray[Any]] = [*self.columns, self.remark, self.file, self.line]
         arrays += [self.file_names, self.names]
-        if self.remaining is not None:
-            arrays.append(self.remaining)
         for array in arrays:
             np.save(stored, array, allow_pickle=False)
         return stored.getvalue()
 
     @classmethod
     def from_bytes(cls, content: bytes) -> _StoredTable:
-        """Read the arrays from bytes of `to_bytes`, or of an older version, which lacks `remaining`."""
+        """Read the arrays from bytes of `to_bytes`."""
         stored = io.BytesIO(content)
         column_count = len(_POSTURE_COLUMNS + _LOADED_COLUMNS)
         columns = [np.load(stored, allow_pickle=False) for _ in range(column_count)]
         remark, file, line, file_names, names = (np.load(stored, allow_pickle=False) for _ in range(5))
-        remaining = None
-        has_remaining = stored.tell() < len(content)
-        if has_remaining:
-            remaining = np.load(stored, allow_pickle=False)
-        return cls(columns, remark, file, line, file_names, names, remaining)
+        return cls(columns, remark, file, line, file_names, names)
 
     def list_names(self) -> list[str]:
         """Return the name of each point."""
@@ -440,10 +422,7 @@ class _StoredTable(NamedTuple):
     def name_columns(self) -> dict[str, NDArray[np.float32]]:
         """Return the columns of numbers (m,) by their headers, such as `deflection [mm]`."""
         headers = _POSTURE_COLUMNS + _LOADED_COLUMNS
-        columns = dict(zip(headers, map(_add_up_differences, self.columns), strict=True))
-        if self.remaining is not None:
-            columns.update(zip(_REMAINING_COLUMNS, self.remaining, strict=True))
-        return columns
+        return dict(zip(headers, map(_add_up_differences, self.columns), strict=True))
 
 
 def points_sheet(content: bytes) -> Sheet:
@@ -493,7 +472,7 @@ def _vector_lengths(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
-def write_compensated_program(
+def write_corrected_program(
     path: ProgramPath,
     corrections: Corrections,
     model: ForwardModel,
@@ -501,7 +480,7 @@ def write_compensated_program(
     quantile: float,
     rewriting: Rewriting,
 ) -> WrittenPoints:
-    """Write the compensated program, and check the written numbers with the model of the loaded robot.
+    """Write the corrected program, and check the written numbers with the model of the loaded robot.
 
     The residuals are computed from the numbers as written, so that rounded digits count. `rewriting` then has
     the program's files. Return the points with their residuals.
@@ -715,7 +694,7 @@ def _refuse_points(path: ProgramPath, points: Sequence[int], reason: str, remedy
 
 
 def _read_program(
-    files: Sequence[tuple[str, bytes]], request: ProgramRequest, external_axes: ExternalAxes
+    files: Sequence[tuple[str, bytes]], request: CorrectionRequest, external_axes: ExternalAxes
 ) -> ReadProgram:
     """Read the program of a request; some of its moves may be left without a correction.
 
@@ -761,7 +740,7 @@ def _refuse_left_moves(program: ReadProgram) -> None:
     )
 
 
-def _interpret_external_axes(request: ProgramOptions, robot: Robot) -> ExternalAxes:
+def _interpret_external_axes(request: CorrectionOptions, robot: Robot) -> ExternalAxes:
     """Return whether the program's external axes are joints of the robot, or may carry the arm or the part.
 
     If the request does not say, they are joints of the robot if its model has linear axes.
@@ -779,7 +758,7 @@ class _RequestFiles(NamedTuple):
     load_table: bytes | None  # content of the table of loads; None without
 
 
-def _separate_load_table(request: ProgramRequest) -> _RequestFiles:
+def _separate_load_table(request: CorrectionRequest) -> _RequestFiles:
     """Return the files of the program, and the table of loads, which `loads` of the request names.
 
     Raises:
@@ -797,7 +776,7 @@ def _separate_load_table(request: ProgramRequest) -> _RequestFiles:
     return _RequestFiles(contents, table)
 
 
-def _hash_inputs(model_hash: str, request: ProgramRequest) -> str:
+def _hash_inputs(model_hash: str, request: CorrectionRequest) -> str:
     """Return the hash of all inputs of a program: the model's hash, the options, and the files."""
     options = request.model_dump_json(exclude={"run_id", "files"})
     contents = [file.content or "" for file in request.files]
@@ -805,12 +784,12 @@ def _hash_inputs(model_hash: str, request: ProgramRequest) -> str:
 
 
 class ProgramWork(Work):
-    """Work of a compensated program, whose units are points; postures are computed when first needed."""
+    """Work of a corrected program, whose units are points; postures are computed when first needed."""
 
     unit = "points"
-    activity = "compensating"
+    activity = "correcting"
 
-    def __init__(self, robot: Robot, robot_id: str, run: Run, request: ProgramRequest) -> None:
+    def __init__(self, robot: Robot, robot_id: str, run: Run, request: CorrectionRequest) -> None:
         """Read the program, and collect its loads.
 
         Raises:
@@ -929,8 +908,8 @@ class ProgramWork(Work):
             point = int(points[row])
             raise FaultsError([self._path.make_fault(point, first_error.reason, first_error.remedy)])
 
-    def conclude(self, parts: Sequence[Arrays]) -> ProgramResult:
-        """Write the compensated program, and return it with the residuals of its points.
+    def conclude(self, parts: Sequence[Arrays]) -> CorrectionResult:
+        """Write the corrected program, and return it with the residuals of its points.
 
         Raises:
             RequestError: a load twists a joint of unknown stiffness, or the robot does not reach the path.
@@ -957,10 +936,10 @@ class ProgramWork(Work):
         """
         model = self._run_model.model
         quantile = model.quantile(self._request.confidence)
-        return write_compensated_program(self._path, corrections, model, self._inverse, quantile, rewriting)
+        return write_corrected_program(self._path, corrections, model, self._inverse, quantile, rewriting)
 
     def _insert_mark(self, content: bytes, assessment: Assessment) -> bytes:
-        """Return the content of the first file with a comment that marks the program as compensated."""
+        """Return the content of the first file with a comment that marks the program as corrected."""
         program, left_count = self._program, len(self._program.left_moves)
         return insert_mark(
             program.format,
@@ -973,11 +952,11 @@ class ProgramWork(Work):
         )
 
     def _must_mark(self, assessment: Assessment, unchanged_moves: int) -> bool:
-        """Return whether the written program gets a comment that marks it as compensated."""
+        """Return whether the written program gets a comment that marks it as corrected."""
         return self._request.mark or assessment.verdict == "do_not_use" or bool(unchanged_moves)
 
     def _assess_corrections(self, corrections: Corrections) -> Assessment:
-        """Return the verdict on the compensated program, with its reasons and those of the run.
+        """Return the verdict on the corrected program, with its reasons and those of the run.
 
         Raises:
             VerdictError: limits reduce corrections, and the request has no `accept_verdict`.
@@ -1040,13 +1019,11 @@ class ProgramWork(Work):
 
     def _make_result(
         self, points: WrittenPoints, files: list[ProgramFile], assessment: Assessment
-    ) -> ProgramResult:
+    ) -> CorrectionResult:
         """Return the result message of the corrected points and written files."""
         corrections, program = points.corrections, self._program
         kind: ProgramFormat = program.format  # type: ignore[assignment]
-        return ProgramResult(
-            joint_kinds=joint_kinds_by_name(self._run_model.model.robot),
-            assessment=assessment,
+        corrected = CorrectedProgram(
             format=kind,
             points=len(program.targets),
             moves=len(program.moves) + len(program.left_moves),
@@ -1061,11 +1038,16 @@ class ProgramWork(Work):
             residual_ends=points.summarize_intervals("residual"),
             with_model_error=points.has_model_error,
             rounding=points.summarize_sizes(points.rounding),
-            confidence=self._request.confidence,
             worst=points.list_worst_points(),
-            remarks=[*self._describe_blend(points), *self._list_remarks()],
             files=files,
+        )
+        return CorrectionResult(
+            joint_kinds=joint_kinds_by_name(self._run_model.model.robot),
+            assessment=assessment,
+            confidence=self._request.confidence,
+            remarks=[*self._describe_blend(points), *self._list_remarks()],
             table=compress_file("points", points.pack_table()),
+            program=corrected,
         )
 
     def _count_uncorrected_targets(self, points: WrittenPoints) -> dict[LeftAlone, int]:
@@ -1155,34 +1137,20 @@ def _find_capped(corrections: Corrections) -> Iterator[Finding]:
         yield make_reason("corrections_capped", verdict, message, remedy)
 
 
-def prepare_compensation(inputs: Inputs, request: ProgramRequest) -> ProgramWork:
-    """Fetch the run of a request, and return the work that compensates the program.
+def refuse_corrected_files(inputs: Inputs, request: CorrectionRequest, robot_id: str) -> None:
+    """Refuse a request with a file that was written by another job.
 
     Raises:
-        RequestError: the run does not exist or has no model for predictions; or the request has no files,
-            does not fit the run, or has a program that was compensated already.
+        RequestError: a program was corrected already.
     """
-    run = find_accepted_run(inputs, request.run_id, request.accept_verdict)
-    refuse_corrected_files(inputs, request, run.prepared.robot_id)
-    return ProgramWork(run.prepared.robot, run.prepared.robot_id, run.run, request)
-
-
-def refuse_corrected_files(inputs: Inputs, request: ProgramRequest, robot_id: str) -> None:
-    """Refuse a request without files, or with a file that was written by another job.
-
-    Raises:
-        RequestError: there is no file, or a program was compensated already.
-    """
-    if not request.files:
-        raise RequestError("no file was sent", where="files", remedy="send the program")
     sent_digests = {hashlib.sha256(decompress_file(file)).hexdigest() for file in request.files}
-    for kind in (Program, RetiredProcess):
+    for kind in (CorrectionJob, RetiredProgram, RetiredProcess):
         for job in inputs.job_summaries(kind, robot_id):
             written_digests = job.get("outputs", ())
             was_written_by_job = sent_digests.intersection(written_digests)
             if was_written_by_job:
                 raise RequestError(
-                    f"a file of the request is the output of the compensated program '{job['id']}'",
+                    f"a file of the request is the output of the correction '{job['id']}'",
                     where="files",
                     remedy="send the original program",
                 )

@@ -1,4 +1,4 @@
-"""The text of programs: read by `robotprograms` and marked as compensated, with errors of the request."""
+"""The text of programs: read by `robotprograms` and marked as corrected, with errors of the request."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jointstiff.service.problems import FilesError
 from robotprograms import ExternalAxes, Fault, Program, ProgramError, ReadMove
 
 MARK: Final = "Jointstiff run "
-"""Beginning of the mark: a comment that keeps a compensated program from being corrected again."""
+"""Beginning of the mark: a comment that keeps a corrected program from being corrected again."""
 
 
 class FaultsError(FilesError):
@@ -108,7 +108,7 @@ def list_moves(
 
 
 def _refuse_marked(files: Sequence[tuple[str, bytes]]) -> None:
-    """Refuse a program with the mark of a compensated program: it must not be corrected a second time.
+    """Refuse a program with the mark of a correction: it must not be corrected a second time.
 
     Raises:
         FaultsError: a file has the mark.
@@ -130,13 +130,13 @@ def _refuse_marked(files: Sequence[tuple[str, bytes]]) -> None:
 def insert_mark(
     kind: str, content: bytes, run_id: str, verdict: str, day: date, moves: int = 0, left: int = 0
 ) -> bytes:
-    """Insert a comment into a compensated program that marks the program as corrected; return the new bytes.
+    """Insert a comment into a corrected program that marks the program as corrected; return the new bytes.
 
     Args:
         kind: name of the format.
-        content: bytes of the compensated program.
+        content: bytes of the corrected program.
         run_id: id of the run whose model was used.
-        verdict: verdict on the compensated program.
+        verdict: verdict on the corrected program.
         day: date of the correction.
         moves: number of moves of the program, which the mark states if some are left.
         left: number of moves that are left.

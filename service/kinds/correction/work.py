@@ -14,8 +14,8 @@ from jointstiff.schemas.correction import (
     CorrectionOptions,
     CorrectionRequest,
     CorrectionResult,
+    ProgramFile,
 )
-from jointstiff.schemas.program import ProgramFile
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.kinds.correction.files import compress_file, decompress_file
@@ -27,8 +27,13 @@ from jointstiff.service.kinds.work import (
     concatenate_steps,
     cut_into_spans,
 )
+from jointstiff.service.problems import naming_missing_extra
 from jointstiff.service.resources.inputs import Inputs
-from jointstiff.service.runs.correction.answer import CorrectedTable, TableCorrection
+from jointstiff.service.runs.correction.answer import (
+    CorrectedTable,
+    TableCorrection,
+    refuse_foreign_fields,
+)
 from jointstiff.service.runs.correction.columns import (
     TABLE_LIMITS,
     convert_headers,
@@ -49,6 +54,8 @@ if TYPE_CHECKING:
 
 STEP_ROWS: Final = 10_000
 """Rows of a step, which takes a quarter of a second."""
+_MAX_PROGRAM_BYTES: Final = 16 * 1024 * 1024
+"""Greatest size of the files of a program [bytes]."""
 
 
 class CorrectionWork(Work):
@@ -181,15 +188,29 @@ def pack_columns(columns: dict[str, Any], options: CorrectionOptions, robot: Rob
     return compress_file("columns", pack_sheet(replace(sheet, digits="")))
 
 
-def prepare_correction(inputs: Inputs, request: CorrectionRequest) -> StoredCorrectionWork:
-    """Fetch the run or robot of a request, and return the work of its table.
+def prepare_correction(inputs: Inputs, request: CorrectionRequest) -> Work:
+    """Fetch the run or robot of a request, and return the work of its table or program.
 
     Raises:
-        RequestError: run or robot do not exist or give no model, or the table cannot be used.
+        RequestError: run or robot do not exist or give no model, the table or program cannot be used, or an
+            option does not concern it.
     """
+    is_program = request.is_program
+    refuse_foreign_fields(request, is_program=is_program)
     if request.run_id is None:
         robot_id = request.robot_id or ""
+        if is_program:
+            remedy = "give `run_id`: the model of a run corrects a program"
+            raise RequestError("a program needs a run", where="robot_id", remedy=remedy)
         robot, content = inputs.robot(robot_id, "robot_id")
         return StoredCorrectionWork(robot, robot_id, None, request, content)
     run = find_accepted_run(inputs, request.run_id, request.accept_verdict)
-    return StoredCorrectionWork(run.prepared.robot, run.prepared.robot_id, run.run, request)
+    robot, robot_id = run.prepared.robot, run.prepared.robot_id
+    if not is_program:
+        return StoredCorrectionWork(robot, robot_id, run.run, request)
+    if sum(file.bytes for file in request.files) > _MAX_PROGRAM_BYTES:
+        raise RequestError("the files exceed 16 MiB", where="files", remedy="split the program")
+    with naming_missing_extra("a program file"):
+        from jointstiff.service.kinds.correction.programs import ProgramWork, refuse_corrected_files
+    refuse_corrected_files(inputs, request, robot_id)
+    return ProgramWork(robot, robot_id, run.run, request)

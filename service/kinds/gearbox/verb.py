@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.gearbox import Gearbox, GearboxUnits, HungLoad, StepPosture
     from jointstiff.schemas.motion import Motion
-    from jointstiff.service.conversion.arguments import AnyUnits
+    from jointstiff.service.conversion.units import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, File, OnProgress
 
 

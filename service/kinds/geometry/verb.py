@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         TrackedPosition,
     )
     from jointstiff.schemas.robot import JointMap, RobotDocument
-    from jointstiff.service.conversion.arguments import AnyUnits
+    from jointstiff.service.conversion.units import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, File, OnProgress, Vector
 
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
         PlannedStep,
         Surroundings,
     )
-    from jointstiff.service.conversion.arguments import AnyUnits
+    from jointstiff.service.conversion.units import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, Matrix, OnProgress, Source, Vector
 
 

@@ -23,7 +23,7 @@ from jointstiff.service.conversion.robots import (
     refuse_far_point,
     refuse_wrong_joint_count,
 )
-from jointstiff.service.conversion.units import to_instrument
+from jointstiff.service.conversion.units import KGF, to_instrument
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import (
@@ -411,7 +411,7 @@ def _refuse_unsupported_own_weight(
         )
 
 
-_GRAVITY: Final = (0.0, 0.0, -9.80665)
+_GRAVITY: Final = (0.0, 0.0, -KGF)
 """Acceleration of gravity in R0 in which a weight step is planned [m/s²]."""
 _OF_TARGETS: Final = (
     "load",

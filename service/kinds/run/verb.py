@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.finding import NamedCause
     from jointstiff.schemas.options import CrossValidation, OwnWeight, Resampling, StiffnessPrior
     from jointstiff.schemas.run import Run
-    from jointstiff.service.conversion.arguments import AnyUnits
+    from jointstiff.service.conversion.units import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
 
 

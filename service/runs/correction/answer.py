@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from jointstiff.schemas.correction import CorrectionOptions, CorrectionRequest, CorrectionResult
 from jointstiff.schemas.finding import Assessment
 from jointstiff.schemas.measurement import Units
-from jointstiff.schemas.program import ProgramOptions
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.robots import (
     joint_factors,
@@ -107,6 +106,7 @@ class TableCorrection:
         Raises:
             RequestError: the run has no model, the options contradict each other, or poses and joints do.
         """
+        refuse_foreign_fields(options, is_program=False)
         refuse_compensating_controller(options)
         units, length = options.units, LENGTH[options.units.length]
         model = _build_model(robot, run, options)
@@ -137,7 +137,25 @@ class TableCorrection:
         return CorrectedTable(rows, assessment, self._model.remarks(confidence), confidence)
 
 
-def refuse_compensating_controller(options: CorrectionOptions | ProgramOptions) -> None:
+def refuse_foreign_fields(options: CorrectionOptions, *, is_program: bool) -> None:
+    """Refuse options that concern only tables or, if `is_program` is false, only programs.
+
+    Raises:
+        RequestError: such an option is stated, or the controller's accuracy option of a program is missing.
+    """
+    for name in options.list_foreign_fields(is_program=is_program):
+        reason = f"`{name}` does not concern a {'program' if is_program else 'table of poses'}"
+        remedy = "omit it; state frames of a program in `tools` and `bases`" if is_program else "omit it"
+        raise RequestError(reason, where=name, remedy=remedy)
+    if is_program and options.accuracy_option is None:
+        raise RequestError(
+            "the accuracy option of the controller is missing",
+            where="accuracy_option",
+            remedy="give `accuracy_option`: one of off, same_as_measured",
+        )
+
+
+def refuse_compensating_controller(options: CorrectionOptions) -> None:
     """Refuse a correction for a controller that compensates the load, because the load would count twice.
 
     Raises:
@@ -153,7 +171,7 @@ def refuse_compensating_controller(options: CorrectionOptions | ProgramOptions) 
         )
 
 
-def read_start(robot: Robot, options: CorrectionOptions | ProgramOptions) -> FloatArray | None:
+def read_start(robot: Robot, options: CorrectionOptions) -> FloatArray | None:
     """Return the controller's joints (n,) near the first pose [rad or m]; None if they are not stated.
 
     Raises:
@@ -178,7 +196,7 @@ def _build_inverse(robot: Robot, waypoints: Waypoints) -> InverseKinematics:
         raise RequestError(error.reason, remedy=error.remedy, where=error.where) from error
 
 
-def read_limits(options: CorrectionOptions | ProgramOptions) -> CorrectionLimits:
+def read_limits(options: CorrectionOptions) -> CorrectionLimits:
     """Return the limits of corrections [m, rad], the usual ones where the options state none."""
     limits = CorrectionLimits()
     if options.max_displacement is not None:

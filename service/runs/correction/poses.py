@@ -150,7 +150,7 @@ def _read_named_columns(
         )
     columns = dict[str, FloatArray]()
     for column, header in zip(names, headers, strict=True):
-        numbers = read_numbers(value[header], f"{name}[{header!r}]", "give numbers alone")
+        numbers = read_numbers(value[header], f"{name}[{header!r}]")
         if "[" in header:
             quantity = "length" if column in POSITION else "angle"
             own = LENGTH[units.length] if column in POSITION else ANGLE[units.angle]

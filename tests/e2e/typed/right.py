@@ -18,7 +18,7 @@ deflections = js.predict(run, np.zeros((3, 6)), (0.0, 0.0, -500.0), units="m, ra
 area = js.map(run, area=((1.2, -0.3, 0.6), (1.6, 0.3, 0.9)), force=(0, 0, -900))
 area.plot()
 print(area.summary())
-program = js.compensate(run, "pocket.src", force=(0, 0, -500), accuracy_option="off")
+program = js.correct(run, "pocket.src", force=(0, 0, -500), accuracy_option="off")
 program.report("report.pdf")
 geometry = js.geometry("sweeps.json")
 run.save("run.json")

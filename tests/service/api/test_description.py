@@ -135,7 +135,8 @@ class TestRulesOfOpenapiGenerator:
 
 
 @pytest.mark.parametrize(
-    "name", ["RunRequest", "RunOptions", "PlanRequest", "MeasurementSetPost", "SetChange", "ProgramRequest"]
+    "name",
+    ["RunRequest", "RunOptions", "PlanRequest", "MeasurementSetPost", "SetChange", "CorrectionRequest"],
 )
 def test_a_request_refuses_fields_that_are_not_described(name, openapi):
     assert openapi["components"]["schemas"][name]["additionalProperties"] is False

@@ -122,28 +122,29 @@ def test_a_corrected_program_is_not_corrected_again_but_the_program_itself_may_b
     def sent(text):
         stated = json.dumps(options("krl", mark=mark) | {"run_id": run["id"]})
         form = {"files": [("files", ("cell.src", text.encode("latin-1")))], "data": {"options": stated}}
-        return local.request("POST", "/v1/programs", **form)
+        return local.request("POST", "/v1/corrections", **form)
 
     made = sent(TEXT)
     job = made.json()
     assert (made.status_code, made.headers["location"]) == (201, f"/v1/jobs/{job['id']}")
-    contents = [each["content"] for part in ("result", "request") for each in job[part]["files"]]
+    contents = [
+        each["content"] for part in (job["result"]["program"], job["request"]) for each in part["files"]
+    ]
     assert contents == [None, None]
     corrected = local.get(file_at(job, "program"))
     assert corrected.headers["content-type"] == "application/octet-stream"
     assert corrected.headers["content-disposition"] == "attachment; filename*=UTF-8''cell-corrected.src"
     assert ("; Jointstiff run " in corrected.text) == mark
     assert told(sent(corrected.text)) == (
-        f"422 | files | a file of the request is the output of the compensated program "
-        f"'{job['id']}' | send the "
-        "original program"
+        f"422 | files | a file of the request is the output of the correction "
+        f"'{job['id']}' | send the original program"
     )
     assert sent(TEXT).status_code == 201
     named = local.get(file_at(job, "program"), params={"file": "cell.src"})
     assert (named.status_code, named.content) == (200, corrected.content)
     assert (
         told(local.get(file_at(job, "program"), params={"file": "cell.dat"}))
-        == "422 | query.file | the program has no such file | use one of cell.src"
+        == "422 | query.file | the correction has no such file | use one of cell.src"
     )
 
 

@@ -50,7 +50,9 @@ def run(local):
             [],
             {},
             "415 unsupported-media-type | - | "
-            f"the body has the Content-Type 'application/x-www-form-urlencoded' | {NOT_A_FORM}",
+            "the body has the Content-Type 'application/x-www-form-urlencoded' | send a file in a form of "
+            "the fields `files` and `options`, as curl -F does (multipart/form-data); or send columns as "
+            "JSON, with the header Content-Type: application/json",
         ),
         ([SOURCE, SOURCE], {}, f"422 invalid-request | files | two files have the same name | {ONCE}"),
         (
@@ -68,21 +70,38 @@ def run(local):
         ),
         (
             [SOURCE],
-            {"load": None},
-            "422 invalid-request | options.load | state the load of the process: one of `load`, `segments`, "
-            "`loads` and `cut` | correct the field as the reason says",
+            {"force": None},
+            "422 invalid-request | force | the load is missing | "
+            "state the load of the process: one of `force`, `segments`, `loads` and `cut`",
         ),
         (
             [SOURCE],
             {"segments": [{"force": [0.0, 0.0, -500.0], "first_line": 1, "last_line": 2}]},
-            "422 invalid-request | options.segments | the load is stated by `load`, too; omit one of both | "
+            "422 invalid-request | options.segments | the load is stated by `force`, too; omit one of both | "
             "correct the field as the reason says",
         ),
         (
             [SOURCE],
-            {"load": None, "segments": [{"force": [0.0, 0.0, -500.0], "first_line": 1}]},
-            "422 invalid-request | options.segments[0].last_line | each of `segments` needs `first_line` and "
-            "`last_line` | correct the field as the reason says",
+            {"accuracy_option": None},
+            "422 invalid-request | accuracy_option | the accuracy option of the controller is missing | "
+            "give `accuracy_option`: one of off, same_as_measured",
+        ),
+        (
+            [SOURCE],
+            {"tool": [0.0, 0.0, 200.0, 0.0, 0.0, 0.0]},
+            "422 invalid-request | tool | `tool` does not concern a program | "
+            "omit it; state frames of a program in `tools` and `bases`",
+        ),
+        (
+            [SOURCE],
+            {"run_id": None, "robot_id": "nobody"},
+            "422 invalid-request | robot_id | a program needs a run | "
+            "give `run_id`: the model of a run corrects a program",
+        ),
+        (
+            [("poses.csv", b"x [mm],y [mm],z [mm]\n1,2,3\n")],
+            {},
+            "422 invalid-request | tools | `tools` does not concern a table of poses | omit it",
         ),
         (
             [SOURCE],
@@ -110,7 +129,7 @@ def test_a_program_is_refused_with_its_place_and_stores_nothing(files, stated, w
     if isinstance(stated, dict):
         data = {"options": json.dumps(PROGRAM | {"run_id": run["id"]} | stated)}
     answer = local.request(
-        "POST", "/v1/programs", files=[("files", each) for each in files] or None, data=data
+        "POST", "/v1/corrections", files=[("files", each) for each in files] or None, data=data
     )
     assert outcome_of(answer) == wanted
     assert counts(local) == before

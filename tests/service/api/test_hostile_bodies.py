@@ -9,7 +9,7 @@ from support.api import post
 from support.hostile_urdfs import HOSTILE
 from support.outcomes import counts, outcome_of
 
-from jointstiff.service.conversion.parsing import USE_ARRAYS, explain_broken_text
+from jointstiff.service.conversion.parsing import USE_ARRAYS
 from jointstiff.service.problems import MAX_PROBLEM_BYTES
 from jointstiff.service.security.admission import refuse_structure
 
@@ -17,14 +17,7 @@ PATHS = ["/v1/robots", "/v1/measurement-sets", "/v1/runs"]
 AN_OBJECT = "give its fields by name, in braces"
 JSON = "send valid JSON with finite numbers and at most 200 levels"
 SPLIT = "split the body into several requests"
-NO_OBJECT = [
-    f"422 invalid-request | body | must be an object | {AN_OBJECT}: {fields}"
-    for fields in (
-        '{"name": …, "model": …}',
-        '{"name": …, "units": …, "encoders": …, "robot_id": …}',
-        '{"measurement_set_id": …}',
-    )
-]
+NO_OBJECT = [f"422 invalid-request | body | must be an object | {AN_OBJECT}"] * 3
 LARGE = f"413 request-entity-too-large | - | the body exceeds 64 KiB | {SPLIT}"
 KEYS = (
     "413 request-entity-too-large | - | the body has more than 4000 different keys | "
@@ -32,10 +25,6 @@ KEYS = (
 )
 ADD = "add this field"
 ADD_ID = "add this field, with an id, not a name: GET /v1/measurement-sets lists the ids with the names"
-NAME_OF_A_RUN = (
-    "422 invalid-request | name | 2 faults: unknown field | "
-    'write this field in `causes`: "causes": {"name": …}'
-)
 MISSING = ["name | 3 faults", "name | 5 faults", "measurement_set_id | 2 faults"]
 
 
@@ -51,6 +40,7 @@ def missing(*places):
     ]
 
 
+(NAME_OF_A_RUN,) = missing("measurement_set_id | 2 faults")
 DEEP = invalid("recursion limit exceeded at line 1 column 202")
 DEEPER = invalid("recursion limit exceeded at line 1 column 1006")
 PRINTABLE = "must be printable text without leading or trailing blanks | correct the field as the reason says"
@@ -60,14 +50,7 @@ BODIES = {
         ["422 invalid-request | body | the body is empty | send a JSON document as the body"] * 3,
     ),
     "not json": (b"{1: 1}", [invalid("key must be a string at line 1 column 2")] * 3),
-    "printed by Python": (
-        b"{'a': 1}",
-        [
-            "422 invalid-request | body | the body seems to be printed by Python: texts are in single "
-            "quotes, not in double quotes | write the document with `json.dump`, not with `print`"
-        ]
-        * 3,
-    ),
+    "printed by Python": (b"{'a': 1}", [invalid("key must be a string at line 1 column 2")] * 3),
     "null": (b"null", NO_OBJECT),
     "number": (b"1", NO_OBJECT),
     "nested lists": (b"[" * 100_000, [DEEP, DEEP, LARGE]),
@@ -148,7 +131,7 @@ def test_a_body_is_as_large_as_its_kind_needs(path, most, local):
         f"413 request-entity-too-large | - | the body exceeds {most} KiB | {remedy}"
     )
     assert sent(local, path, body[: most << 10]).startswith(
-        "422 invalid-request | body | the body ends in the middle"
+        "422 invalid-request | body | Invalid JSON: EOF while parsing a string"
     )
 
 
@@ -326,26 +309,7 @@ def test_numbers_at_the_edge_of_what_is_allowed_are_never_for_use(force, sigma, 
         assert reason in refused
 
 
-@pytest.mark.parametrize(
-    ("text", "cause"),
-    [
-        (b"a=" + b"&a=" * 1000 + b" x", None),
-        (b"a=1" + b"&b=2=3" * 1000, "is a list of `name=value` pairs, as a web form sends them"),
-        (b"/**/" * 1000 + b"x", None),
-        (b"/* a */ // b\n# c\n/**/" * 1000 + b"{", "begins with a comment, but JSON has no comments"),
-        (b"//\n" * 1_000_000 + b"x", None),
-        (b"-." * 1_000_000, None),
-    ],
-)
-def test_texts_that_match_in_many_ways_are_read_once(text, cause):
-    """A pattern that tries all ways of 70 bytes would last a second, and those of 150 bytes for ever."""
-    broken = explain_broken_text(text, "expected value at line 1 column 1")
-    assert (broken and broken.cause) == cause
-
-
 def test_a_body_that_matches_in_many_ways_is_refused_at_once(local):
     for body in ("a=" + "&a=" * 100 + " x", "/**/" * 100 + "x"):
-        refusal = (
-            "422 invalid-request | body | the body is a text, but no JSON document | send a JSON document; "
-        )
+        refusal = "422 invalid-request | body | Invalid JSON: expected value at line 1 column 1"
         assert sent(local, "/v1/robots", body).startswith(refusal)

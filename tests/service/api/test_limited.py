@@ -26,6 +26,7 @@ from jointstiff.service.security.keys import make_key
 from jointstiff.service.store.store import Store
 
 JSON = {"Content-Type": "application/json"}
+FORM = "multipart/form-data; boundary=b"
 LARGE = json.dumps(EXAMPLES["robots"]["modified DH"]).encode().ljust(limited.LIMITED_BYTES + 1)
 
 
@@ -80,13 +81,15 @@ def test_large_bodies_are_its_and_archives_programs_and_geometries_of_any_size()
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
         archive.writestr("a.csv", "a,b\n")
-    assert limited.belongs_to_child("/v1/imports", b"--boundary" + content.getvalue())
-    assert limited.belongs_to_child("/v1/robots", LARGE)
-    assert not limited.belongs_to_child("/v1/robots", LARGE[:-1])
-    assert not limited.belongs_to_child("/v1/runs", LARGE)  # its answer may wait for workers
-    assert limited.belongs_to_child("/v1/programs", b"--boundary")
-    assert not limited.belongs_to_child("/v1/programs/p/program", b"")
-    assert limited.belongs_to_child("/v1/geometries", b"{}")
+    assert limited.belongs_to_child("/v1/imports", b"--boundary" + content.getvalue(), FORM)
+    assert limited.belongs_to_child("/v1/robots", LARGE, "application/json")
+    assert not limited.belongs_to_child("/v1/robots", LARGE[:-1], "application/json")
+    assert not limited.belongs_to_child(
+        "/v1/runs", LARGE, "application/json"
+    )  # its answer may wait for workers
+    assert limited.belongs_to_child("/v1/corrections", b"--boundary", FORM)
+    assert not limited.belongs_to_child("/v1/corrections", b"{}", "application/json")
+    assert limited.belongs_to_child("/v1/geometries", b"{}", "application/json")
 
 
 class InThread(LimitedChildren):

@@ -43,7 +43,7 @@ def test_each_operation_needs_the_role_and_takes_what_the_table_says(openapi):
     described = [(path, method) for path, methods in openapi["paths"].items() for method in methods]
     assert sorted(line_of(openapi, *each) for each in described) == sorted(OPERATIONS.values())
     names = [line.split(" | ")[1] for line in OPERATIONS.values()]
-    assert len(set(names)) == len(names) == 40
+    assert len(set(names)) == len(names) == 39
     assert all(name.isalpha() for name in names)
 
 
@@ -88,7 +88,7 @@ def test_the_description_names_the_service_and_where_to_begin(openapi, local):
 
 FILES = """\
 * `model.…` of a run: tables with intervals (csv, xlsx), or MJCF with springs; `do_not_use` needs
-* `program` of a program: a compensated file (`file`); only numbers of its targets differ
+* `program` of the correction of a program: a corrected file (`file`); only numbers of its targets differ
 * tables, by the kind of the job; their headers have the units
 * geometry: `axes.csv` (each axis: a point, the direction, and the uncertainties of both, in the base frame R0 at model angle zero)
 * plan: `report.pdf`, `report.html`, `readings.csv` (the readings in their order)

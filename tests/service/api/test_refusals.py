@@ -201,7 +201,7 @@ def test_a_set_has_at_most_sixteen_targets(client, ids):
             reading["target"] += f" {number}"
     assert outcome_of(client.request("POST", "/v1/measurement-sets", json=many)) == (
         "422 invalid-measurement-set | observations | the set has 18 different targets, more than 16 | "
-        "use the same name for the same target in every observation"
+        "use the same names in every observation"
     )
     assert counts(client) == before
 

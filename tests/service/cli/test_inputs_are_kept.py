@@ -21,7 +21,7 @@ NAMES_A_WRITTEN_FILE = re.compile(
     "(Write|File|CSV file).*( to write|whole result|for the .* program|mapping)"
 )
 REMEDY = "choose another name or another folder for the file to write"
-COMPENSATED = "compensate pull.json path.src --options options.json"
+CORRECTED = "correct pull.json path.src --options options.json"
 IMPORTED = "import readings.csv --robot arm.json --encoders motor"
 
 
@@ -43,11 +43,11 @@ def folder(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("line", "kept"),
     [
-        (f"{COMPENSATED} -o path.src", "path.src"),
-        (f"{COMPENSATED} -o linked.src", "path.src"),
-        (f"{COMPENSATED} -o .", "path.src"),
-        (f"{COMPENSATED} -o out.src --save options.json", "options.json"),
-        (f"{COMPENSATED} -o ../{{folder}}/path.src", "path.src"),
+        (f"{CORRECTED} -o path.src", "path.src"),
+        (f"{CORRECTED} -o linked.src", "path.src"),
+        (f"{CORRECTED} -o .", "path.src"),
+        (f"{CORRECTED} -o out.src --save options.json", "options.json"),
+        (f"{CORRECTED} -o ../{{folder}}/path.src", "path.src"),
         ("correct pull.json poses.csv --force 0,0,-500 -o poses.csv", "poses.csv"),
         ("predict pull.json poses.csv --load-point 0,0,120 -o poses.csv", "poses.csv"),
         ("identify pull.json --save pull.json", "pull.json"),
@@ -71,8 +71,8 @@ def test_another_name_or_folder_keeps_the_input():
     before = Path("path.src").read_bytes()
     Path("corrected").mkdir()
     for output in ("new.src", "corrected"):
-        assert "targets are corrected" in typed(f"{COMPENSATED} -o {output}")
-        assert "targets are corrected" in typed(f"{COMPENSATED} -o {output} --overwrite")
+        assert "targets are corrected" in typed(f"{CORRECTED} -o {output}")
+        assert "targets are corrected" in typed(f"{CORRECTED} -o {output} --overwrite")
     assert Path("corrected/path.src").read_bytes() == Path("new.src").read_bytes() != before
     assert Path("path.src").read_bytes() == before
 

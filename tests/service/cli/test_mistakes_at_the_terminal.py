@@ -7,7 +7,7 @@ import pytest
 from support.documents import campaign
 from support.terminal import terminal
 
-from jointstiff.service.library.correction import PROGRAM_LANGUAGES
+from jointstiff.schemas.correction import are_programs
 from robotprograms import FORMATS
 
 POSTURES = """\
@@ -119,9 +119,9 @@ def folder(tmp_path_factory):
             "identify pull.json --prior joint_2=3.1e6:1e5",
         ),
         (
-            "compensate pull.json path.src --accuracy-option off -o o.src --overwrite --force 0,0,-50kg",
+            "correct pull.json path.src --accuracy-option off -o o.src --overwrite --force 0,0,-50kg",
             "'0,0,-50kg' must be numbers in N, such as 0,0,-490.3 for 50 kg: 1 kg weighs 9.80665 N",
-            "compensate pull.json path.src --accuracy-option off -o o.src --overwrite --force 0,0,-490.3",
+            "correct pull.json path.src --accuracy-option off -o o.src --overwrite --force 0,0,-490.3",
         ),
         ("identify pull.json --method magic", "'partial_pose'", "identify pull.json --method partial_pose"),
         ("identify pull.json --unit furlong", "'Nm/arcmin'", "identify pull.json --unit Nm/arcmin"),
@@ -267,14 +267,14 @@ def folder(tmp_path_factory):
             f"correct pull.json poses.csv {CORRECTED} --start 2.865,-45.26,69.9,0,64.74,0",
         ),
         (
-            f"compensate pull.json lin.src {COMPENSATED} --start 0.05,-0.79,1.22,0,1.13,0",
+            f"correct pull.json lin.src {COMPENSATED} --start 0.05,-0.79,1.22,0,1.13,0",
             "the start seems to be in radians, not in degrees",
-            f"compensate pull.json lin.src {COMPENSATED} --start 2.865,-45.26,69.9,0,64.74,0",
+            f"correct pull.json lin.src {COMPENSATED} --start 2.865,-45.26,69.9,0,64.74,0",
         ),
         (
-            f"compensate pull.json path.ls {COMPENSATED}",
+            f"correct pull.json path.ls {COMPENSATED}",
             "is a program in KUKA's language, but was read as FANUC's language",
-            f"compensate pull.json path.ls {COMPENSATED} --format krl",
+            f"correct pull.json path.ls {COMPENSATED} --format krl",
         ),
         (
             "plan pull.json --readings 6 --candidates 200 --area 15000,-500,600,20000,500,1200",
@@ -367,22 +367,13 @@ class TestCorrect:
         assert started.exit_code == 0, words_of(started)
         assert (folder / "out.csv").exists()
 
-    @pytest.mark.parametrize("ending", [".src", ".mod", ".ls", ".script"])
-    def test_a_program_is_sent_to_compensate(self, folder, ending):
-        program = folder / f"drill{ending}"
-        program.write_text(PROGRAM)
-        words = words_of(terminal("correct", "pull.json", program.name, *CORRECT, width=200))
-        language = PROGRAM_LANGUAGES[ending]
-        assert f"{program.name} is a {language} program, not a table of poses" in words
-        assert "use `jointstiff compensate`" in words
-
     def test_every_ending_of_a_program_is_known(self):
         endings = {each for language in FORMATS.values() for each in language.suffixes.split()}
-        assert PROGRAM_LANGUAGES.keys() == endings - {".csv"}
+        assert [each for each in endings if not are_programs([f"a{each}"], None)] == [".csv"]
 
-    def test_the_command_that_is_named_for_a_program_compensates_it(self, folder):
+    def test_a_program_is_corrected(self, folder):
         (folder / "drill.src").write_text(PROGRAM)
-        call = ("compensate", "pull.json", "drill.src", "--force", "0,0,-800", "--accuracy-option", "off")
+        call = ("correct", "pull.json", "drill.src", "--force", "0,0,-800", "--accuracy-option", "off")
         done = terminal(*call, "-o", "mended.src", width=200)
         assert done.exit_code == 0, words_of(done)
         assert (folder / "mended.src").exists()

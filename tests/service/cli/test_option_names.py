@@ -10,8 +10,8 @@ from support.terminal import terminal
 from typer.main import get_command
 
 import jointstiff
+from jointstiff.schemas.correction import CorrectionOptions
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.cli.app import app
 from jointstiff.service.cli.fields import field_options, name_options_in_text
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
@@ -67,7 +67,7 @@ def test_a_missing_word_is_named_with_those_that_are_accepted(tmp_path):
     campaign, program = tmp_path / "campaign.json", tmp_path / "pocket.src"
     assert terminal("simulate", campaign).exit_code == 0
     program.write_text("DEF pocket()\nEND\n")
-    shown = terminal("compensate", campaign, program, "-o", tmp_path / "x.src", width=200)
+    shown = terminal("correct", campaign, program, "-o", tmp_path / "x.src", width=200)
     assert shown.exit_code == 2
     assert "give `--accuracy-option`: one of off, same_as_measured\n" in shown.stderr
 
@@ -122,7 +122,7 @@ VALUES = {
 
 @pytest.mark.parametrize("text", VALUES)
 def test_a_field_with_its_value_becomes_an_option_with_its_value(text):
-    assert name_options_in_text(ProgramOptions, text) == VALUES[text]
+    assert name_options_in_text(CorrectionOptions, text) == VALUES[text]
 
 
 def test_an_option_that_may_be_repeated_is_repeated_for_each_value():
@@ -137,7 +137,6 @@ OF_PYTHON = re.compile(
 FOR_PYTHON = (
     "service/library/",
     "service/conversion/arrays.py",
-    "service/conversion/dh_orders.py",
     "service/conversion/dh_tables.py",
     "service/kinds/verb.py",
 )
@@ -207,46 +206,46 @@ END
 
 
 @pytest.fixture
-def compensate(tmp_path):
-    """Function that runs `compensate` for a program with moves that are left; returns result and words."""
+def correct(tmp_path):
+    """Function that runs `correct` for a program with moves that are left; returns result and words."""
     campaign, program = tmp_path / "campaign.json", tmp_path / "pocket.src"
     assert terminal("simulate", campaign).exit_code == 0
     program.write_text(POCKET)
 
     def run(*options):
-        line = ["compensate", campaign, program, "--force", "0,0,-1000", "--accuracy-option", "off", *options]
+        line = ["correct", campaign, program, "--force", "0,0,-1000", "--accuracy-option", "off", *options]
         shown = terminal(*line, width=300)
         return shown, " ".join(shown.output.split())
 
     return run
 
 
-def test_refused_moves_are_counted_and_the_options_that_help_are_named(compensate, tmp_path):
+def test_refused_moves_are_counted_and_the_options_that_help_are_named(correct, tmp_path):
     """Each option that the message names is then accepted."""
     output = ("--output", tmp_path / "out.src")
-    shown, words = compensate(*output)
+    shown, words = correct(*output)
     assert shown.exit_code == 2
     assert words.startswith("Moves cannot be corrected 'pocket.src', line 6: 'GRIPPER' is unknown")
     assert "state `--trust-routines`, or name the routine in `--leave-alone GRIPPER`" in words
     assert words.endswith(
         "remedy: write 2 of 4 moves anew; or state `--leave-others` to correct only the other 2"
     )
-    shown, words = compensate(*output, "--leave-alone", "GRIPPER")
+    shown, words = correct(*output, "--leave-alone", "GRIPPER")
     assert words.endswith("write 1 of 4 moves anew; or state `--leave-others` to correct only the other 3")
-    shown, words = compensate(*output, "--leave-alone", "GRIPPER", "--leave-others")
+    shown, words = correct(*output, "--leave-alone", "GRIPPER", "--leave-others")
     assert words == (
         "tools: the program uses the frame 'TOOL_DATA[1]', but does not define its numbers "
-        "remedy: give the name 'TOOL_DATA[1]' and the numbers in `--tool`"
+        "remedy: give the name 'TOOL_DATA[1]' and the numbers in `--tools`"
     )
-    frames = ("--tool", "TOOL_DATA[1]=0,0,200,0,0,0", "--base", "BASE_DATA[1]=1500,100,1000,0,0,0")
-    shown, words = compensate(*output, "--leave-others", *frames, "--details")
+    frames = ("--tools", "TOOL_DATA[1]=0,0,200,0,0,0", "--bases", "BASE_DATA[1]=1500,100,1000,0,0,0")
+    shown, words = correct(*output, "--leave-others", *frames, "--details")
     assert shown.exit_code == 0, words
     assert "2 of 4 moves were corrected, 2 were left unchanged" in words
     assert "name the routine in `--leave-alone GRIPPER`" in words
 
 
-def test_an_explanation_names_options_too(compensate):
-    shown, words = compensate("--explain")
+def test_an_explanation_names_options_too(correct):
+    shown, words = correct("--explain")
     assert shown.exit_code == 0
     assert "state `--trust-routines`, or name the routine in `--leave-alone GRIPPER` line 8" in words
 
@@ -257,10 +256,10 @@ UNKNOWN = {
     ("geometry", "--fix"): "No such option: --fix. `jointstiff geometry --help` lists the options",
     ("identify", "--lambda"): "No such option: --lambda. `jointstiff identify --help` lists the options",
     ("simulate", "--model"): "No such option: --model. `jointstiff simulate --help` lists the options",
-    ("compensate", "--tol"): "No such option: --tol. `jointstiff compensate --help` lists the options",
+    ("correct", "--tol"): "No such option: --tol. `jointstiff correct --help` lists the options",
     ("measure", "--points"): "No such option: --points. `jointstiff measure --help` lists the options",
     ("identify", "--priors"): "No such option: --priors (Possible options: --prior)",
-    ("compensate", "--port"): "No such option: --port. --port is an option of `jointstiff serve`",
+    ("correct", "--port"): "No such option: --port. --port is an option of `jointstiff serve`",
 }
 
 

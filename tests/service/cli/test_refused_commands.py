@@ -36,15 +36,15 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def compensate(name, *others, off=True):
+def correct(name, *others, off=True):
     option = ["--accuracy-option", "off"] if off and "--accuracy-option" not in others else []
-    return run("compensate", "pull.json", "path.src", "-o", "out.src", *option, "--options", name, *others)
+    return run("correct", "pull.json", "path.src", "-o", "out.src", *option, "--options", name, *others)
 
 
 def test_lengths_and_angles_at_the_terminal_become_those_of_the_file(folder):
-    shown = compensate("radians.json", *LOAD, "--start", "10,0,90,0,0,0", "--json")
+    shown = correct("radians.json", *LOAD, "--start", "10,0,90,0,0,0", "--json")
     request = json.loads(shown.stdout)["request"]
-    assert request["load"]["force"] == pytest.approx([0.0, 0.0, -0.5])
+    assert request["force"] == pytest.approx([0.0, 0.0, -0.5])
     assert request["load_point"] == pytest.approx([0.0, 0.0, 150.5])
     assert request["start"] == pytest.approx(np.radians([10.0, 0.0, 90.0, 0.0, 0.0, 0.0]))
 
@@ -75,8 +75,8 @@ def test_lengths_and_angles_at_the_terminal_become_those_of_the_file(folder):
         ),
     ],
 )
-def test_a_program_that_cannot_be_compensated_is_not_written(folder, arguments, said):
-    refused = compensate(*arguments)
+def test_a_program_that_cannot_be_corrected_is_not_written(folder, arguments, said):
+    refused = correct(*arguments)
     assert refused.exit_code == 2
     assert words(refused.stderr).endswith(said)
     assert not (folder / "out.src").exists()
@@ -95,14 +95,14 @@ def test_a_run_names_the_commands_that_take_its_numbers_despite_the_verdict(fold
     assert "accept_verdict" not in shown
 
 
-def test_a_result_that_must_not_be_used_compensates_no_program(folder):
+def test_a_result_that_must_not_be_used_corrects_no_program(folder):
     turned = json.loads((folder / "pull.json").read_text())
     for one in turned["measurement_set"]["observations"]:
         one["joints"] = np.radians(one["joints"]).tolist()
-    # Without this ground, joint 6 has no number to compensate with.
+    # Without this ground, joint 6 has no number to correct with.
     turned["measurement_set"]["noise"]["grounds"] = {"load_point": "tracker"}
     (folder / "pull.json").write_text(json.dumps(turned))
-    refused = compensate("options.json")
+    refused = correct("options.json")
     assert refused.exit_code == 2
     assert words(refused.stderr) == (
         "The result must not be used all readings: the angles seem to be in rad, not in deg as declared: "
@@ -114,7 +114,7 @@ def test_a_result_that_must_not_be_used_compensates_no_program(folder):
         "to continue anyway, give `--despite-verdict`"
     )
     assert not (folder / "out.src").exists()
-    assert compensate("options.json", "--despite-verdict").exit_code == 0
+    assert correct("options.json", "--despite-verdict").exit_code == 0
     assert (folder / "out.src").exists()
 
 
@@ -123,20 +123,20 @@ def test_a_result_that_must_not_be_used_compensates_no_program(folder):
     [
         (
             '{"robot": 1,}',
-            "other.json has a comma before a closing bracket, at line 1 column 13 remedy: remove the comma "
-            "after the last entry",
+            "other.json: Invalid JSON: trailing comma at line 1 column 13 remedy: correct the JSON at this "
+            "place; to read tables and point lists use `jointstiff import FILE`",
         ),
         (
             "x;y",
             "other.json is a text, not a JSON document "
             "remedy: to read tables and point lists use `jointstiff import FILE`; to correct a robot program "
-            "use `jointstiff compensate CAMPAIGN other.json`",
+            "use `jointstiff correct CAMPAIGN other.json`",
         ),
         (
             '{"robot": {}, "measurement_set": 1}',
             "other.json does not match the schema robot.name: required field is missing; add this field "
             "robot.model: required field is missing; add this field measurement_set: must be an object; "
-            'give its fields by name, in braces: {"name": …, "units": …, "encoders": …, "observations": …}',
+            "give its fields by name, in braces",
         ),
     ],
 )
@@ -185,11 +185,11 @@ def test_the_help_lists_the_commands_in_the_order_of_work():
     lines = shown[shown.index("Commands:") :].splitlines()[1:]
     assert [line.split()[0] for line in lines] == [
         "simulate", "examples", "rehearse", "identify", "compare", "geometry", "gearbox", "plan", "map",
-        "compensate", "correct", "measure", "import", "predict", "robots", "export", "report",
+        "correct", "measure", "import", "predict", "robots", "export", "report",
         "serve", "worker", "status", "post", "demo", "archive", "restore", "keys", "database",
     ]  # fmt: skip
-    assert "  identify    Identify the joint stiffnesses of a campaign." in lines
-    assert "  keys        Create, list and revoke the keys that open a service." in lines
+    assert "  identify  Identify the joint stiffnesses of a campaign." in lines
+    assert "  keys      Create, list and revoke the keys that open a service." in lines
     assert (
         "Start with `jointstiff simulate campaign.json`, then `jointstiff identify campaign.json`."
         in words(shown)

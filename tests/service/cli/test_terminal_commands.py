@@ -253,13 +253,15 @@ HELP = {
         "campaign's value, or 20 µm.",
         "--seed <int> Random seed of the postures; the same seed gives the same plan.",
     ],
-    "compensate": [
-        "Compensate a program for the deflection under load.",
-        "PROGRAM <list[Path]> Robot program, or CSV table of poses. KUKA: the .src and .dat files. ABB: "
-        "the modules of the task. FANUC: the .LS file and the .LS files that it calls. [required]",
+    "correct": [
+        "Correct poses or a robot program for the deflection under load.",
+        "POSES <list[Path]> CSV or Parquet of poses, with units in the headers: x [mm], …, rx [deg], …; if "
+        "known J1 [deg], …; Fx [N], … Or a robot program. KUKA: the .src and .dat files. ABB: the modules of "
+        "the task. FANUC: the .LS file and the .LS files that it calls. [required]",
         "--accuracy-option <off|same_as_measured|compensates_load> Accuracy option of the controller. "
         "`off`: switched off. `same_as_measured`: switched on, as in the campaign. `compensates_load`: "
-        "refused, because the load would be compensated twice.",
+        "refused, because the load would be compensated twice. Required for a "
+        "program; default for poses: `off`.",
         "--max-displacement NUMBER[mm] Greatest displacement of a correction, in units.length; default: 5 "
         "mm.",
         "--max-rotation NUMBER[deg] Greatest rotation of a correction, in units.angle; default: 10 mrad.",
@@ -267,8 +269,8 @@ HELP = {
         "frames or points. Arguments passed by reference are an exception.",
         "--mark / --no-mark True to write run, verdict and date as a comment (always written for the "
         "verdict do_not_use). A program with such a comment is not corrected again.",
-        "--explain Only print the target, base and tool of each move, and the reason why a move is not "
-        "corrected.",
+        "--explain Only print the target, base and tool of each move of a program, and the reason why a move "
+        "is not corrected.",
     ],
     "geometry": [
         "Identify the geometry of a robot from sweeps or poses.",

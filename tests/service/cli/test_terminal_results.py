@@ -243,7 +243,7 @@ def test_a_plan_as_csv_marks_the_reading_that_is_held_out():
 
 
 def test_a_program_is_corrected_and_its_points_are_written():
-    line = "compensate pull.json path.src --options options.json --output out.src --report points.csv"
+    line = "correct pull.json path.src --options options.json --output out.src --report rows.csv"
     assert_said(
         typed(f"{line} --overwrite"),
         "Use this program: no fault was found; all 6 joints of its run passed the checks",
@@ -255,7 +255,7 @@ def test_a_program_is_corrected_and_its_points_are_written():
         "Worst points",
         "│ 1 │ │ 7 │ 2.830 (2.761 … 2.898) │ 0.000 (0.000 … 0.074) │ unknown │",
         "│ 4 │ │ 10 │ 2.314 (2.252 … 2.376) │ 0.000 (0.000 … 0.075) │ unknown │",
-        "wrote out.src wrote points.csv",
+        "wrote out.src wrote rows.csv",
     )
     assert_said(
         Path("out.src").read_text(),
@@ -266,7 +266,7 @@ def test_a_program_is_corrected_and_its_points_are_written():
         "LIN {X 1366.6301,Y 139.5645,Z 1579.6737,A -168.26166,B 42.54175,C -162.74097} C_DIS",
         "END",
     )
-    first, *_ = written(Path("points.csv").read_text())
+    first, *_ = written(Path("rows.csv").read_text())
     assert numbers(first, "line", "deflection [mm]", "deflection z [mm]") == pytest.approx(
         [7, 2.82953, -2.794023], abs=1e-4
     )
@@ -275,7 +275,7 @@ def test_a_program_is_corrected_and_its_points_are_written():
 
 def test_each_file_of_a_program_is_written_under_a_name_of_its_own():
     Path("more.src").write_text("DEF more( )\nWAIT SEC 1\nEND\n")
-    line = "compensate pull.json path.src more.src --options options.json --output both.src --overwrite"
+    line = "correct pull.json path.src more.src --options options.json --output both.src --overwrite"
     assert_said(typed(line), "4 of 4 targets are corrected", "wrote both.src", "both_more.src")
     assert "LIN {X 1809.8095,Y 268.9042" in Path("both.src").read_text()
     assert Path("both_more.src").read_text() == "DEF more( )\nWAIT SEC 1\nEND\n"
@@ -288,12 +288,12 @@ def test_each_file_of_a_program_is_written_under_a_name_of_its_own():
 
 def test_moves_are_explained_before_they_are_corrected():
     assert_said(
-        typed("compensate pull.json path.src --explain"),
+        typed("correct pull.json path.src --explain"),
         "line 7: 1809.57, 269.279, 1489.68, -161.541, 39.3967, -171.051, base BASE_DATA[1], tool "
         "TOOL_DATA[1]: corrected",
         "4 of 4 moves can be corrected, 0 cannot",
     )
-    moves = answered("compensate pull.json path.src --explain")
+    moves = answered("correct pull.json path.src --explain")
     assert [(each["line"], each["corrected"]) for each in moves] == [(line, True) for line in (7, 8, 9, 10)]
     assert moves[0] == {
         "line": 7,
@@ -326,6 +326,7 @@ def test_a_cut_in_a_file_of_options_is_in_si_units_whatever_the_units_of_the_fil
             "units": {"length": length, "angle": "deg", "force": "N"},
             "accuracy_option": "off",
             "cut": CUT,
+            "format": "csv",
         }
         stated |= {
             "tools": [{"values": [0] * 6}],
@@ -333,10 +334,10 @@ def test_a_cut_in_a_file_of_options_is_in_si_units_whatever_the_units_of_the_fil
             "start": start,
         }
         (folder / "line.json").write_text(json.dumps(stated))
-        command = ("compensate", folder / "pull.json", folder / "line.csv")
+        command = ("correct", folder / "pull.json", folder / "line.csv")
         stated_files = ("--options", folder / "line.json", "-o", folder / "corrected.csv")
         result = terminal(*command, *stated_files, "--json", "--overwrite")
-        before.append(json.loads(result.stdout)["result"]["deflection"]["greatest"])
+        before.append(json.loads(result.stdout)["result"]["program"]["deflection"]["greatest"])
     assert before[0] == pytest.approx(before[1])
     assert before[0] > 1e-5  # hundreds of newtons
 

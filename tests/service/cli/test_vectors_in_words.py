@@ -15,15 +15,15 @@ VECTORS = {
 
 @pytest.mark.parametrize("vector", VECTORS)
 def test_a_vector_in_several_words_is_answered_by_one_word(vector):
-    answer = refused(f"compensate pull.json path.src -o out.src {vector}")
+    answer = refused(f"correct pull.json path.src -o out.src {vector}")
     assert answer.endswith(f"the numbers are one text, with commas and without blanks: {VECTORS[vector]}")
-    assert "one text" not in refused(f"compensate pull.json path.src -o out.src {VECTORS[vector]}")
+    assert "one text" not in refused(f"correct pull.json path.src -o out.src {VECTORS[vector]}")
 
 
 def test_a_named_vector_and_a_quoted_vector():
     answer = refused("import a.csv --flange-target P1=0, 0, 120")
     assert answer.endswith("--flange-target P1=0,0,120")
-    assert "one text" not in refused("compensate pull.json path.src -o out.src --start '10 -5 10 5 45 3'")
+    assert "one text" not in refused("correct pull.json path.src -o out.src --start '10 -5 10 5 45 3'")
 
 
 def test_an_option_behind_a_vector_is_no_part_of_the_vector():

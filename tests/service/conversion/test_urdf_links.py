@@ -7,7 +7,7 @@ from support.documents import campaign
 from support.terminal import terminal
 
 import jointstiff as js
-from jointstiff.service.conversion.arrays import convert_urdf
+from jointstiff.service.conversion.urdf_links import convert_urdf
 
 LIMIT = '<limit lower="0" upper="0.04" effort="1" velocity="1"/>'
 MIMIC = '<mimic joint="joint_6"/>'

@@ -74,8 +74,8 @@ def test_of_an_unknown_arm_no_joint_map_is_proposed_that_explains_little():
     measured = simulate_campaign(default_arm(), configurations=8, load="pull", seed=1)
     wrong = measured | {"robot": js.robot(CHOSEN).model_dump(mode="json")}
     first, *others = js.identify(wrong, elasticity="joints").result.assessment.reasons
-    assert first.message.startswith("the readings do not fit this robot: ")
-    assert first.remedy.startswith("choose the robot that was measured; ")
+    assert first.message.startswith("another robot may have been measured, zeros of joints may be off, ")
+    assert first.remedy.startswith("check which robot was measured; ")
     assert "apply_joint_map" not in [each.action and each.action.kind for each in (first, *others)]
     assert js.identify(measured, elasticity="joints").result.assessment.verdict != "do_not_use"
 

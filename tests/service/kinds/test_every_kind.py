@@ -127,7 +127,7 @@ def test_it_has_an_end_files_and_a_place_in_the_terminal(client, job, kind):
             continue
         assert answer.status_code == 200, answer.text
         assert answer.headers["content-type"].startswith(file.media_type), file.name
-        assert job["id"][:8] in answer.headers["content-disposition"] or kind.name == "program", file.name
+        assert job["id"][:8] in answer.headers["content-disposition"] or file.name == "program", file.name
         assert answer.content
     console = Console(file=io.StringIO(), width=120)
     console.print(lay_out_job(kind, kind.message.model_validate(job)))

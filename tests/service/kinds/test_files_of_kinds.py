@@ -30,7 +30,7 @@ def jobs(local, run):
     """A job of each kind that is reported, all of one run."""
     options = {"positive": False}
     other = local.request("POST", "/v1/campaigns", json=campaign() | {"run": options}).json()
-    names = ("comparison", "geometry", "plan", "map", "program")
+    names = ("comparison", "geometry", "plan", "map", "correction")
     made = {name: posted_job(local, name, run, other["id"]) for name in names}
     assert {answer.status_code for answer in made.values()} == {201}
     return {"run": run, "other": other} | {name: answer.json() for name, answer in made.items()}
@@ -198,7 +198,7 @@ class TestMap:
     def test_the_worst_and_the_stiffest_place(self, local, jobs):
         result = jobs["map"]["result"]
         assert (result["counts"]["reached"], sum(result["counts"].values())) == (4, 4)
-        assert result["remarks"] == BOUND
+        assert jobs["correction"]["result"]["remarks"] == BOUND
         worst, stiffest = result["worst"], result["stiffest"]
         assert (worst["position"], stiffest["position"]) == ([1.8, -0.2, 0.6], [1.4, 0.2, 0.6])
         lines = report_of(local, jobs["map"])
@@ -237,13 +237,13 @@ class TestMap:
 
 class TestProgram:
     def test_distances_and_the_worst_points(self, local, jobs):
-        result = jobs["program"]["result"]
+        result = jobs["correction"]["result"]["program"]
         counts = {"format": "krl", "points": 3, "moves": 3, "moves_left": 0, "corrected": 3, "capped": 0}
         assert {name: result[name] for name in counts} == counts
         assert result["residual"]["greatest"] < 1e-7
-        assert result["remarks"] == BOUND
+        assert jobs["correction"]["result"]["remarks"] == BOUND
         assert [(each["number"], each["line"]) for each in result["worst"]] == [(1, 7), (3, 9), (2, 8)]
-        lines = report_of(local, jobs["program"])
+        lines = report_of(local, jobs["correction"])
         for line in [
             "without correction | 2.314 (2.252 … 2.376) | 2.778 (2.710 … 2.846) | 2.830 (2.761 … 2.898) | "
             "unknown |",
@@ -258,7 +258,7 @@ class TestProgram:
         assert any(line.startswith("predicted, as written | 0.000 (0.000 … 0.0") for line in lines)
 
     def test_the_program_has_other_targets_and_nothing_else_changed(self, local, jobs):
-        answer = local.get(file_at(jobs["program"], "program"))
+        answer = local.get(file_at(jobs["correction"], "program"))
         lines = answer.text.splitlines()
         assert lines[:6] == [
             *("&ACCESS RVP", "DEF path()", ";FOLD INI", ";ENDFOLD"),
@@ -273,7 +273,7 @@ class TestProgram:
             found = re.fullmatch(r"LIN \{X (.+),Y (.+),Z (.+),A (.+),B (.+),C (.+)\} C_DIS", line)
             assert numbers(found.groups()) == pytest.approx(target, rel=1e-5)
         assert lines[9:] == ["END"]
-        head, rows = rows_of(local, jobs["program"], "points.csv")
+        head, rows = rows_of(local, jobs["correction"], "rows.csv")
         assert head[:8] == [
             *("point", "name", "file", "line"),
             *("place x [m]", "place y [m]", "place z [m]", "J1 [deg]"),
@@ -281,7 +281,7 @@ class TestProgram:
         assert [row[2:4] for row in rows] == [["cell.src", "7"], ["cell.src", "8"], ["cell.src", "9"]]
         moved = [-0.244667, 0.373895, -2.794142, 2.82965, 2.681501, 0.241588, -0.374176, 2.800193, 2.83539]
         assert numbers(rows[0][13:22]) == pytest.approx(moved, rel=1e-3)
-        columns = local.get(file_at(jobs["program"], "points.json")).json()["columns"]
+        columns = local.get(file_at(jobs["correction"], "rows.json")).json()["columns"]
         assert columns[0] == {"name": "point", "unit": "", "values": [1, 2, 3]}
         assert len(columns) == len(head)
 
@@ -303,12 +303,12 @@ def test_lists_have_what_a_row_shows_of_each_kind(local, jobs):
     )
     assert {name: answer["total"] for name, answer in listed.items() if answer["total"]} == {
         "run": 2,
-        **dict.fromkeys(("comparison", "geometry", "plan", "map", "program"), 1),
+        **dict.fromkeys(("comparison", "geometry", "plan", "map", "correction"), 1),
     }
     assert {item["verdict"] for answer in listed.values() for item in answer["items"]} == {"use"}
-    of_run = {name: listed[name]["items"][0]["run_id"] for name in ("map", "program")}
-    assert of_run == dict.fromkeys(("map", "program"), jobs["run"]["id"])
-    names = (listed["geometry"]["items"][0]["name"], listed["program"]["items"][0]["name"])
+    of_run = {name: listed[name]["items"][0]["run_id"] for name in ("map", "correction")}
+    assert of_run == dict.fromkeys(("map", "correction"), jobs["run"]["id"])
+    names = (listed["geometry"]["items"][0]["name"], listed["correction"]["items"][0]["name"])
     assert names == ("pan and tilt", "cell.src")
-    outputs = [each["sha256"] for each in jobs["program"]["result"]["files"]]
-    assert listed["program"]["items"][0]["outputs"] == outputs
+    outputs = [each["sha256"] for each in jobs["correction"]["result"]["program"]["files"]]
+    assert listed["correction"]["items"][0]["outputs"] == outputs

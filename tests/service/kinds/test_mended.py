@@ -33,10 +33,10 @@ MENDED = {
         {"force_sign_suspect": "exchange_readings", "no_joint_identified": "exchange_readings"},
         "exchange readings",
     ),
-    "columns_exchanged": ({"alternative_explains_better": "exchange_columns"}, "exchange columns"),
-    "zero_elsewhere": ({"alternative_explains_better": "apply_joint_map"}, ""),
+    "columns_exchanged": ({"joints_swapped": "exchange_columns"}, "exchange columns"),
+    "zero_elsewhere": ({"joints_counted_otherwise": "apply_joint_map"}, ""),
     "half_a_turn_elsewhere": (
-        {"alternative_explains_better": "apply_joint_map", "no_joint_identified": None},
+        {"joints_counted_otherwise": "apply_joint_map", "no_joint_identified": None},
         "",
     ),
     "load_and_target_exchanged": (

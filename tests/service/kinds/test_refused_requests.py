@@ -258,7 +258,7 @@ class TestElasticLinks:
 
     def test_a_program_is_corrected_by_links_without_own_weight(self, local, run):
         accepted = {"accept_verdict": "do_not_use"}
-        made = posted_job(local, "program", run, **accepted).json()["result"]
+        made = posted_job(local, "correction", run, **accepted).json()["result"]["program"]
         counts = {"points": 3, "moves": 3, "moves_left": 0, "corrected": 3, "capped": 0}
         assert {name: made[name] for name in counts} == counts
         deflection = {"median": 0.00340861, "p95": 0.00430067, "greatest": 0.00439979}
@@ -271,7 +271,7 @@ class TestElasticLinks:
         assert made["worst"][0]["place"] == pytest.approx([1.8096, 0.26928, 1.4897], rel=1e-3)
         assert made["worst"][0]["interval"] == pytest.approx([0.00426244, 0.00453714], rel=1e-3)
         assert made["worst"][0]["standard_uncertainty"] == pytest.approx(7.00785e-5, rel=1e-3)
-        assert told(posted_job(local, "program", run, **accepted, masses=MASSES)) == no_own_weight(run)
+        assert told(posted_job(local, "correction", run, **accepted, masses=MASSES)) == no_own_weight(run)
 
 
 def test_deflections_of_another_unit_are_no_measurement():

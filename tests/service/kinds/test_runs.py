@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 from support.documents import changed
 from support.jobs import run_request, runs_of, set_of, stored_set
-from support.programs import exact_run, path, request, tool_poses
+from support.programs import exact_run, flat, path, request, tool_poses
 from support.terminal import terminal
 
 import jointstiff
@@ -197,10 +197,10 @@ def test_joints_alone_are_another_fit_with_its_own_score(given):
     assert [each.stiffness for each in result.alone.joints] != [each.stiffness for each in result.joints]
 
 
-def test_a_program_is_compensated_by_links(memory, set_id, given):
+def test_a_program_is_corrected_by_links(memory, set_id, given):
     robot = Parts(memory).sets.prepared(set_id).robot
     text = program_text("krl", tool_poses(path(12)), 5)
-    result = ProgramWork(robot, "robot", given, request("krl", text)).conclude(())
+    result = flat(ProgramWork(robot, "robot", given, request("krl", text)).conclude(()))
     assert result.corrected == 12
     assert result.residual.greatest < 1e-6 < 1e-3 < result.deflection.median  # five digits of mm and degrees
     for point in result.worst:

@@ -278,7 +278,7 @@ class TestWhatDoesNotGoWithASlide:
     def test_angles_of_a_spindle(self):
         document = changed(sliding("scara", SI), ("measurement_set.joint_kinds", ["revolute"] * 4))
         assert refused(js.identify, document) == (
-            "measurement_set.joint_kinds | joint joint_3 is read as an angle, but in the robot this joint "
+            "measurement_set.joint_kinds | joint joint_3 is read as revolute, but in the robot this joint "
             "is prismatic | give lengths of this joint, in `units.length`, or check the robot and the "
             "order of the joints"
         )
@@ -293,9 +293,8 @@ class TestWhatDoesNotGoWithASlide:
             ("measurement_set.noise.encoder_sigma", 1e-6),
         )
         assert refused(js.identify, document) == (
-            "measurement_set.observations | there are encoder readings of joint_3, but joint_3 is "
-            "a prismatic joint | "
-            "omit these readings: encoder readings are used for revolute joints only"
+            "measurement_set.observations[0].encoder_readings | observation 'c01': the robot has no revolute "
+            "joint 'joint_3' | use one of joint_1, joint_2, joint_4"
         )
 
     def test_a_geometry(self):

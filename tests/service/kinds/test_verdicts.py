@@ -145,7 +145,7 @@ def test_a_movement_of_all_loaded_readings_is_no_force(clean):
 
 
 ACCEPTED = {"accept_verdict": "do_not_use"}
-REFUSED = ("plan", "map", "program")
+REFUSED = ("plan", "map", "correction")
 """Kinds that act on a robot, or guide a measurement."""
 
 
@@ -185,14 +185,14 @@ FIRST = {
     "comparison": "Do not use this comparison: 2 reasons of its run",
     "plan": "Do not use this plan: 1 reason of its own, 1 reason of its run",
     "map": "Do not use this map: 1 reason of its run",
-    "program": "Do not use this program: 1 reason of its run",
+    "correction": "Do not use this program: 1 reason of its run",
 }
 TABLES = {
     "run": ["joints.csv", "residuals.csv", "model.csv?accept_verdict=do_not_use"],
     "comparison": ["table.csv", "ratios.csv", "configurations.csv"],
     "plan": ["readings.csv"],
     "map": ["map.csv"],
-    "program": ["points.csv"],
+    "correction": ["rows.csv"],
 }
 
 
@@ -227,7 +227,7 @@ def test_nor_does_an_export(local, runs, name):
 
 
 def test_the_program_says_it_even_unmarked(local, post_job):
-    program = post_job("program", **ACCEPTED, mark=False).json()
+    program = post_job("correction", **ACCEPTED, mark=False).json()
     text = local.get(file_at(program, "program")).text
     (mark,) = [line for line in text.splitlines() if "Jointstiff run" in line]
     assert mark.endswith("verdict: do not use")
@@ -277,14 +277,14 @@ ABSURD = {
     "map, µm for mm": lambda run, _: js.map(run, force=(0, 0, -500), **AREA | {"place": (0, 0, 250e3)}),
     "map, no place reached": lambda run, _: js.map(run, force=(0, 0, -500), **FAR),
     "map, joint without a number": lambda _, less: js.map(less, force=(0, 500, 0), **AREA),
-    "program, kN for N": lambda run, _: js.compensate(run, POCKET, force=KILONEWTONS, **MILLING),
-    "program, all capped": lambda run, _: js.compensate(
+    "program, kN for N": lambda run, _: js.correct(run, POCKET, force=KILONEWTONS, **MILLING),
+    "program, all capped": lambda run, _: js.correct(
         run, POCKET, force=(0, 0, -500), max_displacement=0.1, **MILLING
     ),
-    "program, all capped, accepted": lambda run, _: js.compensate(
+    "program, all capped, accepted": lambda run, _: js.correct(
         run, POCKET, force=(0, 0, -500), max_displacement=0.1, **MILLING, **ACCEPTED
     ),
-    "program, nothing to correct": lambda run, _: js.compensate(run, POCKET, force=(0, 0, 0), **MILLING),
+    "program, nothing to correct": lambda run, _: js.correct(run, POCKET, force=(0, 0, 0), **MILLING),
     "plan, joint without a load": lambda *_: js.plan(BY_WEIGHTS, readings=4, candidates=100),
     "run, joint without a number": lambda _, less: less,
 }

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from support.api import post, posted
-from support.programs import FORCE, TOOL, path, request
+from support.programs import FORCE, TOOL, flat, path, request
 from support.slides import arm_on_rail
 
 import jointstiff as js
@@ -69,12 +69,12 @@ def start():
     return [1e3 * RAIL, *np.degrees(path(1)[0]).tolist()]
 
 
-def test_a_program_is_compensated_with_the_rail_standing_still():
+def test_a_program_is_corrected_with_the_rail_standing_still():
     robot, known = exact_rail()
     wanted = on_rail(9)
     text = program_text("krl", tool_poses(wanted), 6)
     work = ProgramWork(robot, "robot", known, request("krl", text, start=start()))
-    result = work.conclude(())
+    result = flat(work.conclude(()))
     assert result.corrected == 9
     assert result.deflection.median > 5e-4
     assert result.residual.greatest < 1e-6
@@ -105,7 +105,7 @@ def flange_of(tools):
     return poses
 
 
-def test_joint_targets_are_compensated_by_the_arm_alone():
+def test_joint_targets_are_corrected_by_the_arm_alone():
     robot, known = exact_rail()
     wanted = on_rail(5)
     lines = [
@@ -116,7 +116,8 @@ def test_joint_targets_are_compensated_by_the_arm_alone():
     ]
     head = ["&ACCESS RVP", "DEF path()", ";FOLD INI", ";ENDFOLD", "$TOOL=TOOL_DATA[1]", "$BASE=BASE_DATA[1]"]
     text = "\r\n".join([*head, *lines, "END", ""])
-    result = ProgramWork(robot, "robot", known, request("krl", text, start=start(), bases=[])).conclude(())
+    work = ProgramWork(robot, "robot", known, request("krl", text, start=start(), bases=[]))
+    result = flat(work.conclude(()))
     assert result.corrected == 5
     assert result.residual.greatest < 1e-6
     written = decompress_file(result.files[0]).decode("latin-1")

@@ -33,7 +33,7 @@ def test_python_names_the_extra(tmp_path):
     program = tmp_path / "a.src"
     program.write_bytes(TEXT.encode("latin-1"))
     with pytest.raises(MissingExtraError) as missing:
-        js.compensate(js.identify(CAMPAIGN), program, accuracy_option="off", force=(0.0, 0.0, -500.0))
+        js.correct(js.identify(CAMPAIGN), program, accuracy_option="off", force=(0.0, 0.0, -500.0))
     assert str(missing.value) == f"{REASON}: {REMEDY}"
 
 
@@ -42,6 +42,6 @@ def test_the_api_names_the_extra(client):
     run = posted(client, CAMPAIGN)
     stated = json.dumps(options("krl") | {"run_id": run["id"]})
     files = [("files", ("a.src", TEXT.encode("latin-1")))]
-    answer = client.post("/v1/programs", data={"options": stated}, files=files)
+    answer = client.post("/v1/corrections", data={"options": stated}, files=files)
     problem = answer.json()
     assert (answer.status_code, problem["detail"], problem["remedy"]) == (501, REASON, REMEDY)

@@ -82,24 +82,24 @@ def test_deflections_stand_at_the_places_of_their_targets():
     assert reading.deflection == pytest.approx([-0.0469, 2.8761, -0.0979], rel=1e-3)
 
 
-CELLS = "give finite numbers of shape (3,) or (6, 3)"
+KNOWN = (
+    "length m, mm; angle rad, deg; force N, kN, kgf, lbf, kg; moment N.m, N.mm, kN.m, kgf.m, lbf.m, lbf.ft, "
+    "lbf.in"
+)
 
 
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"units": "mm"}, "units: the unit of angle is missing; remedy: write the units as in 'mm, deg, N'"),
         (
-            {"units": "m, deg, kN, N·mm"},
-            "load_point: the point is 190.788 m from the flange, where no tool reaches; up to 5 m is "
-            "plausible; remedy: check the unit of the point; for a longer tool, put the flange of the "
-            "robot's model on "
-            "the tool",
+            {"units": "mm"},
+            "units: the unit of angle is missing; remedy: use one unit for each quantity, as in "
+            f"'mm, deg, N': {KNOWN}",
         ),
         (
             {"targets": ["P10"]},
-            "`unloaded` has the shape (6, 3, 3); remedy: give 3 numbers for each of 6 observations and 1 "
-            "targets",
+            "`unloaded` has the shape (6, 3, 3), not (6, 1, 3), observation by target; remedy: give "
+            "`unloaded` in the shape (6, 1, 3), observation by target",
         ),
         (
             {"joints": column("joints")[:, :5]},
@@ -107,10 +107,15 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
             "robot has 6 joints; remedy: give the 6 controller angles of joint_1, joint_2, joint_3, joint_4, "
             "joint_5, joint_6",
         ),
-        ({"forces": column("force")[:3]}, f"`forces` has the shape (3, 3); remedy: {CELLS}"),
+        (
+            {"forces": column("force")[:3]},
+            "`forces` has the shape (3, 3), not (3,) or (6, 3); remedy: give `forces` in the "
+            "shape (3,) or (6, 3)",
+        ),
         (
             {"forces": [0, 0, np.nan]},
-            f"`forces` has the shape (3,), and some of its values are not numbers; remedy: {CELLS}",
+            "forces[0]: `forces` lacks numbers in row 1; remedy: give these numbers, or leave out such rows "
+            "of all arrays",
         ),
         (
             {"sigma": -1},
@@ -119,12 +124,13 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
         ),
         (
             {"labels": ["a"]},
-            "there are 1 labels, but 6 observations; remedy: give one label for each observation",
+            "`labels` has the shape (1,), not (6,); remedy: give `labels` in the shape (6,)",
         ),
         (
             {"unloaded": None},
-            "unloaded: `loaded` alone cannot be used as readings; remedy: give `unloaded` and `loaded`, or "
-            "`deflections`; give `unloaded` alone only to identify by the own weight",
+            "unloaded: `loaded` and `forces` and `moments` alone cannot be used as readings and their load; "
+            "remedy: give `unloaded` and `loaded`, or `deflections`, with `forces` or `moments`; give "
+            "`unloaded` alone, without forces, only to identify by the own weight",
         ),
         (
             FREE,
@@ -138,17 +144,17 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
         ),
         (
             {"unloaded": read("unloaded") * np.nan},
-            "unloaded: all readings are NaN; remedy: give the readings; NaN means that a target was not read",
+            "unloaded: all readings are NaN; remedy: write NaN only where a target was not read",
         ),
         (
             {"joints": "x"},
             "`joints` is not an array of numbers: could not convert string to float: 'x'; remedy: give an "
-            "array, or lists of equal lengths",
+            "array of numbers, or lists of equal lengths",
         ),
         (
             {"joints": np.zeros((0, 6))},
-            "`joints` has the shape (0, 6); remedy: give a row of finite numbers for each "
-            "observation, (N, n)",
+            "`joints` has the shape (0, 6), not (N, n), a row for each observation; remedy: give `joints` in "
+            "the shape (N, n), a row for each observation",
         ),
     ],
 )
@@ -172,22 +178,31 @@ def test_a_missing_value_in_place_of_a_reading_is_a_target_that_was_not_read(mis
     assert of_arrays(loaded=loaded) == of_arrays(loaded=of_nan)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        (7.5, "`loaded[2][1]` is 7.5, not a list of 3 values"),
-        ([7.5, 1.0], "`loaded[2]` has rows of different lengths: 3 in the first, 2 in row 2"),
-        ([], "`loaded[2]` has rows of different lengths: 3 in the first, 0 in row 2"),
-    ],
-)
-def test_a_reading_of_another_shape_is_refused_by_its_place(wrong, said):
+@pytest.mark.parametrize("wrong", [7.5, [7.5, 1.0], []])
+def test_a_reading_of_another_shape_is_refused(wrong):
     loaded = read("loaded").tolist()
     loaded[2][1] = wrong
-    with pytest.raises(js.CampaignError) as caught:
+    with pytest.raises(
+        js.CampaignError, match=r"`loaded` is not an array of numbers: .* inhomogeneous shape"
+    ):
         of_arrays(loaded=loaded)
-    assert str(caught.value).endswith(
-        f"{said}; remedy: give every row the same number of values; NaN means that a target was not read"
-    )
+
+
+@pytest.mark.parametrize(
+    "wrong", [np.ones((6, 6), dtype=bool), np.ones((6, 6), dtype=np.float16), np.ones((6, 6)) * 1j]
+)
+def test_values_that_are_no_numbers_of_enough_digits_are_refused(wrong):
+    with pytest.raises(js.CampaignError, match=f"`joints` .*{wrong.dtype}"):
+        of_arrays(joints=wrong)
+
+
+def test_the_run_refuses_a_load_point_in_another_unit():
+    document = simulate_campaign(default_arm(), load="pull", configurations=8, seed=1)
+    document["measurement_set"]["load_point"] = [
+        1e3 * each for each in document["measurement_set"]["load_point"]
+    ]
+    (reason, *_) = js.identify(document).result.assessment.reasons
+    assert (reason.code, reason.weight) == ("length_unit_suspect", "do_not_use")
 
 
 def test_positions_after_unloading_reach_the_run_and_may_be_missing():
@@ -227,7 +242,7 @@ def test_an_array_of_many_axes_or_of_no_observation_is_refused_at_once():
     """Twelve axes have 479 million orders."""
     stated = {"robot": "KUKA KR 6 R900 sixx", "encoders": "motor", "load_point": (0, 0, 120)}
     for unloaded in (np.zeros((1,) * 12), np.zeros((0, 3)), np.zeros((7, 2)), 5.0):
-        with pytest.raises(js.CampaignError, match=r"`unloaded` has the shape .* give 3 numbers"):
+        with pytest.raises(js.CampaignError, match=r"`unloaded` has the shape .* not \(4, "):
             js.Campaign.from_arrays(
                 **stated, joints=np.zeros((4, 6)), unloaded=unloaded, loaded=unloaded, forces=(0, 0, -500)
             )

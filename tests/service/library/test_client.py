@@ -392,8 +392,9 @@ def sources(backend, tmp_path_factory):
 
 
 def program(result):
-    worst = [point.model_dump() for point in result.result.worst]
-    return result.result.points, result.result.corrected, worst
+    corrected = result.result.program
+    worst = [point.model_dump() for point in corrected.worst]
+    return corrected.points, corrected.corrected, worst
 
 
 VERBS = {
@@ -421,8 +422,8 @@ VERBS = {
         ),
         lambda job: job.result,
     ),
-    "compensate": (
-        lambda backend, source: backend.compensate(
+    "program": (
+        lambda backend, source: backend.correct(
             source, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE
         ),
         program,
@@ -544,7 +545,7 @@ def test_a_result_of_any_backend_writes_the_same_files(backend, sources, tmp_pat
     run, contents = sources["run"], []
     for each in (run, js.identify(DOCUMENT)):
         area = backend.map(each, area=AREA, grid=(2, 2, 1), place=(0, 0, 250), force=FORCE)
-        milled = backend.compensate(each, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE)
+        milled = backend.correct(each, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE)
         each.save(tmp_path / "arm.mjcf")
         area.save(tmp_path / "map.csv")
         milled.save(tmp_path / "out.src")
@@ -569,7 +570,7 @@ MISTAKES = {"wrong_1": 'metod="complete_pose"', "wrong_2": 'readings="six"', "wr
 RIGHT = {"wrong_1": 'method="complete_pose"', "wrong_2": "readings=6", "wrong_3": "grid=(3, 3, 1)"}
 
 
-MORE_FIELDS = {"geometry": {"robot"}, "program": {"force"}, "correction": {"forces"}}
+MORE_FIELDS = {"geometry": {"robot"}, "correction": {"forces"}}
 """Fields of a verb that are no options of its kind."""
 
 

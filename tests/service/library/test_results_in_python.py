@@ -44,7 +44,7 @@ def results(run, document):
         "geometry": js.geometry(EXAMPLES / "sweeps.json"),
         "plan": js.plan(run, readings=4, candidates=200),
         "map": js.map(run, area=area, grid=(3, 3, 1), place=(0, 0, 250), force=FORCE),
-        "program": js.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
+        "program": js.correct(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
         "prediction": run.predict(postures, FORCE, at=(0, 0, 120)),
     }
 
@@ -64,7 +64,8 @@ def results(run, document):
 def test_a_result_shows_its_verdict_first(results, name, headline):
     result = results[name]
     shown = "" if name == "prediction" else f" {result.id[:8]}, succeeded"
-    assert repr(result) == f"<{name.capitalize()}{shown}: {headline}>"
+    kind = "CorrectionJob" if name == "program" else name.capitalize()
+    assert repr(result) == f"<{kind}{shown}: {headline}>"
     assert result.summary().startswith(headline)
     assert str(result).startswith(headline)
 
@@ -118,8 +119,7 @@ KINDS = ("run", "comparison", "geometry", "plan", "map", "program", "gearbox")
 
 
 def test_the_kinds_of_these_tests_are_all_kinds():
-    arrays = {"correction"}  # `correct` returns arrays, of which test_corrections.py has the promises
-    assert {*KINDS} | arrays == {*ROOMS}
+    assert {kind.replace("program", "correction") for kind in KINDS} == {*ROOMS}
 
 
 def test_the_first_screen_of_a_run_is_verdict_table_and_one_line(run):
@@ -194,7 +194,7 @@ TABLES = {
     "geometry": ["axes"],
     "plan": ["readings"],
     "map": ["map"],
-    "program": ["points"],
+    "program": ["rows"],
     "prediction": ["cases"],
 }
 
@@ -264,7 +264,7 @@ def test_residuals_and_configurations_are_tables_of_their_own(results):
         ),
         (
             lambda _, document: js.identify(document, colour=1),
-            "1 fault; first: colour: unknown field; remedy: remove this field, or use one of ",
+            "1 fault; first: colour: unknown field; remedy: remove this field, or check its spelling",
         ),
         (
             lambda run, _: js.map(run),

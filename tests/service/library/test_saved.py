@@ -64,7 +64,7 @@ def results_of(backend, document):
         "gearbox": backend.gearbox(simulate_step(3).document),
         "plan": backend.plan(run, readings=2, candidates=200),
         "map": backend.map(run, **AREA),
-        "program": backend.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
+        "program": backend.correct(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
         "prediction": run.predict(POSTURES, FORCE, at=(0, 0, 120)),
     }
 
@@ -132,8 +132,8 @@ def test_every_verb_accepts_a_saved_run(backend, request, tmp_path, document):
     assert js.plan(file, readings=2, candidates=200).result == results["plan"].result
     assert js.map(file, **AREA).result == results["map"].result
     assert str(js.compare(file, constraints=["positive"])) == str(results["comparison"])  # other ids of runs
-    program = js.compensate(file, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE)
-    assert program.result.worst == results["program"].result.worst
+    program = js.correct(file, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE)
+    assert program.result.program.worst == results["program"].result.program.worst
     assert js.rehearse(file).joints == js.rehearse(results["run"]).joints
     for predicted in (
         js.predict(file, POSTURES, FORCE, at=(0, 0, 120)),
@@ -156,7 +156,7 @@ def test_a_client_accepts_a_saved_run(name, in_process, served_in_process, tmp_p
         assert client.identify(file).result == run.result
         for verb, arguments, options, view in (
             ("map", (), AREA, lambda result: result.places),
-            ("compensate", (EXAMPLES / "pocket.src",), cut, lambda result: result.worst),
+            ("correct", (EXAMPLES / "pocket.src",), cut, lambda result: result.program.worst),
         ):
             there, here = (getattr(each, verb)(file, *arguments, **options) for each in (client, js))
             assert view(there.result) == view(here.result), verb
@@ -184,7 +184,7 @@ COMMANDS = [
     "plan run.json --readings 2 --candidates 200",
     "map run.json --options area.json",
     "predict run.json postures.csv --load-point 0,0,120",
-    "compensate run.json pocket.src --accuracy-option off --force 0,0,-500 -o out.src",
+    "correct run.json pocket.src --accuracy-option off --force 0,0,-500 -o out.src",
     "export run.json -o model.csv",
     "report run.json -o report.html",
     "report plan.json -o plan.html",
@@ -264,7 +264,7 @@ def test_a_file_without_a_result_is_refused_by_its_name(tmp_path, monkeypatch, i
     with pytest.raises(js.CampaignError, match=r"large\.json exceeds 32 MiB"):
         js.load("large.json")
     Path("broken.json").write_text("[1, 2")
-    with pytest.raises(js.CampaignError, match="ends in the middle of the JSON document"):
+    with pytest.raises(js.CampaignError, match="Invalid JSON: EOF while parsing"):
         js.load("broken.json")
 
 

@@ -1,6 +1,7 @@
 """One rule for units: every function takes mm, deg, N and N·m, or the units of `units=`."""
 
 import inspect
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,8 +10,8 @@ import pytest
 import jointstiff as js
 from jointstiff.schemas.live import LiveOptions
 from jointstiff.schemas.measurement import Units
-from jointstiff.service.conversion.arguments import complete_units, convert_to_si
-from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
+from jointstiff.service.conversion.arguments import convert_to_si
+from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT, complete_units
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
 from jointstiff.service.kinds.verb import import_verb
 from jointstiff.service.library.cases import PredictFields, make_load_cases
@@ -154,11 +155,11 @@ def test_a_verb_of_programs_sends_the_units_of_the_call(tmp_path):
     (tmp_path / "path.src").write_text("DEF p()\nEND\n")
     file = tmp_path / "path.src"
     fields = {"load_point": (0, 0, 120), "force": (0, 0, -500), "cut": {"diameter": 20.0}}
-    one = requested("compensate", ROBOT, file, **fields).request
+    one = requested("correct", ROBOT, file, **fields).request
     assert one["units"] == {"length": "mm", "angle": "deg", "force": "N", "moment": "N.m"}
     assert one["load_point"] == [0, 0, 120]
     assert one["cut"]["diameter"] == 0.02  # a cut is in SI units in the message
-    other = requested("compensate", ROBOT, file, units="m, rad, kN", load_point=(0, 0, 0.12)).request
+    other = requested("correct", ROBOT, file, units="m, rad, kN", load_point=(0, 0, 0.12)).request
     assert other["units"] == {"length": "m", "angle": "rad", "force": "kN", "moment": "kN.m"}
 
 
@@ -215,24 +216,28 @@ def test_every_function_with_numbers_takes_units():
     assert "units" in PredictFields.__annotations__
 
 
-def test_rows_of_a_robot_are_in_mm_and_deg():
-    rows = [[350.0, -90.0, 675.0, 0.0]]
-    table = {"convention": "modified", "columns": "a alpha d theta"}
-    one = js.robot(rows, **table).model.rows[0]
-    other = js.robot([[0.35, -np.pi / 2, 0.675, 0.0]], units="m, rad, N", **table).model.rows[0]
-    assert (one.a, one.alpha, one.d) == pytest.approx((other.a, other.alpha, other.d))
-
-
 def test_units_that_are_not_known_or_not_stated_are_refused():
     with pytest.raises(js.CampaignError, match="'cm' is not a known unit of length"):
         requested("map", None, units={"length": "cm"}, place=(0, 0, 1))
     with pytest.raises(js.CampaignError, match="the unit of moments is missing"):
         requested("map", None, units="mm, deg, kN", moment=(0, 0, 1))
-    load = {"force": (0.0, 0.0, -500.0)}
     units = Units(length="m", angle="rad", force="N")
-    options = import_kind("program").options(units=units, accuracy_option="off", load=load)
+    load = (0.0, 0.0, -500.0)
+    options = import_kind("correction").options(units=units, accuracy_option="off", force=load)
     with pytest.raises(TypeError, match="already state units"):
-        requested("compensate", "run", options=options, units="mm, deg, N")
+        requested("correct", "run", __file__, options=options, units="mm, deg, N")
     assert complete_units("m, rad, kg")["moment"] == "kgf.m"
     assert set(complete_units(None)) == {"length", "angle", "force", "moment"}
     assert complete_units({"length": "m"})["moment"] in MOMENT
+
+
+def test_the_factors_of_units_stand_in_one_file_of_the_service():
+    """A live source still has an inch of its own."""
+    service = Path(js.__file__).parent / "service"
+    places = {
+        str(path.relative_to(service))
+        for path in service.rglob("*.py")
+        for factor in ("9.80665", "0.0254", "0.3048", "4.448")
+        if factor in path.read_text(encoding="utf-8")
+    }
+    assert places == {"conversion/units.py", "live/sources.py"}

@@ -149,9 +149,11 @@ def test_work_by_an_executor_is_cancelled_between_its_steps(pool):
 
 def test_a_service_refuses_an_executor(pool):
     with Client("http://127.0.0.1:9") as client:
-        for verb in (client.identify, client.map, client.plan, client.compare, client.compensate):
+        for verb in (client.identify, client.map, client.plan, client.compare):
             with pytest.raises(TypeError, match="own workers"):
                 verb(DOCUMENT, executor=pool)
+        with pytest.raises(TypeError, match="own workers"):
+            client.correct(DOCUMENT, "pocket.src", executor=pool)
 
 
 def test_one_campaign_in_place_of_several_is_refused():

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from support.programs import (
     FORCE,
-    compensated,
-    compensated_with_table,
+    corrected,
+    corrected_with_table,
     exact_run,
+    flat,
     path,
     request,
     tool_poses,
@@ -37,17 +38,17 @@ def moved_lines(result):
 def test_a_table_has_forces_and_moments_in_any_order_and_unit():
     units = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.m"}
     load = {"force": FORCE, "moment": (150.0, -80.0, 40.0)}
-    stated = compensated("krl", TEXT, units=units, load=load)
+    stated = corrected("krl", TEXT, units=units, force=None, segments=[load])
     header = "point,Fx [N],Mz [N.mm],Fz [kN],Fy [N],Mx [N.m],My [kN.m]"
     rows = "".join(f"{point},300,40000,-1.4,400,150,-0.08\n" for point in range(1, 5))
-    of_table = compensated_with_table(TEXT, f"{header}\n{rows}")
+    of_table = corrected_with_table(TEXT, f"{header}\n{rows}")
     assert decompress_file(of_table.files[0]) == decompress_file(stated.files[0])
-    forces_alone = compensated("krl", TEXT)
+    forces_alone = corrected("krl", TEXT)
     assert of_table.deflection.greatest != pytest.approx(forces_alone.deflection.greatest, rel=1e-3)
 
 
 def test_points_that_a_table_omits_have_no_load():
-    result = compensated_with_table(TEXT, f"{HEADER}\n4,300,400,-1400\n\n2,300,400,-1400\n")
+    result = corrected_with_table(TEXT, f"{HEADER}\n4,300,400,-1400\n\n2,300,400,-1400\n")
     assert moved_lines(result) == [8, 10]
     assert (result.corrected, result.left_alone) == (2, {"no_load": 2})
 
@@ -56,9 +57,9 @@ def by_labels(rows):
     """The result of FANUC's program, whose targets have names, under a table of labels."""
     asked = request("fanuc", program_text("fanuc", tool_poses(path(4)), 4))
     files = [*asked.files, compress_file("loads.csv", f"label{HEADER[5:]}\n{rows}".encode())]
-    changed = asked.model_copy(update={"load": None, "loads": "loads.csv", "files": files})
+    changed = asked.model_copy(update={"force": None, "loads": "loads.csv", "files": files})
     robot, run = exact_run()
-    return ProgramWork(robot, "robot", run, changed).conclude(())
+    return flat(ProgramWork(robot, "robot", run, changed).conclude(()))
 
 
 @pytest.mark.parametrize("header", ["Label", " label", "LABEL "])
@@ -91,12 +92,12 @@ BY_LENGTH = f"length [mm]{HEADER[5:]}"
 
 def by_length(rows):
     lines = "".join(",".join(repr(float(each)) for each in row) + "\n" for row in rows)
-    return compensated_with_table(TEXT, f"{BY_LENGTH}\n{lines}")
+    return corrected_with_table(TEXT, f"{BY_LENGTH}\n{lines}")
 
 
 def by_points(forces):
     rows = "".join(f"{i},{','.join(map(repr, map(float, force)))}\n" for i, force in enumerate(forces, 1))
-    return compensated_with_table(TEXT, f"{HEADER}\n{rows}")
+    return corrected_with_table(TEXT, f"{HEADER}\n{rows}")
 
 
 def test_a_table_by_length_is_interpolated_at_the_points():
@@ -125,20 +126,20 @@ def test_a_line_from_joint_angles_counts_and_joint_moves_do_not():
     approach = 1e3 * np.linalg.norm(tool_poses(home[None])[0, :3, 3] - 1e-3 * PLACES[0])
     ends = [0.0, approach, approach + WAY[-1]]
     rows = "".join(f"{at!r},0,0,{-1.0 * (at > 0.0) * (1.0 + at)!r}\n" for at in map(float, ends))
-    found = compensated_with_table(text, f"{BY_LENGTH}\n{rows}")
+    found = corrected_with_table(text, f"{BY_LENGTH}\n{rows}")
     wanted = -1.0 * (1.0 + approach + WAY)
     numbered = "".join(f"{i},0,0,{force!r}\n" for i, force in enumerate(wanted.tolist(), 2))
-    by_number = compensated_with_table(text, f"{HEADER}\n{numbered}")
+    by_number = corrected_with_table(text, f"{HEADER}\n{numbered}")
     assert found.moves == 5
     assert found.left_alone == {"no_load": 1}
     assert decompress_file(found.files[0]) == decompress_file(by_number.files[0])
     with pytest.raises(FilesError, match="joint moves"):
-        compensated_with_table(TEXT.replace("LIN", "PTP"), f"{BY_LENGTH}\n{rows}")
+        corrected_with_table(TEXT.replace("LIN", "PTP"), f"{BY_LENGTH}\n{rows}")
 
 
 def test_a_huge_table_by_length_is_refused_before_it_is_split():
     with pytest.raises(FilesError, match="at most 100,000 lines"):
-        compensated_with_table(TEXT, f"{BY_LENGTH}\n" + "\n" * 100_001)
+        corrected_with_table(TEXT, f"{BY_LENGTH}\n" + "\n" * 100_001)
 
 
 REFUSED = {
@@ -203,7 +204,7 @@ REFUSED = {
 def test_a_table_that_is_not_certain_is_refused_with_its_line(case):
     table, words = REFUSED[case]
     with pytest.raises(FilesError) as refused:
-        compensated_with_table(TEXT, table)
+        corrected_with_table(TEXT, table)
     assert str(refused.value) == words
 
 
@@ -212,13 +213,13 @@ def segments(*lines):
 
 
 def test_segments_may_stand_in_any_order_and_follow_one_another():
-    result = compensated("krl", TEXT, load=None, segments=segments((9, 9), (7, 8)))
+    result = corrected("krl", TEXT, force=None, segments=segments((9, 9), (7, 8)))
     assert moved_lines(result) == [7, 8, 9]
 
 
 def test_a_line_with_two_loads_is_refused():
     with pytest.raises(RequestError) as refused:
-        compensated("krl", TEXT, load=None, segments=segments((9, 10), (7, 9)))
+        corrected("krl", TEXT, force=None, segments=segments((9, 10), (7, 9)))
     assert str(refused.value) == (
         "segments[0]: line 9 has two loads; give segments of lines that do not overlap"
     )

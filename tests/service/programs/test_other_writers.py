@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.examples import examples
-from support.programs import FORCE, START, compensated, tool_poses, work_of
+from support.programs import FORCE, START, corrected, tool_poses, work_of
 
 from jointstiff.service.kinds.correction.files import decompress_file
 from jointstiff.service.kinds.correction.path import _WORDS
@@ -97,7 +97,7 @@ def test_krl_turn_is_rewritten_where_an_axis_crosses_zero():
     text = f"DEF a()\n{FRAMES}\nPTP {{{krl_numbers(joints)},S {s},T {t}}}\nEND"
     crossing = []
     for sign in (1.0, -1.0):
-        result = compensated("krl", text, start=None, load={"force": tuple(sign * np.array(FORCE))})
+        result = corrected("krl", text, start=None, force=tuple(sign * np.array(FORCE)))
         crossing.append(f"T {t}}}" not in decompress_file(result.files[0]).decode())
         assert f"T {t | 1 if crossing[-1] else t}}}" in decompress_file(result.files[0]).decode()
     assert sorted(crossing) == [False, True]

@@ -1,9 +1,9 @@
 # ruff: noqa: E501  # lines of programs, and words that users read
-"""What is told of a compensated program: counts, spreads, worst points, reasons, remarks, and its text."""
+"""What is told of a corrected program: counts, spreads, worst points, reasons, remarks, and its text."""
 
 import pytest
 from scipy import stats
-from support.programs import FORCE, compensated, exact_run, path, request, tool_poses
+from support.programs import FORCE, corrected, exact_run, path, request, tool_poses
 
 from jointstiff.service.kinds.correction.files import compress_file, decompress_file
 from jointstiff.service.kinds.correction.programs import ProgramWork
@@ -73,7 +73,7 @@ ROUNDED = {
 @pytest.mark.parametrize("kind", PROGRAM_FILES)
 def test_each_language_has_the_same_correction_in_its_own_numbers(kind):
     text = program_text(kind, tool_poses(path(6)), 4)
-    result = compensated(kind, text)
+    result = corrected(kind, text)
     line, rows = ROWS[kind]
     old = text.splitlines()
     new = [each for each in decompress_file(result.files[0]).decode().splitlines() if each not in old]
@@ -99,7 +99,7 @@ def test_each_language_has_the_same_correction_in_its_own_numbers(kind):
 
 
 def test_the_worst_point_is_told_with_place_deflection_correction_and_what_remains():
-    result = compensated("krl", KRL)
+    result = corrected("krl", KRL)
     assert lines_of(result) == CORRECTED
     worst = result.worst[0]
     assert (worst.number, worst.name, worst.line, worst.share, worst.capped) == (1, "", 7, 1.0, False)
@@ -119,14 +119,14 @@ def test_the_worst_point_is_told_with_place_deflection_correction_and_what_remai
 def test_an_interval_has_the_stated_confidence(confidence):
     """Student's distribution: three coordinates of three targets in 12 postures, less six compliances."""
     coverage = stats.t.ppf(0.5 + 0.5 * confidence, 12 * 3 * 3 - 6)
-    worst = compensated("krl", KRL, confidence=confidence).worst[0]
+    worst = corrected("krl", KRL, confidence=confidence).worst[0]
     assert worst.standard_uncertainty == pytest.approx(2.8154e-5, rel=1e-4)
     half = coverage * worst.standard_uncertainty
     assert worst.interval == pytest.approx((worst.deflection - half, worst.deflection + half), rel=1e-6)
 
 
 def test_a_bound_of_the_model_error_is_told_where_the_postures_suffice():
-    of_half, of_most = (compensated("krl", KRL, confidence=confidence) for confidence in (0.5, 0.95))
+    of_half, of_most = (corrected("krl", KRL, confidence=confidence) for confidence in (0.5, 0.95))
     assert of_half.worst[0].interval_with_model_error == about(0.0028012, 0.0028393)
     assert of_half.remarks == [NO_MASSES]
     assert of_most.worst[0].interval_with_model_error is None
@@ -135,7 +135,7 @@ def test_a_bound_of_the_model_error_is_told_where_the_postures_suffice():
 
 def test_moves_outside_of_the_lines_of_a_load_have_none():
     segment = {"first_line": 8, "last_line": 9, "force": FORCE}
-    result = compensated("krl", KRL, load=None, segments=[segment])
+    result = corrected("krl", KRL, force=None, segments=[segment])
     before = [line for line in KRL.splitlines() if "LIN" in line]
     assert lines_of(result) == [before[0], *CORRECTED[1:3], *before[3:]]
     assert (result.points, result.moves, result.corrected) == (5, 5, 2)
@@ -146,7 +146,7 @@ def test_moves_outside_of_the_lines_of_a_load_have_none():
 
 
 def test_a_program_in_which_nothing_is_corrected_says_so_and_why():
-    result = compensated("krl", KRL, load={"force": [0, 0, 0]})
+    result = corrected("krl", KRL, force=[0, 0, 0])
     own, of_run = result.assessment.reasons
     assert (own.code, own.weight) == ("nothing_corrected", "use_with_care")
     assert own.message == (
@@ -163,24 +163,24 @@ def test_a_program_in_which_nothing_is_corrected_says_so_and_why():
 
 
 def test_a_longer_tool_is_deflected_more():
-    result = compensated("krl", KRL, tools=[{"values": [0, 0, 500, 0, 0, 0]}])
+    result = corrected("krl", KRL, tools=[{"values": [0, 0, 500, 0, 0, 0]}])
     assert figures(result.deflection) == about(0.0030178, 0.0036964, 0.003811)
     assert figures(result.correction) == about(0.0030285, 0.0037101, 0.0038257)
     assert [each.number for each in result.worst[:3]] == [1, 5, 2]
     assert result.worst[0].standard_uncertainty == pytest.approx(3.7980e-5, rel=1e-3)
 
 
-HEAVY = {"load": {"force": [3000, 0, -9000]}}
+HEAVY = {"force": [3000, 0, -9000]}
 
 
 def test_corrections_beyond_the_limits_are_refused_unless_that_is_accepted():
     with pytest.raises(VerdictError) as refused:
-        compensated("krl", KRL, **HEAVY)
+        corrected("krl", KRL, **HEAVY)
     assert str(refused.value) == (
         "max_displacement: the verdict on a program whose corrections exceed the limits is: do not use; follow the "
         "remedies of the reasons and identify again; to continue anyway, give `accept_verdict: do_not_use`"
     )
-    result = compensated("krl", KRL, **HEAVY, accept_verdict="do_not_use")
+    result = corrected("krl", KRL, **HEAVY, accept_verdict="do_not_use")
     assert result.assessment.verdict == "do_not_use"
     assert (result.corrected, result.capped) == (5, 5)
     assert result.correction.greatest <= 5e-3 * (1 + 1e-9)
@@ -220,15 +220,15 @@ REFUSED = {
         "joint_2, joint_3, joint_4, joint_5, joint_6",
     ),
     "a load of no move": (
-        {"load": None, "segments": [{"first_line": 1, "last_line": 2, "force": FORCE}]},
+        {"force": None, "segments": [{"first_line": 1, "last_line": 2, "force": FORCE}]},
         "segments: no move is under load; give loads for lines that contain moves, or for points that moves visit",
     ),
     "a table that is not there": (
-        {"loads": "a.csv", "load": None},
+        {"loads": "a.csv", "force": None},
         "loads: the table of loads was not sent; send the table together with the files of the program",
     ),
     "a moment without a unit": (
-        {"load": {"force": [0, 0, 0], "moment": [1, 0, 0]}},
+        {"force": None, "segments": [{"force": [0, 0, 0], "moment": [1, 0, 0]}]},
         "units.moment: the unit of a moment is not stated, and cannot be inferred because lengths "
         "are in mm; state units.moment, one of N.m, N.mm, kN.m, kgf.m, lbf.m, lbf.ft, lbf.in",
     ),
@@ -239,7 +239,7 @@ REFUSED = {
 def test_a_request_that_cannot_be_answered_is_refused_with_its_field_and_a_remedy(case):
     changes, words = REFUSED[case]
     with pytest.raises(RequestError) as refused:
-        compensated("krl", KRL, **changes)
+        corrected("krl", KRL, **changes)
     assert str(refused.value) == words
 
 
@@ -254,7 +254,7 @@ UNDER_PROGRAM = {
         "\n".join(f"'path.src', line {line}: {UNREACHED}" for line in range(7, 12)),
     ),
     "a load that breaks the arm": (
-        {"load": {"force": [0, 0, 1e9]}},
+        {"force": [0, 0, 1e9]},
         "'path.src', line 7: the robot has no stable equilibrium under this load near the unloaded posture; check the units of "
         "force, moment and length, or reduce the load",
     ),
@@ -265,7 +265,7 @@ UNDER_PROGRAM = {
 def test_a_point_that_cannot_be_corrected_is_named_by_its_line(case):
     changes, words = UNDER_PROGRAM[case]
     with pytest.raises(FaultsError) as refused:
-        compensated("krl", KRL, **changes)
+        corrected("krl", KRL, **changes)
     assert str(refused.value) == words
 
 
@@ -276,7 +276,7 @@ def test_a_target_under_two_loads_is_refused():
     )
     segment = {"first_line": 5, "last_line": 5, "force": FORCE}
     with pytest.raises(FaultsError) as refused:
-        compensated("krl", text, load=None, segments=[segment], tools=[], bases=[])
+        corrected("krl", text, force=None, segments=[segment], tools=[], bases=[])
     assert str(refused.value) == (
         "'path.src', line 4: 'XP1': moves visit this target under two different loads; use a separate target for each load"
     )
@@ -294,7 +294,7 @@ NO_POSE = (
 
 def test_a_program_with_uncertain_moves_is_refused_with_all_of_them():
     with pytest.raises(MovesLeftError) as refused:
-        compensated("krl", UNCERTAIN)
+        corrected("krl", UNCERTAIN)
     places = {place: f"{reason}; {remedy}" for place, reason, remedy in refused.value.items}
     assert places == {"'path.src', line 12": NO_XP9, "'path.src', line 13": NO_POSE}
     first, _, _ = NO_XP9.partition("; ")
@@ -307,7 +307,7 @@ def test_a_program_with_uncertain_moves_is_refused_with_all_of_them():
 
 
 def test_uncertain_moves_are_left_if_asked_and_told_in_reason_remarks_and_mark():
-    result = compensated("krl", UNCERTAIN, leave_others=True, mark=True)
+    result = corrected("krl", UNCERTAIN, leave_others=True, mark=True)
     own = result.assessment.reasons[0]
     assert (own.code, own.weight) == ("moves_left", "use_with_care")
     assert own.message == "5 of 7 moves were corrected, 2 were left unchanged"
@@ -332,7 +332,7 @@ def test_uncertain_moves_are_left_if_asked_and_told_in_reason_remarks_and_mark()
 )
 def test_a_remark_of_many_lines_names_the_first_five(count, words):
     text = UNCERTAIN.replace("PTP HOME\r\n" * 2, "PTP HOME\r\n" * count)
-    result = compensated("krl", text, leave_others=True)
+    result = corrected("krl", text, leave_others=True)
     assert f"lines {words}: a move to HOME, a position stored in the controller" in result.remarks
 
 

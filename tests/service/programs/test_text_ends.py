@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from support.programs import compensated, path, request, tool_poses
+from support.programs import corrected, path, request, tool_poses
 
 import robotprograms
-from jointstiff.schemas.program import MAX_FILES
+from jointstiff.schemas.correction import MAX_FILES
 from jointstiff.service.kinds.correction.files import decompress_file
 from jointstiff.service.kinds.correction.loads import read_load_table
 from jointstiff.service.kinds.correction.path import ProgramFrames, StatedConfigurations
@@ -75,7 +75,7 @@ def test_the_loaded_tool_reaches_a_point_of_two_bases_in_both():
     )
     text = KRL.replace("$TOOL", f"XP1={numbers}\n$TOOL", 1)
     bases = [{"name": f"BASE_DATA[{i}]", "values": [0, 0, 30.0 * (i - 1), 0, 0, 0]} for i in (1, 2)]
-    result = compensated("krl", text, "a.src", bases=bases)
+    result = corrected("krl", text, "a.src", bases=bases)
     source = decompress_file(result.files[0]).decode()
     assert result.corrected == 2
     assert f"XP1={numbers}" in source

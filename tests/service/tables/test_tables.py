@@ -116,7 +116,7 @@ COMMANDS = (
     "compare campaign.json",
     pytest.param("plan campaign.json", marks=pytest.mark.slow),
     "predict campaign.json EXAMPLES/postures.csv --load-point 0,0,120",
-    "compensate campaign.json EXAMPLES/pocket.src -o out.src --accuracy-option off --force 0,0,-500",
+    "correct campaign.json EXAMPLES/pocket.src -o out.src --accuracy-option off --force 0,0,-500",
     "import EXAMPLES/readings.csv --encoders motor --load-point 0,0,120",
     "robots 'KUKA KR 210 R2700'",
     pytest.param("geometry EXAMPLES/sweeps.json", marks=pytest.mark.slow),

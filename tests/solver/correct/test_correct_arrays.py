@@ -7,7 +7,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from support.programs import FORCE, START, TOOL, compensated, exact_run, loaded_poses, path, tool_poses
+from support.programs import FORCE, START, TOOL, exact_run, loaded_poses, path, tool_poses
+from support.programs import corrected as corrected_program
 
 from jointstiff.service.kinds.correction.files import decompress_file
 from jointstiff.service.runs.verdicts import RunModel
@@ -93,7 +94,7 @@ def test_the_loaded_tool_is_on_its_poses(has_joints):
 
 
 @pytest.mark.parametrize("kind", ["krl", "fanuc", "ur", "csv"])
-def test_reading_correcting_arrays_and_writing_is_compensate_to_the_byte(kind):
+def test_reading_correcting_arrays_and_writing_is_correcting_a_program_to_the_byte(kind):
     text = program_text(kind, tool_poses(path(25)), 6)
     program = read_program([(PROGRAM_FILES[kind], text.encode())])
     (notation,) = program.targets.notations
@@ -103,7 +104,7 @@ def test_reading_correcting_arrays_and_writing_is_compensate_to_the_byte(kind):
     numbers[:, : 3 + notation.count] = notation.from_poses(done.poses, sent)
     writer = Rewriting(program)
     writer.replace(np.arange(25), numbers, [])
-    (file,) = compensated(kind, text).files
+    (file,) = corrected_program(kind, text).files
     assert writer.files() == [decompress_file(file)]
 
 

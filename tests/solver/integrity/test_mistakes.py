@@ -445,41 +445,6 @@ def with_length(robot, joint, axis, change):
     return Robot(model, robot.joint_map, flange=robot.flange, payload=robot.payload)
 
 
-LENGTHS = {
-    "ten times": lambda length: 10.0 * length,
-    "digits exchanged": lambda length: length + 0.18,
-    "half": lambda length: 0.5 * length,
-}
-
-
-@pytest.mark.parametrize("arm", ARMS)
-@pytest.mark.parametrize("joint", [2, 3, 4])
-@pytest.mark.parametrize("change", LENGTHS)
-def test_a_mistyped_length_of_the_model_is_named_with_the_length_that_fits(change, joint, arm):
-    known = ROBOTS[arm]
-    right = readings_on(known.robot, seed=11, configurations=14)
-    lengths = known.robot.model.jointPlacements[joint].translation
-    axis = int(np.abs(lengths).argmax())
-    mistaken = with_length(known.robot, joint, axis, LENGTHS[change])
-    if abs(LENGTHS[change](lengths[axis]) - lengths[axis]) < 0.1:
-        pytest.skip("the arm's joint has no length")
-    if joint == 2 and abs(known.robot.axes[0][axis]) == 1.0:
-        pytest.skip("a length along the first axis moves R0 alone")
-    findings = inspect_measurements(mistaken, right, degrees=True)
-    (cause,) = [finding for finding in findings if finding.weight == "do_not_use"]
-    assert cause.code == "lengths_differ"
-    assert (
-        f"from {known.robot.joint_names[joint - 2]} to {known.robot.joint_names[joint - 1]}" in cause.message
-    )
-    stated = cause.message.partition("the model has ")[2]
-    given, fitting = (float(part.partition(" mm")[0]) for part in stated.split("with ", 1))
-    sign = np.sign(mistaken.model.jointPlacements[joint].translation[axis]) * np.sign(given)
-    error = sign * 1e-3 * (fitting - given)
-    corrected = with_length(mistaken, joint, axis, lambda length: length + error)
-    findings = inspect_measurements(corrected, right, degrees=True)
-    assert [finding for finding in findings if finding.weight != "use"] == []
-
-
 def test_an_unknown_robot_is_suspected_once_where_no_single_mistake_explains_the_set():
     known = ROBOTS[ARMS[0]]
     right = readings_on(known.robot, seed=11, configurations=14)

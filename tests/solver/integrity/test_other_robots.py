@@ -9,7 +9,7 @@ import pytest
 from support.catalogue_arms import build_nominal_robots, readings_on
 
 from jointstiff.solver.integrity import inspect_measurements
-from jointstiff.solver.integrity.mistakes import inspect_other_robots
+from jointstiff.solver.integrity.robots import inspect_other_robots
 from jointstiff.solver.integrity.values import View
 from jointstiff.solver.mechanics.robot import KnownRobot, Robot
 

@@ -22,7 +22,7 @@ def test_bare_columns_in_a_trackers_frame_get_joints_targets_and_unit(robots):
     known = robots["FANUC R-2000iC/165F"]
     joints, points = measure(known)
     tracker = (points - [2000.0, 500.0, 300.0]) @ TRACKER.T / 25.4
-    best = propose([Table("day1.csv", wide(joints, tracker))], [known]).best
+    best = propose([Table("day1.csv", wide(joints, tracker))], known.robot).best
     assert best.joints.columns == (0, 1, 2, 3, 4, 5)
     assert (best.joints.unit, best.unit, best.target_count) == ("deg", "in", 3)
     assert not best.is_in_base_frame
@@ -35,7 +35,7 @@ def test_loaded_positions_are_a_second_state_of_their_target(robots):
     joints, points = measure(known)
     loaded = points - [0.0, 0.0, 0.8]
     best = propose(
-        [Table("a", wide(joints, points[:, 0], loaded[:, 0], points[:, 1], loaded[:, 1]))], [known]
+        [Table("a", wide(joints, points[:, 0], loaded[:, 0], points[:, 1], loaded[:, 1]))], known.robot
     ).best
     assert [(each.target, each.state) for each in best.readings] == [(1, 0), (1, 1), (2, 0), (2, 1)]
 
@@ -45,7 +45,7 @@ def test_a_list_of_points_is_matched_to_the_postures(robots, order):
     known = robots["ABB IRB 4600-60/2.05"]
     joints, points = measure(known)
     rows = points if order == "in turn" else points.transpose(1, 0, 2)
-    best = propose([Table("j", joints), Table("p", rows.reshape(-1, 3))], [known]).best
+    best = propose([Table("j", joints), Table("p", rows.reshape(-1, 3))], known.robot).best
     assert {each.points.groups for each in best.readings} == {RowGroups(order, 3)}
     np.testing.assert_allclose([each.place for each in best.readings], PLACES, atol=5e-3)
 
@@ -53,32 +53,16 @@ def test_a_list_of_points_is_matched_to_the_postures(robots, order):
 def test_reversed_columns_are_found_with_residual_and_next_best(robots):
     known = robots["Yaskawa GP25"]
     joints, points = measure(known)
-    best = propose([Table("a", wide(joints[:, ::-1], points[:, 0]))], [known]).best
+    best = propose([Table("a", wide(joints[:, ::-1], points[:, 0]))], known.robot).best
     assert best.joints.columns == (5, 4, 3, 2, 1, 0)
     assert (best.fitting, best.count, best.doubt) == (16, 16, "")
     assert best.next_residual > 4.0 * best.residual
 
 
-def test_a_search_of_the_catalogue_finds_the_measured_arm(robots):
-    joints, points = measure(robots["KUKA KR 6 R900 sixx"], postures=10)
-    best = propose([Table("a", wide(joints, points))], robots.values()).best
-    assert best.robots[0].name == "KUKA KR 6 R900 sixx"
-
-
-def test_an_arm_that_few_postures_do_not_tell_from_the_next_size_is_a_question(robots):
-    measured, similar = robots["Universal Robots UR10e"], robots["Universal Robots UR10"]
-    joints, points = measure(measured, postures=8)
-    points += 0.3 * (measure(similar, postures=8)[1] - points)  # links that differ from those of the model
-    best = propose([Table("a", wide(joints, points))], [similar, measured]).best
-    assert best.robots == (measured,)
-    assert best.doubt.startswith("the Universal Robots UR10 fits to ")
-    assert propose([Table("a", wide(joints, points))], [measured]).best.doubt == ""
-
-
 def test_signs_that_may_be_exchanged_axes_are_a_question(robots):
     known = robots["ABB IRB 4600-60/2.05"]
     joints, points = measure(known)
-    best = propose([Table("a", wide(joints * [-1, 1, 1, -1, 1, -1], points))], [known]).best
+    best = propose([Table("a", wide(joints * [-1, 1, 1, -1, 1, -1], points))], known.robot).best
     assert (
         best.doubt == "two of x, y and z may be exchanged instead of joints with J1, J4, J6 reversed, as KUKA"
     )
@@ -91,7 +75,7 @@ def test_exchanged_axes_of_an_arm_without_a_mirror_image_are_a_question(robots, 
     joints, points = measure(robots[arm])
     loaded = points - [0.0, 0.3, 0.8]
     exchanged = np.stack([points, loaded], axis=2)[..., order]
-    best = propose([Table("a", wide(joints, exchanged))], [robots[arm]]).best
+    best = propose([Table("a", wide(joints, exchanged))], robots[arm].robot).best
     assert best.doubt == "two of x, y and z seem to be exchanged, or the sign of one of them is wrong"
     assert best.joints.counting.is_own
     read = [each.points.columns for each in best.readings]
@@ -103,7 +87,7 @@ def test_a_reversed_axis_of_a_tracker_is_a_question_with_a_right_handed_frame(ro
     known = robots["Universal Robots UR5e"]
     joints, points = measure(known)
     tracker = (points - [2000.0, 500.0, 300.0]) @ TRACKER.T * [1, 1, -1]
-    best = propose([Table("a", wide(joints, tracker))], [known]).best
+    best = propose([Table("a", wide(joints, tracker))], known.robot).best
     assert best.doubt
     assert np.linalg.det(best.frame.rotation) == pytest.approx(1.0)
     columns = best.readings[0].points.columns
@@ -132,7 +116,7 @@ NOTHING_RIGHT = {
 @pytest.mark.parametrize("arm", ["FANUC R-2000iC/210F", "Universal Robots UR10e"])
 def test_nothing_is_proposed_where_no_columns_are_right(robots, arm, mistake):
     joints, points = NOTHING_RIGHT[mistake](*measure(robots[arm]))
-    answer = propose([Table("a", wide(joints, points))], [robots[arm]])
+    answer = propose([Table("a", wide(joints, points))], robots[arm].robot)
     assert answer.best is None
     assert answer.reason
 
@@ -148,7 +132,7 @@ def test_positions_that_the_controller_computed_are_no_readings(robots, decimals
     known = robots["Stäubli TX2-60"]
     joints, _ = measure(known)
     computed = np.round(place_exactly(known, joints), decimals)
-    answer = propose([Table("a", wide(np.round(joints, decimals), computed))], [known])
+    answer = propose([Table("a", wide(np.round(joints, decimals), computed))], known.robot)
     assert answer.best is None
     assert answer.reason == "the positions were computed from the joints, so that they are no readings"
 
@@ -163,7 +147,7 @@ def test_readings_of_an_arm_as_good_as_its_model_are_readings(robots, noise):
     first, second = (
         exact + shift + generator.normal(0.0, noise, exact.shape) for shift in (0.0, [0, 0, -0.5])
     )
-    best = propose([Table("a", wide(joints, first, second))], [known]).best
+    best = propose([Table("a", wide(joints, first, second))], known.robot).best
     assert [each.points.columns for each in best.readings] == [(6, 7, 8), (9, 10, 11)]
     assert [(each.target, each.state) for each in best.readings] == [(1, 0), (1, 1)]
 
@@ -177,14 +161,14 @@ def test_readings_in_r0_with_noise_as_small_as_the_rounding_of_joints_are_readin
     first, second = (
         exact + shift + generator.normal(0.0, 0.02, exact.shape) for shift in (0.0, [0, 0, -0.5])
     )
-    best = propose([Table("a", wide(joints, first, second))], [known]).best
+    best = propose([Table("a", wide(joints, first, second))], known.robot).best
     assert [each.points.columns for each in best.readings] == [(6, 7, 8), (9, 10, 11)]
 
 
 def test_too_few_postures_are_not_decided(robots):
     known = robots["Stäubli TX2-60"]
     joints, points = measure(known, postures=5)
-    answer = propose([Table("a", wide(joints, points[:, 0]))], [known])
+    answer = propose([Table("a", wide(joints, points[:, 0]))], known.robot)
     assert answer.best is None
 
 
@@ -195,7 +179,7 @@ def test_a_small_arm_may_differ_in_its_lengths_by_what_its_links_do(robots, fact
     """Errors of links are some 0.6 mm whatever the arm: more than 0.6 % of an arm that reaches 0.5 m."""
     known = robots["Universal Robots UR3"]
     joints, points = measure(known)
-    answer = propose([Table("a", wide(joints, factor * points))], [known])
+    answer = propose([Table("a", wide(joints, factor * points))], known.robot)
     assert (answer.best is not None) == is_accepted
     if not is_accepted:
         assert answer.reason.startswith("the lengths of the robot differ by the factor ")
@@ -206,7 +190,7 @@ def test_damaged_rows_do_not_hide_the_meaning(robots, damaged):
     known = robots["KUKA KR 210 R2700 extra"]
     joints, points = measure(known)
     points[[3, 9]] = damaged
-    best = propose([Table("a", wide(joints, points))], [known]).best
+    best = propose([Table("a", wide(joints, points))], known.robot).best
     assert best.target_count == 3
     assert best.fitting == 42
 
@@ -227,7 +211,7 @@ def test_positions_that_a_load_moves_fit_beside_positions_that_fit_exactly(robot
     known = robots["ABB IRB 6700-200/2.60"]
     joints, points = measure_with_load(known, sag=9.0)
     points[8, 1] = np.nan
-    best = propose([Table("j", joints), Table("p", points.reshape(-1, 3))], [known]).best
+    best = propose([Table("j", joints), Table("p", points.reshape(-1, 3))], known.robot).best
     assert [(each.target, each.state) for each in best.readings] == [(1, 0), (1, 1)]
     assert best.count == 31
     assert best.fitting == 31
@@ -237,6 +221,6 @@ def test_positions_that_half_fit_are_said_to_fit_in_part(robots):
     known = robots["ABB IRB 6700-200/2.60"]
     joints, points = measure_with_load(known, sag=0.0)
     points[10:] += np.random.default_rng(5).uniform(-400.0, 400.0, (6, 1, 3))
-    answer = propose([Table("j", joints), Table("p", points.reshape(-1, 3))], [known])
+    answer = propose([Table("j", joints), Table("p", points.reshape(-1, 3))], known.robot)
     assert answer.best is None
     assert answer.reason.startswith("only 62% of the positions fit the robot (their median distance is 0.1")

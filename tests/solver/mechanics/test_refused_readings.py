@@ -127,13 +127,13 @@ def test_angles_and_lengths_are_not_added_without_their_covariance(with_angles, 
     [
         (
             ["elbow"],
-            "observations[2].encoder_readings | the robot has no joint 'elbow' | use one of joint_1, "
-            "joint_2, joint_3, joint_4, joint_5, joint_6",
+            "observations[2].encoder_readings | the robot has no revolute joint 'elbow' | use one of "
+            "joint_1, joint_2, joint_3, joint_4, joint_5, joint_6",
         ),
         (
             ["joint_2", "joint_2"],
-            "observations[2].encoder_readings[1].joint | the encoder of 'joint_2' has two readings in "
-            "observation 'c03' | give each joint at most once per observation",
+            "observations[2].encoder_readings[1].joint | encoder 'joint_2' has two readings in "
+            "observation 'c03' | give each encoder at most once per observation",
         ),
     ],
 )

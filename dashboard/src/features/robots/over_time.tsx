@@ -1,4 +1,4 @@
-/** A robot over time: its trend with marks, what is measured now, and the program that was corrected last. */
+/** A robot over time: its trend with marks, what is measured now, and what was corrected last. */
 import { api } from "../../api/calls";
 import { queries } from "../../api/queries";
 import type { Robot, Trend } from "../../api/types";
@@ -51,20 +51,22 @@ export function MeasuredNow({ robot }: { robot: Robot }) {
   );
 }
 
-/** The program of the robot that was corrected last. */
-export function LastProgram({ robot }: { robot: Robot }) {
+/** What was corrected last for the robot. */
+export function LastCorrection({ robot }: { robot: Robot }) {
   const filters = { robot_id: robot.id, state: "succeeded", limit: 1 } as const;
-  const { data: programs } = useQuery({
-    queryKey: ["programs", filters],
-    queryFn: ({ signal }) => api.programs.list(filters, signal),
+  const { data: corrections } = useQuery({
+    queryKey: ["corrections", filters],
+    queryFn: ({ signal }) => api.corrections.list(filters, signal),
   });
-  const [program] = programs?.items ?? [];
-  if (!program) return null;
-  const name = program.name ?? text.earlier.programs;
+  const [correction] = corrections?.items ?? [];
+  if (!correction) return null;
+  const name = correction.name ?? text.earlier.corrections;
   return (
     <section>
-      <h2>{words.lastProgram}</h2>
-      <Rows rows={[{ id: program.id, name, href: link(["programs", program.id]), at: program.created_at }]} />
+      <h2>{words.lastCorrection}</h2>
+      <Rows
+        rows={[{ id: correction.id, name, href: link(["corrections", correction.id]), at: correction.created_at }]}
+      />
     </section>
   );
 }

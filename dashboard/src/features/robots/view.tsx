@@ -44,7 +44,7 @@ import { type RunColumn, RunsTable } from "../run/stiffness";
 import { keepPreviousData } from "@tanstack/query-core";
 import type { ComponentChildren } from "preact";
 import { ChangedJoints } from "../trend/changed";
-import { LastProgram, MeasuredNow, OverTime } from "./over_time";
+import { LastCorrection, MeasuredNow, OverTime } from "./over_time";
 import { Today } from "./today";
 import { FilterBar, type Row, Rows, useFilter, StoredActions, wanted } from "../../components/list";
 import { TextField } from "../../components/fields";
@@ -407,7 +407,7 @@ function RobotPage({ robot }: { robot: Robot }) {
       {last && <Today robot={robot} last={last} trend={trend.data} known={isKnown(trend)} />}
       <MeasuredNow robot={robot} />
       {trend.data && <OverTime robot={robot} trend={trend.data} />}
-      <LastProgram robot={robot} />
+      <LastCorrection robot={robot} />
       <div class="flow">
         <section class="card">
           <Arm source={{ robot_id: robot.id }} start={null} />

@@ -58,7 +58,7 @@ export const robotWords = {
   overTime: "Over time",
   allOfTrend: "Trend with all options",
   measuredNow: "Being measured now",
-  lastProgram: "Last compensated program",
+  lastCorrection: "Last correction",
   listOf: "Measurement sets and runs of this robot",
   ways: "Begin with",
   catalogue: "Catalogue",

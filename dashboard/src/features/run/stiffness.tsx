@@ -219,7 +219,7 @@ function Next({ run, set }: Pick<RunContext, "run" | "set">) {
   return (
     <LinkButton
       look="primary"
-      href={verdict === "use" ? link(["runs", run.id, "program"]) : link(["plans"], { set: set.id, run: run.id })}
+      href={verdict === "use" ? link(["runs", run.id, "correct"]) : link(["plans"], { set: set.id, run: run.id })}
     >
       {verdict === "use" ? words.use : words.measure}
     </LinkButton>

@@ -17,7 +17,7 @@ const RunArm = lazy(async () => (await import("./arm")).RunArm);
 const RobotPart = lazy(async () => (await import("./deflection")).RobotPart);
 const PredictPart = lazy(async () => (await import("../use/forms")).PredictPart);
 const MapForm = lazy(async () => (await import("../use/forms")).MapForm);
-const ProgramForm = lazy(async () => (await import("../use/forms")).ProgramForm);
+const CorrectForm = lazy(async () => (await import("../use/forms")).CorrectForm);
 const JobList = lazy(async () => (await import("../runs/view")).JobList);
 const RunFiles = lazy(async () => (await import("../use/forms")).RunFiles);
 
@@ -92,7 +92,7 @@ function Parts({ context, part, query }: { context: RunContext; part: string; qu
 
 /** A form, and what was made by it before of runs of this robot. */
 const withList =
-  (Form: ComponentType<Pick<PartProps, "context">>, collection: "maps" | "programs") =>
+  (Form: ComponentType<Pick<PartProps, "context">>, collection: "maps" | "corrections") =>
   ({ context }: PartProps): VNode => (
     <>
       <Form context={context} />
@@ -122,6 +122,6 @@ const VIEWS: Record<keyof typeof text.run.views, ComponentType<PartProps>> = {
   robot: RobotPart,
   predict: PredictPart,
   map: withList(MapForm, "maps"),
-  program: withList(ProgramForm, "programs"),
+  correct: withList(CorrectForm, "corrections"),
   report: RunFiles,
 };

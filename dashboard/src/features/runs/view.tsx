@@ -48,7 +48,7 @@ const ABOUT: { [Of in Collection]: (item: Summary<Of>) => About } = {
   gearboxes: ({ name }) => ({ name: name ?? "…" }),
   plans: ({ measurement_set_name: set, robot_name: robot }) => ({ name: set ?? robot ?? "…" }),
   maps: ({ name }) => ({ name: name ?? text.run.views.map }),
-  programs: ({ name }) => ({ name: name ?? text.run.views.program }),
+  corrections: ({ name }) => ({ name: name ?? text.run.views.correct }),
 };
 
 /** A job as a row. */

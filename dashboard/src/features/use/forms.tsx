@@ -36,7 +36,7 @@ import { sure } from "../../state/question";
 import { useDraft, useTypedValue } from "../../state/session";
 import { sceneWords } from "../../scene/words";
 import { formWords, sourceWords } from "../../components/words";
-import { fileWords, programWords, mapWords, predictWords } from "./words";
+import { fileWords, correctWords, mapWords, predictWords } from "./words";
 
 const words = predictWords;
 
@@ -401,11 +401,10 @@ function LastForce({ force, use }: { force: unknown; use: (force: number[]) => v
 const NOT_UNDERSTOOD = "urn:jointstiff:problem:invalid-file";
 const { deg, mm, newton } = text.units;
 const OF_PROGRAM: Terms = {
-  labels: programWords.labels,
-  units: { start: [`${deg}, ${mm}`, 1] },
-  choices: { accuracy_option: programWords.accuracies, axes: programWords.axesOf },
+  labels: correctWords.labels,
+  units: { start: [`${deg}, ${mm}`, 1], force: [newton, 1] },
+  choices: { accuracy_option: correctWords.accuracies, axes: correctWords.axesOf },
 };
-const OF_LOAD: Terms = { labels: programWords.labels, within: "load.", units: { force: [newton, 1] } };
 
 /** Whether moves were left because of what external axes may carry. */
 const asksForAxes = (problem: Problem | null): boolean =>
@@ -442,14 +441,14 @@ function useFiles(changed?: () => void): Files {
 /** Where files of a program are dropped, and those that were. */
 const ProgramFiles = ({ of, title, hint }: { of: Files; title: string; hint: string }) => (
   <>
-    <DropZone title={title} hint={hint} button={programWords.choose} accept={programWords.accept} take={of.take} />
+    <DropZone title={title} hint={hint} button={correctWords.choose} accept={correctWords.accept} take={of.take} />
     {of.files.length > 0 && (
       <ul>
         {of.files.map((file) => (
           <li>
             <bdi>{file.name}</bdi>{" "}
             <Button look="quiet" onClick={() => of.remove(file)}>
-              {programWords.remove}
+              {correctWords.remove}
             </Button>
           </li>
         ))}
@@ -471,14 +470,14 @@ const FrameField = ({ of, name, change }: FrameFieldProps) => (
     show={["values"]}
     value={(of[name] as Fields[] | undefined)?.[0] ?? {}}
     change={({ values }) => change({ [name]: values ? [{ values }] : [] })}
-    terms={{ labels: { values: programWords[name] }, within: `${name}[0].` }}
+    terms={{ labels: { values: correctWords[name] }, within: `${name}[0].` }}
   />
 );
 
 /** What a program is corrected for: its files, tool, base, process force, and the controller's accuracy option. */
-export function ProgramForm({ context }: { context: RunContext }) {
+export function CorrectForm({ context }: { context: RunContext }) {
   const { run } = context;
-  const [asked, change] = useDraft<Fields>(`programs/${run.id}`, {});
+  const [asked, change] = useDraft<Fields>(`corrections/${run.id}`, {});
   const [leave, setLeave] = useState(false);
   const [trust, setTrust] = useState<string[]>([]); // routines that the user trusts, as the question named them
   const sent = useFiles(() => {
@@ -486,65 +485,59 @@ export function ProgramForm({ context }: { context: RunContext }) {
     setTrust([]);
   });
   const { files } = sent;
-  const force = (asked["load"] as Fields | undefined)?.["force"];
+  const force = asked["force"];
   const make = useAction(async () => {
     const units = { length: "mm", angle: "deg", force: "N" };
     const answers = { ...(leave ? { leave_others: true } : {}), ...(trust.length ? { trust_routines: true } : {}) };
-    const program = { run_id: run.id, units, ...(stated(asked) as Fields), ...answers };
-    const made = await asking((accepted) => api.programs.add(files, { ...program, ...accepted }, freshKey("program")));
+    const format = files[0]?.name.toLowerCase().endsWith(".csv") ? { format: "csv" } : {}; // targets, no table of poses
+    const body = { run_id: run.id, units, ...(stated(asked) as Fields), ...answers, ...format };
+    const made = await asking((accepted) => api.corrections.add(files, { ...body, ...accepted }, freshKey("correct")));
     remember(LAST_FORCE, force);
-    return link(["programs", made.id]);
+    return link(["corrections", made.id]);
   });
   const routines = trust.length ? trust : unknownRoutines(make.problem);
   const known = useDescribed();
   return (
     <div class="flow">
       <RequestFields action={make} look="card form" known={known}>
-        <h2>{programWords.form}</h2>
-        <p>{programWords.formNote}</p>
-        <ProgramFiles of={sent} title={programWords.drop} hint={programWords.dropHint} />
+        <h2>{correctWords.form}</h2>
+        <p>{correctWords.formNote}</p>
+        <ProgramFiles of={sent} title={correctWords.drop} hint={correctWords.dropHint} />
         <SchemaFields
-          of="ProgramRequest"
-          show={["accuracy_option", "axes", "start"]}
+          of="CorrectionRequest"
+          show={["accuracy_option", "axes", "start", "force"]}
           value={asked}
           change={change}
           terms={OF_PROGRAM}
         />
         <div class="fields">
-          <SchemaFields
-            of="ProcessLoad"
-            show={["force"]}
-            value={(asked["load"] as Fields | undefined) ?? {}}
-            change={(load) => change({ load })}
-            terms={OF_LOAD}
-          />
           <FrameField of={asked} name="tools" change={change} />
           <FrameField of={asked} name="bases" change={change} />
         </div>
-        <LastForce force={force} use={(last) => change({ load: { force: last } })} />
+        <LastForce force={force} use={(last) => change({ force: last })} />
         {(asked["external_axes"] || asksForAxes(make.problem)) && (
           <Toggle
-            label={programWords.carryNothing}
+            label={correctWords.carryNothing}
             checked={asked["external_axes"] === "carry_nothing"}
             change={(on) => change({ external_axes: on ? "carry_nothing" : null })}
           />
         )}
         {routines.length > 0 && (
           <Toggle
-            label={programWords.trust(routines)}
+            label={correctWords.trust(routines)}
             checked={trust.length > 0}
             change={(on) => setTrust(on ? routines : [])}
           />
         )}
         {(leave || make.problem?.type === NOT_UNDERSTOOD) && (
-          <Toggle label={programWords.leave} checked={leave} change={setLeave} />
+          <Toggle label={correctWords.leave} checked={leave} change={setLeave} />
         )}
         <ActionButton
           look="primary"
           action={make}
           lacking={lackOf(asked, { program: files.length > 0, accuracy_option: asked["accuracy_option"], force })}
         >
-          {programWords.make}
+          {correctWords.make}
         </ActionButton>
       </RequestFields>
       <section class="card sticky">

@@ -26,7 +26,7 @@ import { contextOfEnded } from "../../state/run_context";
 import { howOf } from "../../lib/ways";
 import { sceneWords } from "../../scene/words";
 import { sourceWords } from "../../components/words";
-import { programWords, mapWords, predictWords } from "./words";
+import { correctWords, mapWords, predictWords } from "./words";
 import { compareWords } from "../compare/words";
 
 const AXES = ["x", "y", "z"] as const;
@@ -201,7 +201,7 @@ function Explorer({ own, other }: { own: Loaded; other: Loaded | null }) {
           <Robot loaded={own} look={lookAt(0)} />
         </div>
         <div class="controls">
-          <Choice label={programWords.colour} value={quantity} change={setQuantity} options={words.quantities} />
+          <Choice label={correctWords.colour} value={quantity} change={setQuantity} options={words.quantities} />
           {found && <RampLegend scale={found} unit={unit} label={words.quantities[quantity]} />}
           <Choice
             label={words.across}
@@ -385,48 +385,48 @@ const MOST_DRAWN = 3_000;
 const FINEST = 150; // points side by side along the path: more are drawn over each other
 const COARSEST = 25;
 
-async function loadProgram(id: string, signal: AbortSignal) {
-  const job = await api.programs.one(id, signal);
-  const points = job.result ? maps.pointsOf(await ask(queries.table(id, "points"))) : [];
-  return { job, points, ...(await contextOfEnded(job.request.run_id)) };
+async function loadCorrection(id: string, signal: AbortSignal) {
+  const job = await api.corrections.one(id, signal);
+  const points = job.result?.program ? maps.pointsOf(await ask(queries.table(id, "rows"))) : [];
+  return { job, points, ...(await contextOfEnded(job.request.run_id ?? "")) };
 }
 
-export function ProgramView({ id }: { id: string }) {
+export function CorrectionView({ id }: { id: string }) {
   return (
     <JobPage
-      collection="programs"
+      collection="corrections"
       id={id}
-      kind={programWords.kind}
-      load={(signal) => loadProgram(id, signal)}
+      kind={correctWords.kind}
+      load={(signal) => loadCorrection(id, signal)}
       head={({ job, run, set }) => ({
-        name: (job.request.files ?? [])[0]?.name ?? programWords.kind,
+        name: (job.request.files ?? [])[0]?.name ?? correctWords.kind,
         list: link(["runs", run.id]),
         run,
         about: <NameLink to={["runs", run.id]}>{set.name}</NameLink>,
-        first: job.result?.files.map((file) => (
-          <Download look="primary" href={api.programFile(id, file.name)}>
-            <span class="clip">{programWords.download(file.name)}</span>
+        first: job.result?.program?.files.map((file) => (
+          <Download look="primary" href={api.correctedFile(id, file.name)}>
+            <span class="clip">{correctWords.download(file.name)}</span>
           </Download>
         )),
-        actions: job.result && <Download href={api.jobs.file(id, "points.csv")}>{programWords.table}</Download>,
+        actions: job.result && <Download href={api.jobs.file(id, "rows.csv")}>{correctWords.table}</Download>,
       })}
     >
       {(_, loaded) => (
         <>
-          <JobLines collection="programs" id={loaded.job.id} />
-          <Path loaded={loaded} />
-          <JobTables collection="programs" id={loaded.job.id} />
+          <JobLines collection="corrections" id={loaded.job.id} />
+          {loaded.points.length > 0 && <Path loaded={loaded} />}
+          <JobTables collection="corrections" id={loaded.job.id} />
         </>
       )}
     </JobPage>
   );
 }
 
-function Path({ loaded: { job, points, robot } }: { loaded: Awaited<ReturnType<typeof loadProgram>> }) {
+function Path({ loaded: { job, points, robot } }: { loaded: Awaited<ReturnType<typeof loadCorrection>> }) {
   const confidence = job.result?.confidence ?? 0.95;
   const unusable = job.result?.assessment.verdict === "do_not_use";
   const [when, setWhen] = useState<"before" | "after">("before");
-  const [look, setLook] = useState<keyof typeof programWords.looks>("path");
+  const [look, setLook] = useState<keyof typeof correctWords.looks>("path");
   const [chosen, setChosen] = useState(0);
   const drawn = useMemo(() => maps.thinned(points, MOST_DRAWN), [points]);
   const point = points[chosen];
@@ -454,20 +454,20 @@ function Path({ loaded: { job, points, robot } }: { loaded: Awaited<ReturnType<t
             cloud={cloud}
             room={look === "path" ? around(path) : [...roomOf([posture]), ...path]}
             near={look === "path"}
-            label={programWords.view}
+            label={correctWords.view}
           />
         </div>
         <div class="controls">
           <Choice
-            label={programWords.colour}
+            label={correctWords.colour}
             value={when}
             change={setWhen}
-            options={{ before: text.assessment.before, after: programWords.afterShort }}
+            options={{ before: text.assessment.before, after: correctWords.afterShort }}
           />
-          <RampLegend scale={[0, most]} unit={text.units.mm} label={programWords.off} />
-          <Choice label={programWords.look} value={look} change={setLook} options={programWords.looks} />
-          <Handle label={programWords.choosePoint} count={points.length} value={chosen} change={setChosen}>
-            {programWords.point(point.number, point.line)}
+          <RampLegend scale={[0, most]} unit={text.units.mm} label={correctWords.off} />
+          <Choice label={correctWords.look} value={look} change={setLook} options={correctWords.looks} />
+          <Handle label={correctWords.choosePoint} count={points.length} value={chosen} change={setChosen}>
+            {correctWords.point(point.number, point.line)}
           </Handle>
           <PathFacts point={point} level={percent(confidence)} unusable={unusable} />
         </div>
@@ -493,7 +493,7 @@ function PathFacts({ point, level, unusable }: PathFactsProps) {
     <Facts
       facts={[
         { label: text.assessment.before, value: shown(point.deflection, point.interval) },
-        { label: programWords.after, value: shown(point.residual, point.residualInterval) },
+        { label: correctWords.after, value: shown(point.residual, point.residualInterval) },
         {
           label: sourceWords.inBrackets,
           value: <span class="brackets">{sourceWords.source(level, point.withModelError)}</span>,
@@ -528,7 +528,7 @@ function Charts({ points, level, chosen, choose }: ChartsProps) {
     },
     {
       mark: "as-corrected",
-      label: programWords.afterShort,
+      label: correctWords.afterShort,
       values: points.map(({ residual }) => residual),
       ends: points.map(({ residualInterval }) => residualInterval),
     },
@@ -538,25 +538,25 @@ function Charts({ points, level, chosen, choose }: ChartsProps) {
     BINS,
   );
   const digits = Math.max(0, -Math.floor(Math.log10(width) + 1e-9));
-  const axis = programWords.alongAxis;
+  const axis = correctWords.alongAxis;
   return (
     <>
       <AlongPath
-        title={programWords.along}
+        title={correctWords.along}
         along={points.map(({ along }) => 1e3 * along)}
         lines={both}
-        bands={both.map(({ mark, label, ends }) => ({ mark, label: programWords.band(label, source), ends }))}
+        bands={both.map(({ mark, label, ends }) => ({ mark, label: correctWords.band(label, source), ends }))}
         axes={{ along: axis, value: mm, unit: mm, alongUnit: axis }}
         chosen={chosen}
         choose={choose}
       />
       <BarFigure
-        title={programWords.often}
-        note={programWords.oftenNote(`${significant(width, 2)} ${mm}`)}
+        title={correctWords.often}
+        note={correctWords.oftenNote(`${significant(width, 2)} ${mm}`)}
         names={counts[0]?.map((_, i) => fixed(i * width, digits)) ?? []}
         series={both.map(({ mark, label }, i) => ({ mark, label, values: counts[i] ?? [] }))}
-        unit={programWords.points}
-        named={programWords.binAxis}
+        unit={correctWords.points}
+        named={correctWords.binAxis}
       />
     </>
   );

@@ -1,4 +1,4 @@
-/** Words of predictions, maps, programs and files of a run. */
+/** Words of predictions, maps, corrections and files of a run. */
 export const fileWords = {
   title: "Report and model",
   html: "HTML report",
@@ -10,9 +10,9 @@ export const fileWords = {
   },
 };
 
-export const programWords = {
-  kind: "Compensated program",
-  form: "Compensate a program",
+export const correctWords = {
+  kind: "Correction",
+  form: "Correct a program",
   formNote:
     "Correct the targets so that the loaded tool reaches the programmed points. Lines that are not understood are listed.",
   drop: "Drop the program here",
@@ -38,9 +38,9 @@ export const programWords = {
   carryNothing: "External axes and other groups carry neither the arm nor the part",
   trust: (routines: string[]) => `Routines of other files move neither frames nor points: ${routines.join(", ")}`,
   leave: "Leave uncertain moves as they are, and correct the other moves",
-  make: "Compensate",
+  make: "Correct",
   download: (name: string) => `Download ${name}`,
-  table: "All points (CSV)",
+  table: "All rows (CSV)",
   colour: "Colour",
   afterShort: "After",
   off: "Distance of the loaded tool from its target",

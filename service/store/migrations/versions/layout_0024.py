@@ -1,4 +1,4 @@
-"""Documents of version 24: runs with links state the own compliance of each joint, which predicts."""
+"""Documents of version 24: runs state one solution, and corrections may be those of robot programs."""
 
 from __future__ import annotations
 

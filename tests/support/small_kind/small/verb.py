@@ -18,7 +18,7 @@ from .kind import SMALL, Small, SmallOptions
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from jointstiff.service.conversion.arguments import AnyUnits
+    from jointstiff.service.conversion.units import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
 
 

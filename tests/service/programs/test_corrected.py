@@ -1,4 +1,4 @@
-"""Compensated programs: their points, what is certain, patterns of moves, and other solvers' answers."""
+"""Corrected programs: their points, what is certain, patterns of moves, and other solvers' answers."""
 
 import re
 from pathlib import Path
@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from support.examples import examples
 from support.programs import (
     FORCE,
-    compensated,
-    compensated_with_table,
+    corrected,
+    corrected_with_table,
     exact_run,
     loaded_poses,
     path,
@@ -70,7 +70,7 @@ def twist(from_, to):
 def test_the_loaded_tool_is_where_the_program_says(kind):
     joints = path(25)
     goal = tool_poses(joints)
-    result = compensated(kind, program_text(kind, goal, FULL))
+    result = corrected(kind, program_text(kind, goal, FULL))
     reached = loaded_poses(inverse(commanded_poses(kind, result), joints))
     assert np.linalg.norm(reached[:, :3, 3] - goal[:, :3, 3], axis=1).max() < 1e-9
     np.testing.assert_allclose(reached, goal, atol=1e-9)
@@ -83,7 +83,7 @@ def test_the_loaded_tool_is_where_the_program_says(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_certificate_knows_the_rounding(kind):
     joints = path(25)
-    result = compensated(kind, program_text(kind, tool_poses(joints), 3))
+    result = corrected(kind, program_text(kind, tool_poses(joints), 3))
     exact = np.linalg.norm(loaded_poses(joints)[:, :3, 3] - tool_poses(joints)[:, :3, 3], axis=1)
     assert result.deflection.greatest == pytest.approx(exact.max(), rel=1e-4)
     assert 0.0 < result.rounding.greatest <= result.residual.greatest < 3e-6
@@ -92,7 +92,7 @@ def test_the_certificate_knows_the_rounding(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_force_gives_identical_bytes(kind):
     text = program_text(kind, tool_poses(path(20)), 4)
-    result = compensated(kind, text, load={"force": (0.0, 0.0, 0.0)})
+    result = corrected(kind, text, force=(0.0, 0.0, 0.0))
     assert decompress_file(result.files[0]) == text.encode()
     assert result.corrected == 0
 
@@ -101,7 +101,7 @@ def test_joint_targets_are_commanded_exactly():
     joints = path(10)
     rows = ["j1 [rad],j2 [rad],j3 [rad],j4 [rad],j5 [rad],j6 [rad]"]
     rows += [",".join(f"{v:.15f}" for v in row) for row in joints]
-    result = compensated("csv", "\n".join(rows) + "\n", bases=[], start=None)
+    result = corrected("csv", "\n".join(rows) + "\n", bases=[], start=None)
     program = read_program([("path.csv", decompress_file(result.files[0]))])
     commanded = program.targets.values[:, :6]
     np.testing.assert_allclose(loaded_poses(commanded), tool_poses(joints), atol=1e-9)
@@ -110,17 +110,17 @@ def test_joint_targets_are_commanded_exactly():
 def test_loads_by_lines_and_by_points():
     text = program_text("krl", tool_poses(path(10)), 4)
     segments = [{"first_line": 9, "last_line": 12, "force": FORCE}]
-    by_lines = compensated("krl", text, load=None, segments=segments)
+    by_lines = corrected("krl", text, force=None, segments=segments)
     assert by_lines.left_alone == {"no_load": 6}
     assert by_lines.corrected == 4
     before, after = text.encode().split(b"\r\n"), decompress_file(by_lines.files[0]).split(b"\r\n")
     assert [i + 1 for i in range(len(before)) if before[i] != after[i]] == [9, 10, 11, 12]
-    of_load = compensated("krl", text, load=segments[0])
+    of_load = corrected("krl", text, force=None, segments=segments[:1])
     assert decompress_file(of_load.files[0]) == decompress_file(by_lines.files[0])
-    to_the_end = compensated("krl", text, load={"force": FORCE, "first_line": 9})
+    to_the_end = corrected("krl", text, force=None, segments=[{"force": FORCE, "first_line": 9}])
     assert to_the_end.left_alone == {"no_load": 2}
     table = "point,Fx [N],Fy [N],Fz [kN]\n" + "".join(f"{i},300,400,-1.4\n" for i in range(3, 7))
-    by_points = compensated_with_table(text, table)
+    by_points = corrected_with_table(text, table)
     assert decompress_file(by_points.files[0]) == decompress_file(by_lines.files[0])
 
 
@@ -130,16 +130,16 @@ def test_the_frames_of_the_controller():
     goal = tool_poses(joints)
     turned = np.eye(4)
     turned[:3, :3], turned[:3, 3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0.5, -0.2, 0.1]
-    plain = compensated("krl", program_text("krl", goal, FULL))
+    plain = corrected("krl", program_text("krl", goal, FULL))
     base = [500.0, -200.0, 100.0, 90.0, 0.0, 0.0]
     moved = program_text("krl", np.linalg.inv(turned) @ goal, FULL)
     for frames in ({"bases": [{"name": "base_data[1]", "values": base}]}, {"world": base}):
-        result = compensated("krl", moved, **frames)
+        result = corrected("krl", moved, **frames)
         np.testing.assert_allclose(
             turned @ commanded_poses("krl", result), commanded_poses("krl", plain), atol=1e-9
         )
     half = {"tools": [{"values": [0, 0, 115.5, 0, 0, 0]}], "flange": [10.0, -20.0, 100.0, 0, 0, 0]}
-    other = compensated("krl", program_text("krl", goal, FULL), **half)
+    other = corrected("krl", program_text("krl", goal, FULL), **half)
     np.testing.assert_allclose(commanded_poses("krl", other), commanded_poses("krl", plain), atol=1e-9)
 
 
@@ -154,7 +154,7 @@ def test_steps_give_the_same_program():
 @pytest.mark.parametrize("rest", ["\n" * 2_000, "," * 20_000])
 def test_a_table_of_loads_has_no_more_lines_and_cells_than_points_need(rest):
     table = compress_file("loads.csv", f"point,Fx [N],Fy [N],Fz [N]\n1,0,0,9\n{rest}".encode())
-    asked = request("krl", program_text("krl", tool_poses(path(2)), 4), load=None, loads="loads.csv")
+    asked = request("krl", program_text("krl", tool_poses(path(2)), 4), force=None, loads="loads.csv")
     robot, run = exact_run()
     request_with_table = asked.model_copy(update={"files": [*asked.files, table]})
     with pytest.raises(FilesError, match="too many lines or cells"):
@@ -164,8 +164,8 @@ def test_a_table_of_loads_has_no_more_lines_and_cells_than_points_need(rest):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_corrected_program_carries_its_mark_and_nothing_else_differs(kind):
     text = program_text(kind, tool_poses(path(5)), 4)
-    plain = decompress_file(compensated(kind, text).files[0])
-    marked = decompress_file(compensated(kind, text, mark=True).files[0])
+    plain = decompress_file(corrected(kind, text).files[0])
+    marked = decompress_file(corrected(kind, text, mark=True).files[0])
     lines, more = plain.splitlines(keepends=True), marked.splitlines(keepends=True)
     added = [line for line in more if line not in lines]
     assert [line for line in more if line not in added] == lines
@@ -174,7 +174,7 @@ def test_a_corrected_program_carries_its_mark_and_nothing_else_differs(kind):
     assert len(added) == (3 if kind == "fanuc" else 1)
     with pytest.raises(FaultsError, match="corrected already"):
         read_unmarked([(PROGRAM_FILES[kind], marked)])
-    still = compensated(kind, text, mark=True, load={"force": (0.0, 0.0, 0.0)})
+    still = corrected(kind, text, mark=True, force=(0.0, 0.0, 0.0))
     assert decompress_file(still.files[0]) == text.encode()
 
 

@@ -1,7 +1,7 @@
 // @vitest-environment happy-dom
 import { afterEach, beforeEach, expect, it, vi } from "vitest";
 import { remember } from "../../src/state/kept";
-import { ProgramForm } from "../../src/features/use/forms";
+import { CorrectForm } from "../../src/features/use/forms";
 import { drawn, press, settled } from "./drawn";
 
 const remedy = "if 'GRIPPER' does neither, state `trust_routines`, or name the routine in `leave_alone`: ['GRIPPER']";
@@ -20,15 +20,19 @@ const posted: Record<string, unknown>[] = [];
 
 beforeEach(() => {
   posted.length = 0;
-  remember("form.programs/r1", { accuracy_option: "off", load: { force: [0, 0, -100] } }, "sessionStorage");
+  remember("form.corrections/r1", { accuracy_option: "off", force: [0, 0, -100] }, "sessionStorage");
   vi.stubGlobal("fetch", async (request: Request) => {
     const isPost = request.method === "POST";
     const options = isPost ? (JSON.parse(String((await request.formData()).get("options"))) as (typeof posted)[0]) : {};
     if (isPost) posted.push(options);
     const refused = isPost && options["trust_routines"] !== true;
     const headers = { "Content-Type": refused ? "application/problem+json" : "application/json" };
-    const schemas = { ProgramRequest: {}, ProgramFrame: {}, ProcessLoad: {} };
-    const answer = refused ? problem : isPost ? { id: "p1", kind: "program" } : { components: { schemas }, items: [] };
+    const schemas = { CorrectionRequest: {}, ProgramFrame: {} };
+    const answer = refused
+      ? problem
+      : isPost
+        ? { id: "p1", kind: "correction" }
+        : { components: { schemas }, items: [] };
     return new Response(JSON.stringify(answer), { status: refused ? 422 : 200, headers });
   });
 });
@@ -41,7 +45,7 @@ const question = (root: HTMLElement) =>
   [...root.querySelectorAll("label")].filter((label) => label.textContent?.startsWith("Routines of other files"));
 
 it("asks one question for all routines of other files, and sends its answer", async () => {
-  const root = await drawn(<ProgramForm context={context} />);
+  const root = await drawn(<CorrectForm context={context} />);
   const input = await vi.waitFor(() => {
     const found = root.querySelector<HTMLInputElement>("input[type=file]");
     if (!found) throw new Error(root.innerHTML);
@@ -50,14 +54,14 @@ it("asks one question for all routines of other files, and sends its answer", as
   Object.defineProperty(input, "files", { value: [new File(["DEF cell()\nEND\n"], "cell.src")] });
   await settled(() => input.dispatchEvent(new Event("change", { bubbles: true })));
   expect(question(root)).toHaveLength(0);
-  await press(root, "Compensate");
+  await press(root, "Correct");
   await vi.waitFor(() => expect(question(root)).toHaveLength(1));
   expect(posted).toHaveLength(1);
   expect(posted[0]).not.toHaveProperty("trust_routines");
   const [asked] = question(root);
   expect(asked?.textContent).toBe("Routines of other files move neither frames nor points: GRIPPER, H50");
   await settled(() => asked?.querySelector("input")?.click());
-  await press(root, "Compensate");
+  await press(root, "Correct");
   await vi.waitFor(() => expect(posted).toHaveLength(2));
   expect(posted[1]).toMatchObject({ run_id: "r1", trust_routines: true });
 });
