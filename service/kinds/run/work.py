@@ -9,6 +9,7 @@ from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.kinds.work import Arrays, Span, Work
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import refuse_implausible_bounds, refuse_implausible_length
+from jointstiff.solver.errors import MeasurementError, SolverError
 from jointstiff.solver.own_weight.run import choose_own_weight_if_unloaded
 from jointstiff.solver.run import Identification
 
@@ -27,6 +28,7 @@ class RunWork(Work):
         request = choose_own_weight_if_unloaded(prepared.robot, prepared.measurements, request)
         self.robot_id, self.input_hash = prepared.robot_id, prepared.run_hash(request)
         self.details = {"request": request}
+        self._mistakes = [each for each in prepared.warnings if each.weight == "do_not_use"]
         self._run = Identification(prepared.robot, prepared.measurements, request, prepared.warnings)
         if self._run.long is not None:
             self.unit, self.activity = self._run.long.unit, self._run.long.activity
@@ -47,9 +49,16 @@ class RunWork(Work):
         """Return the result of the run, from the arrays of all steps in order.
 
         Raises:
-            JointstiffError: the run fails; the error says why.
+            JointstiffError: the run fails; the error says why. If the optimum of mistaken readings could not be
+                certified, the error is the mistake that the checks found.
         """
-        return self._run.conclude(parts)
+        try:
+            return self._run.conclude(parts)
+        except SolverError:
+            if not self._mistakes:
+                raise
+            mistake = self._mistakes[0]
+            raise MeasurementError(mistake.message, remedy=mistake.remedy, where=mistake.where) from None
 
 
 def prepare_identification(inputs: Inputs, request: RunRequest) -> RunWork:

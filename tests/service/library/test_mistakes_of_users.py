@@ -549,3 +549,14 @@ def test_a_missing_table_is_answered_with_its_folder(tmp_path):
 def test_a_campaign_is_a_robot_in_any_form(document, source):
     campaign = document if source == "document" else js.identify(document).campaign
     assert js.robot(campaign).name == document["robot"]["name"]
+
+
+def test_readings_too_wrong_for_a_fit_fail_with_the_mistake_that_was_found():
+    document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+    for observation in document["measurement_set"]["observations"]:
+        for reading in observation["readings"]:
+            reading["loaded"] = [1000.0 * each for each in reading["loaded"]]
+    failed = js.identify(document)
+    assert (failed.state, failed.error.status) == ("failed", 422)
+    assert "they seem to be in mm where the others are in m" in failed.error.detail
+    assert failed.error.remedy.startswith("convert all loaded readings from mm to m")
