@@ -49,7 +49,7 @@ class RunWork(Work):
         """Return the result of the run, from the arrays of all steps in order.
 
         Raises:
-            JointstiffError: the run fails; the error says why. If the optimum of mistaken readings could not be
+            JointstiffError: the run fails; the error says why. If no optimum of mistaken readings could be
                 certified, the error is the mistake that the checks found.
         """
         try:
