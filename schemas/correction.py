@@ -423,7 +423,7 @@ class CorrectionRequest(CorrectionOptions):
 
     @property
     def is_program(self) -> bool:
-        """Whether the files are those of a robot program."""
+        """True if the files are those of a robot program."""
         return are_programs((file.name for file in self.files), self.format)
 
 
@@ -561,7 +561,7 @@ class CorrectionResult(FromRun):
         default=None, description="Rows of a job, as the file `rows.csv` has them; of a program, its points."
     )
     program: CorrectedProgram | None = Field(
-        default=None, description="What was corrected of a program; null for a table."
+        default=None, description="Corrected moves of a program; null for a table."
     )
 
 

@@ -223,7 +223,7 @@ def refuse_shape(name: str, array: FloatArray, expected: str) -> NoReturn:
 
 
 def refuse_missing_numbers(name: str, array: FloatArray, rows: Iterable[int]) -> None:
-    """Refuse an array (N, …) of which one of the rows has a number that is not finite.
+    """Refuse an array (N, …) that lacks finite numbers in some rows.
 
     Raises:
         MeasurementError: names the first such row.

@@ -123,7 +123,7 @@ def _report(
         return view.suspect_other_units(correction.units, effect)
     message = f"{correction.cause}: {effect}" if correction.cause else effect
     past = PAST_DO_NOT_USE if weight == "do_not_use" else PAST_CARE
-    remedy = correction.remedy if correction.remedy.startswith("move ") else f"{correction.remedy}; {past}"
+    remedy = f"{correction.remedy}; {past}"
     return view.build_finding(correction.code, message, remedy, weight, correction.action)
 
 

@@ -50,10 +50,11 @@ _ROWS_OF_ORDER: Final = range(8, 101)
 _LEAST_LEVER: Final = 0.01
 """Least distance of a load point from an origin [m] that a moment about this origin shows."""
 _SAME_STEP: Final = 0.01
-_BY_PLACE: Final = 0.25
+_SUBTRACT: Final = "subtract the cross product of load point and force"
+_BY_PLACE: Final = 0.15
 """Ratio of the unexplained share with a load point at a target: others may be near a target by chance."""
-_BY_SERIES: Final = 0.75
-"""Ratio of the unexplained share with one size of all forces to that as given: equal steps are rare."""
+_BY_LOADS: Final = 0.75
+"""Ratio of the unexplained share after a small change of the loads, which fits nothing, to that as given."""
 _BY_ORDER: Final = 0.35
 """Ratio of the unexplained share in any order of the loads to that as given: some order fits by chance."""
 
@@ -160,7 +161,7 @@ def _list_series(given: Measurements) -> Iterator[Correction]:
         "its first cell",
         "with one size in all rows",
         f"if one weight hung in all rows, write {sizes[0]:.4g} N in each; else write the loads that were on",
-        limit=_BY_SERIES,
+        limit=_BY_LOADS,
     )
 
 
@@ -185,12 +186,16 @@ def _list_frames(robot: Robot, given: Measurements) -> Iterator[Correction]:
     origins = {"R0": postures.flange_translation + lever, "the flange frame": lever}
     for origin, point in origins.items():
         if given.moment.any() and np.linalg.norm(point, axis=1).max() > _LEAST_LEVER:
+            moment = given.moment - np.cross(point, given.force)
+            is_zero = np.linalg.norm(moment) < _SAME_STEP * np.linalg.norm(given.moment)
+            here = "here they are zero, so leave out the moments" if is_zero else _SUBTRACT
             yield Correction(
                 "frame_mistaken",
-                replace(given, moment=given.moment - np.cross(point, given.force)),
+                replace(given, moment=moment),
                 f"the moments are about the origin of {origin}, not about the load point",
                 "with the moment of the force at the load point subtracted",
-                "give the moments about the load point: subtract the cross product of load point and force",
+                f"give the moments about the load point: {here}",
+                limit=_BY_LOADS,
             )
 
 

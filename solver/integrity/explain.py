@@ -1,4 +1,4 @@
-"""Which change of the data makes them agree? Corrections are tried, the simplest first, and one score judges.
+"""Corrections of the data, tried from simple to rich: one score judges which change makes them agree.
 
 A score is what is left unexplained: how far targets are from their places on the flange (`places`), or the
 share of the deflections that no springs explain (`response`).
@@ -39,11 +39,11 @@ class Correction:
 
 
 class Score(Protocol):
-    """How well a set agrees after a correction."""
+    """Score of a set after a correction."""
 
     @property
     def unexplained(self) -> float:
-        """What is left unexplained; infinite if the correction makes no sense."""
+        """Error that is left unexplained; infinite if the correction makes no sense."""
 
 
 S = TypeVar("S", bound=Score)

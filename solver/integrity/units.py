@@ -96,8 +96,9 @@ def find_mixed_units(view: View) -> Finding | None:
     cause = f"in {where}, {each.cause}"
     if each.units:
         quantity, other_unit, _ = OTHER_UNITS[each.units[0]]
+        true_unit = each.units[0]
         cause = (
-            f"the {quantity}s of {where} seem to be in {each.units[0]}, those of all others in {other_unit}"
+            f"the {quantity}s of {where} seem to be in {true_unit}, and those of all others in {other_unit}"
         )
     return view.build_finding(
         each.code,

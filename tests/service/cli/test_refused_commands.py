@@ -107,7 +107,7 @@ def test_a_result_that_must_not_be_used_corrects_no_program(folder):
     assert words(refused.stderr) == (
         "The result must not be used all readings: the angles seem to be in rad, not in deg as declared: "
         "with the data as given, the targets keep their positions on the flange (up to 20 mm is plausible) "
-        "in only 1 of 12 observations; with all angles taken as radians, in 12 of 12, within 52.2 µm; set "
+        "in only 1 of 12 observations; with all angles taken as radians, in 12 of 12, within 5.12 mm; set "
         "`units.angle` to rad; "
         "if the numbers are right, state `--despite-verdict` in each map, program, plan or export of the run "
         "remedy: follow the remedies of the reasons and identify again; "

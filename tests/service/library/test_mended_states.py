@@ -66,9 +66,10 @@ def test_the_right_campaign_is_used(document, arrays):
 def test_another_unit_of_one_state_is_named_and_multiplied(document, arrays, state, factor, words):
     given = arrays[state] / factor
     found = answer(document, arrays, **{state: given})
-    assert f"positions are {factor} times the {state} positions" in found
-    assert f"the {state} readings {words}" in found
-    assert f"remedy: multiply the {state} readings by {factor}, so" in found
+    assert f"all {state} readings disagree with the others" in found
+    assert f"they seem to be {words} where the others are in " in found
+    assert f"remedy: convert all {state} readings from " in found
+    assert f": multiply them by {factor}" in found
     assert is_used(document, arrays, **{state: factor * given})
 
 
@@ -76,35 +77,31 @@ def test_another_unit_of_one_state_is_named_and_multiplied(document, arrays, sta
 def test_smaller_units_of_one_state_are_divided(document, arrays, state):
     given = 10.0 * arrays[state]
     found = answer(document, arrays, **{state: given})
-    assert f"remedy: divide the {state} readings by 10, so" in found
+    assert f"remedy: convert all {state} readings from mm to cm: multiply them by 0.1" in found
     assert is_used(document, arrays, **{state: given / 10.0})
 
 
 @pytest.mark.parametrize("state", ["unloaded", "loaded"])
-@pytest.mark.parametrize("targets", [[1], [0, 1, 2]])
 @pytest.mark.parametrize(
-    ("order", "signs", "cause"),
+    ("order", "signs", "back"),
     [
-        ((0, 2, 1), (1, 1, 1), "y and z of"),
-        ((0, 1, 2), (1, 1, -1), "the sign of z of"),
-        ((1, 2, 0), (1, 1, 1), "the axes of"),
+        ((0, 2, 1), (1, 1, 1), "x, z, y"),
+        ((0, 1, 2), (1, 1, -1), "x, y, −z"),
+        ((1, 2, 0), (1, 1, 1), "z, x, y"),
     ],
 )
 def test_axes_of_one_state_are_exchanged_back_in_this_state_alone(
-    document, arrays, state, targets, order, signs, cause
+    document, arrays, state, order, signs, back
 ):
-    given = arrays[state].copy()
-    given[:, targets] = given[:, targets][..., list(order)] * signs
+    given = arrays[state][..., list(order)] * signs
     found = answer(document, arrays, **{state: given})
-    whose = f"all {state} readings" if len(targets) > 1 else f"the {state} readings of 'T2'"
-    assert found.startswith(f"{cause} {whose} ")
-    assert found.endswith(", and leave all other readings as they are")
-    if cause == "the axes of":
-        assert f"give z, x, y of {whose} as x, y, z" in found
-        given[:, targets] = given[:, targets][..., [2, 0, 1]]
-    else:
-        given[:, targets] = given[:, targets][..., list(order)] * signs
-    assert is_used(document, arrays, **{state: given})
+    assert found.startswith(f"all {state} readings disagree with the others")
+    assert f"give {back} of all {state} readings as x, y, z, and leave the others as they are" in found
+    taken = np.stack(
+        [(-1 if "−" in name else 1) * given[..., "xyz".index(name[-1])] for name in back.split(", ")],
+        axis=-1,
+    )
+    assert is_used(document, arrays, **{state: taken})
 
 
 @pytest.mark.parametrize("states", [("loaded",), ("unloaded",), ("unloaded", "loaded")])
@@ -134,7 +131,7 @@ def test_rows_of_angles_in_another_unit_are_named_and_converted(document, arrays
     count = len(given[rows])
     assert found.startswith(f"the angles of {count} of 14 observations ('c")
     assert "seem to be in deg, and those of all others in rad" in found
-    assert found.endswith("correct the angles of these observations alone: convert them from deg to rad")
+    assert found.endswith("correct these observations alone: all angles taken as degrees")
     given[rows] = np.radians(given[rows])
     assert is_used(document, arrays, joints=given)
 
@@ -158,7 +155,7 @@ def test_forces_in_the_axes_of_the_flange_are_turned_to_r0(document, arrays, fla
     if is_turned_twice:
         cause = "the forces seem to be turned the wrong way"
     assert found.startswith(cause)
-    assert ("and change their sign" in found) == (sign < 0.0)
+    assert ("and change the sign of every force" in found) == (sign < 0.0)
     back = rotation if not is_turned_twice else rotation.transpose(0, 2, 1)
     assert is_used(document, arrays, forces=sign * np.einsum("nij,nj->ni", back, given))
 
