@@ -357,7 +357,10 @@ class RestrictedLikelihood:
         posture_count = len(self._motion_products)
         scale = common.copy()
         for _ in range(_STEPS_OF_EM):
-            M = np.linalg.inv(np.eye(n + 3) + scale[:, None] * self._motion_products * scale)
+            try:
+                M = np.linalg.inv(np.eye(n + 3) + scale[:, None] * self._motion_products * scale)
+            except np.linalg.LinAlgError:  # next to such turns the noise of the readings is zero
+                return scatter.relative
             seen = scale[:, None] * self._motion_rows  # B_iᵀ (A_i, r_i)
             answered = M @ seen
             products = self._row_products - (seen.mT @ answered).sum(axis=0)

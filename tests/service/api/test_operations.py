@@ -112,7 +112,7 @@ def test_the_description_names_each_file_once(kind, openapi):
 
 UNITS = {
     "JointResult": {
-        "rad/(N.m)": {"compliance", "standard_uncertainty", "compliance_interval"},
+        "rad/(N.m)": {"compliance", "own_compliance", "standard_uncertainty", "compliance_interval"},
         "N.m/rad": {"stiffness", "stiffness_interval", "stiffness_at_least"},
     },
     "RunResult": {"m": {"rms_residual", "sigma", "characteristic_length"}, "1": {"huber_threshold"}},

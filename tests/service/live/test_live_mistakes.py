@@ -76,14 +76,14 @@ def with_less_force(reading, _first):
         (
             with_exchanged_targets,
             5.3983e-5,
-            0.63106,
+            0.62997,
             ["P10 and P11 are exchanged"],
             f"the unloaded targets are misplaced: P10 and P11 are exchanged? {AGAIN}",
         ),
         (
             with_less_force,
             1.7931e-4,
-            4.6388e-7,
+            4.28095e-7,
             [
                 "the force differs from the stated force",
                 "the arm or the tracker moved between the two readings",

@@ -88,18 +88,17 @@ def test_what_is_declared_is_filled_up_with_defaults(client):
 def test_one_reading_gives_numbers_that_are_used_with_care(client):
     state = measured(client, declared(client), 1)
     assert (state["message"], state["still_needed"]) == ("1 reading; about 5 more", 5)
-    assert state["share"] == pytest.approx(3.7428, rel=1e-3)
+    assert state["share"] == pytest.approx(3.68133, rel=1e-3)
     (reading,) = state["readings"]
     assert (reading["label"], reading["state"], reading["p_value"]) == ("m01", "counts", None)
     assert state["joints"][0]["stiffness"] is None
     second = state["joints"][1]
     assert second["stiffness"] == pytest.approx(3.0563e6, rel=1e-3)
     assert second["interval"] == pytest.approx([2.8573e6, 3.2843e6], rel=1e-3)
-    assert second["relative"] == second["relative_with_assumed"] == pytest.approx(0.069530, rel=1e-3)
+    assert second["relative"] == second["relative_with_assumed"] == pytest.approx(0.069297, rel=1e-3)
     assessment = state["assessment"]
-    assert (assessment["verdict"], assessment["joints_identified"]) == ("use_with_care", 5)
-    (reason,) = assessment["reasons"]
-    assert reason["code"] == "few_postures"
+    assert (assessment["verdict"], assessment["joints_identified"]) == ("use_with_care", 3)
+    reason = next(each for each in assessment["reasons"] if each["code"] == "few_postures")
     assert reason["message"] == (
         "the set has 1 distinct posture, so the stiffnesses were not tested in other postures"
     )
@@ -291,7 +290,7 @@ def test_a_goal_of_a_deflection_is_reached_by_its_uncertainty(client):
         "measuring",
         "2 readings; about 8 more; with 2942 N, if the arm may carry it, about 4 more would meet the goal",
     )
-    assert (state["still_needed"], state["share"]) == (8, pytest.approx(3.7121, rel=1e-3))
+    assert (state["still_needed"], state["share"]) == (8, pytest.approx(3.70365, rel=1e-3))
     state = measured(client, address, 20)
     assert (state["state"], state["message"]) == ("reached", f"reached after 16 readings; {CHECKED}")
     assert state["share"] == pytest.approx(0.97587, rel=2e-3)
@@ -300,10 +299,10 @@ def test_a_goal_of_a_deflection_is_reached_by_its_uncertainty(client):
 
 def test_a_decision_is_reached_where_the_deflection_is_below_its_limit(client):
     state = measured(client, declared(client, goal={"kind": "decision", "limit": 0.004}, **AREA), 20)
-    answer = "the greatest deflection in the work area is 3.11 mm ± 17.6 µm (95 %), below 4 mm"
+    answer = "the greatest deflection in the work area is 3.11 mm ± 17.5 µm (95 %), below 4 mm"
     assert (state["state"], state["message"]) == ("reached", f"reached after 6 readings: {answer}; {CHECKED}")
     greatest, uncertainty = state["greatest_deflection"], state["deflection_uncertainty"]
-    assert (greatest, uncertainty) == pytest.approx((3.10816e-3, 1.75683e-5), rel=1e-3)
+    assert (greatest, uncertainty) == pytest.approx((3.10816e-3, 1.75079e-5), rel=1e-3)
     assert state["share"] == pytest.approx(uncertainty / (0.004 - greatest), rel=1e-3)
 
 
