@@ -87,8 +87,8 @@ def test_readings_in_millimetres_are_those_in_metres_and_each_joint_is_beside_it
 def test_a_slide_is_shown_in_the_unit_that_goes_with_the_chosen_one(files, unit, lines):
     words = " ".join(terminal("identify", files / "scara.json", "--unit", unit, width=120).stdout.split())
     others = [
-        "Use with care: 3 of 4 joints are known within a factor of 1.5 joint_4: joint_4 is known to a factor "
-        "of 1.67, and may carry 13 % of the deflection",
+        "Use with care: 3 of 4 joints are known within a factor of 1.5 joint_4: the stiffness is known to "
+        "a factor of 1.67, and the joint may carry 13 % of the deflection",
         "│ joint_4 │ 0.0257 │ 0.0196 … 0.0328 │ use with care │",
         "assumed: load point ± 10 mm, force ± 1 %; --details",
     ]

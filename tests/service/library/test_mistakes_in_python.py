@@ -120,8 +120,8 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
             "one_target",
             [
                 "Use with care: 5 of 6 joints are known within a factor of 1.5",
-                "joint_4 is known to a factor of 1.58, and may carry 12 % of the deflection; the goal is a "
-                "factor of 1.5 between the ends of its interval",
+                "the stiffness is known to a factor of 1.58, and the joint may carry 12 % of the deflection; "
+                "the goal is a factor of 1.5 between the ends of its interval",
                 "│ joint_4 │ 0.474 │ 0.388 … 0.610 │ use with care │",
                 "explains 96.7 % of the mean deflection, residual 41.5 µm rms (3-D), sigma of a reading 20 "
                 "µm (given)",
