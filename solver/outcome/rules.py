@@ -1140,8 +1140,8 @@ def _report_poorly_known(estimate: Estimate) -> Iterator[Finding]:
             weight="use_with_care",
             where=joint.name,
             message=f"the stiffness is known {known}, and the joint may carry "
-            f"{100.0 * min(share, 1.0):.0f} % of the deflection; the goal is a factor of {GOAL:g} between the "
-            "ends of its interval",
+            f"{100.0 * min(share, 1.0):.0f} % of the deflection; the goal is a factor of {GOAL:g} "
+            "between the ends of its interval",
             remedy=f"measure more postures and loads that twist {joint.name}; a plan proposes them",
         )
 
